@@ -1,0 +1,198 @@
+//! Answers of language models (rules: *Answers of language models*).
+//!
+//! An answer is free text with markers, `ACTION: …`, `MSG: …` and, under centralized control,
+//! `TO: …`. What may stand around a marker or a value is what models are seen to write: white space,
+//! list signs, Markdown emphasis and headings, quotes, brackets.
+
+use crate::act::{Act, Action, AgentId};
+use crate::config::Config;
+use crate::message::{Control, Message};
+use crate::tasks::TaskName;
+
+/// What an answer says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// What the agent does; nothing at all where the answer is invalid.
+    pub act: Act,
+    /// Whether the answer names an action, or is only a message.
+    pub valid: bool,
+}
+
+/// Reads the answer of `agent` to a prompt. Takes time proportional to the length of the text.
+#[must_use]
+pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
+    let task = config.task();
+    let centralized = config.control() == Control::Centralized;
+    let markers = markers(text, centralized);
+    let last = |kind| markers.iter().rev().find(|marker| marker.kind == kind);
+    let message = last(Kind::Message).and_then(|marker| Message::new(unwrapped(marker.value)));
+    let action = last(Kind::Action);
+    let taken = action.and_then(|marker| words(marker.value).find_map(|word| named(task, word)));
+    let is_only_message = action.is_none_or(|marker| {
+        words(marker.value).any(|word| word.eq_ignore_ascii_case("MSG")) || marker.announces_message
+    });
+    let valid = taken.is_some() || (is_only_message && message.is_some());
+    if !valid {
+        return Answer { act: Act::default(), valid };
+    }
+    let commands = centralized && agent == AgentId::COMMANDER;
+    let to = (last(Kind::To).filter(|_| commands))
+        .and_then(|marker| receiver(marker.value))
+        .filter(|to| *to != agent && to.0 < config.num_agents());
+    Answer { act: Act { action: taken, message, to }, valid }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Action,
+    Message,
+    To,
+}
+
+struct Marker<'a> {
+    kind: Kind,
+    value: &'a str,
+    /// An `ACTION:` with nothing before the `MSG:` that follows it on its line, as in
+    /// `ACTION: MSG: hello`.
+    announces_message: bool,
+}
+
+/// All markers of a text, in order.
+fn markers(text: &str, centralized: bool) -> Vec<Marker<'_>> {
+    let mut found = Vec::new();
+    for line in text.split(['\n', '\r']) {
+        let start = line.len() - line.trim_start_matches(leads).len();
+        let mut open: Option<(Kind, usize)> = None;
+        let mut place = start;
+        while place < line.len() {
+            let marker = marker_at(line, place, centralized);
+            match marker {
+                Some((kind, value)) if place == start || open.is_some() => {
+                    close(&mut found, open.take(), line, place, Some(kind));
+                    open = Some((kind, value));
+                    place = value;
+                }
+                _ if open.is_none() => break,
+                _ => place += line[place..].chars().next().map_or(1, char::len_utf8),
+            }
+        }
+        close(&mut found, open, line, line.len(), None);
+    }
+    found
+}
+
+/// Notes a marker whose value ends at `end`, where `next` begins.
+fn close<'a>(
+    found: &mut Vec<Marker<'a>>,
+    open: Option<(Kind, usize)>,
+    line: &'a str,
+    end: usize,
+    next: Option<Kind>,
+) {
+    if let Some((kind, value)) = open {
+        let value = &line[value..end];
+        let announces_message = next == Some(Kind::Message) && words(value).next().is_none();
+        found.push(Marker { kind, value, announces_message });
+    }
+}
+
+/// The marker whose word begins at `place`, and where its value begins.
+fn marker_at(line: &str, place: usize, centralized: bool) -> Option<(Kind, usize)> {
+    let before = line[..place].chars().next_back();
+    if before.is_some_and(is_word) {
+        return None;
+    }
+    let kinds = [("ACTION", Kind::Action), ("MSG", Kind::Message), ("TO", Kind::To)];
+    let known = if centralized { &kinds[..] } else { &kinds[..2] };
+    let rest = &line.as_bytes()[place..];
+    let &(word, kind) = known.iter().find(|(word, _)| {
+        rest.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word.as_bytes()))
+    })?;
+    let after = &line[place + word.len()..];
+    let value = after.trim_start_matches(|c: char| c.is_whitespace() || is_emphasis(c));
+    let value = value.strip_prefix([':', '：'])?;
+    Some((kind, line.len() - value.len()))
+}
+
+/// What may stand before the first marker of a line: white space, list signs, emphasis, headings.
+fn leads(c: char) -> bool {
+    c.is_whitespace()
+        || is_emphasis(c)
+        || c.is_ascii_digit()
+        || matches!(c, '-' | '+' | '•' | '·' | '–' | '—' | '.' | ')' | '#')
+}
+
+const fn is_emphasis(c: char) -> bool {
+    matches!(c, '*' | '_' | '`' | '~')
+}
+
+fn is_word(c: char) -> bool {
+    c.is_alphanumeric() || c == '_'
+}
+
+/// The words of a value. Emphasis is no part of a word, so `_UP_` holds the word `UP`.
+fn words(value: &str) -> impl Iterator<Item = &str> {
+    value.split(|c: char| !is_word(c)).map(|word| word.trim_matches('_')).filter(|w| !w.is_empty())
+}
+
+fn named(task: TaskName, word: &str) -> Option<Action> {
+    Action::of_task(task).iter().copied().find(|action| action.name().eq_ignore_ascii_case(word))
+}
+
+/// The receiver that a commander names, by name or by number alone.
+fn receiver(value: &str) -> Option<AgentId> {
+    words(value).find_map(|word| {
+        let number = word.to_ascii_lowercase();
+        let number = number.strip_prefix("agent").unwrap_or(&number).trim_start_matches('_');
+        number.parse().ok().map(AgentId)
+    })
+}
+
+/// A value without the emphasis, quotes and brackets around it, as far as they are meant: nobody
+/// means more than a few layers.
+fn unwrapped(value: &str) -> &str {
+    const PAIRS: [(char, char); 9] = [
+        ('[', ']'),
+        ('(', ')'),
+        ('{', '}'),
+        ('<', '>'),
+        ('"', '"'),
+        ('\'', '\''),
+        ('“', '”'),
+        ('‘', '’'),
+        ('«', '»'),
+    ];
+    const LAYERS_MAX: usize = 8;
+    let mut value = value;
+    for _ in 0..LAYERS_MAX {
+        value = value.trim_matches(|c: char| c.is_whitespace() || is_emphasis(c));
+        let inner = PAIRS.iter().find_map(|&(open, close)| {
+            let inner = value.strip_prefix(open)?.strip_suffix(close)?;
+            is_balanced(inner, open, close).then_some(inner)
+        });
+        match inner {
+            Some(inner) => value = inner,
+            None => break,
+        }
+    }
+    value
+}
+
+/// Whether the signs around `inner` belong to each other.
+fn is_balanced(inner: &str, open: char, close: char) -> bool {
+    if open == close {
+        return !inner.contains(open);
+    }
+    let mut depth = 0_usize;
+    for c in inner.chars() {
+        if c == open {
+            depth += 1;
+        } else if c == close {
+            match depth.checked_sub(1) {
+                Some(less) => depth = less,
+                None => return false,
+            }
+        }
+    }
+    depth == 0
+}

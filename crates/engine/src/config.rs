@@ -1,0 +1,365 @@
+//! Settings that anyone may send, and the one place where they are checked.
+//!
+//! [`Settings`] are whatever was asked for; a [`Config`] is known to be playable: every layout fits,
+//! every cost is bounded, nothing in the engine has to check again.
+
+use std::fmt;
+
+use crate::message::Control;
+use crate::tasks::{self, TaskName};
+
+/// What an episode was asked to be; unchecked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The name of the task, such as `Transport`.
+    pub task: String,
+    /// The name of the rule set, `paper` or `reference`.
+    pub rules: String,
+    /// The name of the control, `decentralized` or `centralized`.
+    pub control: String,
+    /// The seed of the layout, 0 to 2⁵³ − 1.
+    pub seed: i64,
+    /// How many agents play.
+    pub num_agents: i64,
+    /// Columns of the map, its wall ring included.
+    pub width: i64,
+    /// Rows of the map, its wall ring included.
+    pub height: i64,
+    /// Rows and columns of an agent's window; odd.
+    pub view_size: i64,
+    /// How many past rounds an agent remembers.
+    pub memory: i64,
+    /// After how many rounds the episode ends.
+    pub max_round: i64,
+    /// The probability with which a delivered message is corrupted.
+    pub noise: f64,
+    /// The most rounds by which a message is late.
+    pub max_delay: i64,
+}
+
+impl Settings {
+    /// The paper's standard setting for a task: 12 agents on 10 × 10 cells, windows of 5 × 5,
+    /// 100 rounds, a memory of 5, decentralized, no noise, no delay.
+    #[must_use]
+    pub fn standard(task: TaskName, seed: u64) -> Self {
+        Self {
+            task: task.name().to_owned(),
+            seed: i64::try_from(seed).unwrap_or(i64::MAX),
+            ..Self::default()
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            task: String::new(),
+            rules: RuleSet::Paper.name().to_owned(),
+            control: Control::Decentralized.name().to_owned(),
+            seed: 0,
+            num_agents: 12,
+            width: 10,
+            height: 10,
+            view_size: 5,
+            memory: 5,
+            max_round: 100,
+            noise: 0.0,
+            max_delay: 0,
+        }
+    }
+}
+
+/// Which of the two rule sets holds (rules: the introduction).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum RuleSet {
+    /// The paper's text.
+    Paper,
+    /// The public toolkit as it behaves; square maps only.
+    Reference,
+}
+
+impl RuleSet {
+    /// Both rule sets.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Reference];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Reference => "reference",
+        }
+    }
+}
+
+/// Why a setting was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field} {problem}")]
+pub struct SettingError {
+    /// The name of the setting.
+    pub field: &'static str,
+    /// What is allowed, and what came.
+    pub problem: String,
+}
+
+/// All settings that were refused; never empty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SettingErrors(pub Vec<SettingError>);
+
+impl fmt::Display for SettingErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (n, error) in self.0.iter().enumerate() {
+            write!(f, "{}{error}", if n == 0 { "" } else { "; " })?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for SettingErrors {}
+
+/// The limits of what can be hosted; every one is named in the error that it causes.
+pub mod limits {
+    /// Rows and columns of a map.
+    pub const SIZE: std::ops::RangeInclusive<i64> = 8..=256;
+    /// Agents of an episode; fewer where they do not fit.
+    pub const AGENTS: std::ops::RangeInclusive<i64> = 1..=1024;
+    /// Agents of a Flocking episode, whose cost grows fastest.
+    pub const FLOCKING_AGENTS_MAX: i64 = 256;
+    /// Rounds of an episode.
+    pub const ROUNDS: std::ops::RangeInclusive<i64> = 1..=100_000;
+    /// Remembered rounds.
+    pub const MEMORY: std::ops::RangeInclusive<i64> = 0..=50;
+    /// Rounds by which a message can be late.
+    pub const DELAY: std::ops::RangeInclusive<i64> = 0..=100;
+    /// Seeds: whole numbers that are exact in every JSON reader.
+    pub const SEED: std::ops::RangeInclusive<i64> = 0..=(1 << 53) - 1;
+    /// Cells of a window × memory.
+    pub const REMEMBERED_CELLS_MAX: i64 = 1 << 16;
+    /// Cells of a window × memory × agents.
+    pub const REMEMBERED_CELLS_OF_ALL_MAX: i64 = 1 << 22;
+    /// Agents × rounds.
+    pub const ACTS_MAX: i64 = 10_000_000;
+}
+
+/// Checked settings: an episode that can be laid out and played to its end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    pub(crate) task: TaskName,
+    pub(crate) rules: RuleSet,
+    pub(crate) control: Control,
+    pub(crate) seed: u64,
+    pub(crate) num_agents: u16,
+    pub(crate) width: i32,
+    pub(crate) height: i32,
+    pub(crate) view_size: i32,
+    pub(crate) memory: usize,
+    pub(crate) max_round: u32,
+    pub(crate) noise: f64,
+    pub(crate) max_delay: u32,
+}
+
+impl Config {
+    /// Checks settings.
+    ///
+    /// # Errors
+    /// Every setting that is out of its range, with the range; where all are in range, every
+    /// combination that is too large or does not fit.
+    pub fn check(settings: &Settings) -> Result<Self, SettingErrors> {
+        let mut check = Check(Vec::new());
+        let s = settings;
+        let task = check.name("task", &s.task, &TaskName::ALL, TaskName::name);
+        let rules = check.name("rules", &s.rules, &RuleSet::ALL, RuleSet::name);
+        let control = check.name("control", &s.control, &Control::ALL, Control::name);
+        check.range("seed", s.seed, &limits::SEED);
+        check.range("num_agents", s.num_agents, &limits::AGENTS);
+        check.range("width", s.width, &limits::SIZE);
+        check.range("height", s.height, &limits::SIZE);
+        check.range("max_round", s.max_round, &limits::ROUNDS);
+        check.range("memory", s.memory, &limits::MEMORY);
+        check.range("max_delay", s.max_delay, &limits::DELAY);
+        if !(0.0..=1.0).contains(&s.noise) {
+            check.fail("noise", format!("must be a probability from 0 to 1, is {}", s.noise));
+        }
+        let largest = 2 * s.width.max(s.height).clamp(8, 256) + 1;
+        if !(3..=largest).contains(&s.view_size) || s.view_size % 2 == 0 {
+            let is = s.view_size;
+            check.fail("view_size", format!("must be odd and from 3 to {largest}, is {is}"));
+        }
+        let (Some(task), Some(rules), Some(control)) = (task, rules, control) else {
+            return Err(SettingErrors(check.0));
+        };
+        check.done()?;
+        let config = Self {
+            task,
+            rules,
+            control,
+            seed: cast(s.seed),
+            num_agents: cast(s.num_agents),
+            width: cast(s.width),
+            height: cast(s.height),
+            view_size: cast(s.view_size),
+            memory: cast(s.memory),
+            max_round: cast(s.max_round),
+            noise: s.noise,
+            max_delay: cast(s.max_delay),
+        };
+        config.check_combinations()?;
+        Ok(config)
+    }
+
+    /// What no single range can say: memory, total cost, and whether the agents fit.
+    fn check_combinations(&self) -> Result<(), SettingErrors> {
+        let mut check = Check(Vec::new());
+        let agents = i64::from(self.num_agents);
+        if self.rules == RuleSet::Reference && self.width != self.height {
+            let (width, height) = (self.width, self.height);
+            check.fail(
+                "width",
+                format!(
+                    "must equal height under the rules `reference`, is {width} with height {height}"
+                ),
+            );
+        }
+        if self.task == TaskName::Flocking && agents > limits::FLOCKING_AGENTS_MAX {
+            let most = limits::FLOCKING_AGENTS_MAX;
+            check.fail("num_agents", format!("must be from 1 to {most} in Flocking, is {agents}"));
+        }
+        let window = match self.control {
+            Control::Decentralized => i64::from(self.view_size) * i64::from(self.view_size),
+            Control::Centralized => i64::from(self.width) * i64::from(self.height),
+        };
+        // The current window is there even where nothing is remembered.
+        let remembered = window * cast::<_, i64>(self.memory).max(1);
+        let (one, all) = (limits::REMEMBERED_CELLS_MAX, limits::REMEMBERED_CELLS_OF_ALL_MAX);
+        if remembered > one {
+            check.fail(
+                "memory",
+                format!("× cells of a window must be at most {one}, is {remembered}"),
+            );
+        } else if remembered * agents > all {
+            let is = remembered * agents;
+            check.fail(
+                "memory",
+                format!("× cells of a window × num_agents must be at most {all}, is {is}"),
+            );
+        }
+        if agents * i64::from(self.max_round) > limits::ACTS_MAX {
+            let (most, is) = (limits::ACTS_MAX, agents * i64::from(self.max_round));
+            check.fail("max_round", format!("× num_agents must be at most {most}, is {is}"));
+        }
+        check.done()?;
+        let room = tasks::room(self);
+        if agents > room {
+            check.fail(
+                "num_agents",
+                format!("must be from 1 to {room} to fit on this map, is {agents}"),
+            );
+        }
+        check.done()
+    }
+
+    /// The settings that give this configuration.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        Settings {
+            task: self.task.name().to_owned(),
+            rules: self.rules.name().to_owned(),
+            control: self.control.name().to_owned(),
+            seed: cast(self.seed),
+            num_agents: i64::from(self.num_agents),
+            width: i64::from(self.width),
+            height: i64::from(self.height),
+            view_size: i64::from(self.view_size),
+            memory: cast(self.memory),
+            max_round: i64::from(self.max_round),
+            noise: self.noise,
+            max_delay: i64::from(self.max_delay),
+        }
+    }
+
+    /// The task.
+    #[must_use]
+    pub const fn task(&self) -> TaskName {
+        self.task
+    }
+
+    /// The rule set.
+    #[must_use]
+    pub const fn rules(&self) -> RuleSet {
+        self.rules
+    }
+
+    /// Who may talk to whom, and who sees what.
+    #[must_use]
+    pub const fn control(&self) -> Control {
+        self.control
+    }
+
+    /// How many agents play.
+    #[must_use]
+    pub const fn num_agents(&self) -> u16 {
+        self.num_agents
+    }
+
+    /// After how many rounds the episode ends.
+    #[must_use]
+    pub const fn max_round(&self) -> u32 {
+        self.max_round
+    }
+
+    /// How many past rounds an agent remembers.
+    #[must_use]
+    pub const fn memory(&self) -> usize {
+        self.memory
+    }
+
+    /// How far an agent sees in each direction: half its window, rounded down.
+    #[must_use]
+    pub(crate) const fn reach(&self) -> i32 {
+        self.view_size / 2
+    }
+}
+
+/// Converts a number that was checked to be in range.
+fn cast<A: TryInto<B>, B>(value: A) -> B
+where
+    A::Error: fmt::Debug,
+{
+    value.try_into().expect("the range was checked")
+}
+
+/// Collects problems.
+struct Check(Vec<SettingError>);
+
+impl Check {
+    fn fail(&mut self, field: &'static str, problem: String) {
+        self.0.push(SettingError { field, problem });
+    }
+
+    fn range(&mut self, field: &'static str, value: i64, range: &std::ops::RangeInclusive<i64>) {
+        if !range.contains(&value) {
+            let (low, high) = (range.start(), range.end());
+            self.fail(field, format!("must be from {low} to {high}, is {value}"));
+        }
+    }
+
+    fn name<T: Copy>(
+        &mut self,
+        field: &'static str,
+        value: &str,
+        all: &[T],
+        name: fn(T) -> &'static str,
+    ) -> Option<T> {
+        let found = all.iter().copied().find(|&one| name(one) == value);
+        if found.is_none() {
+            let names: Vec<_> = all.iter().map(|&one| name(one)).collect();
+            let shown: String = value.chars().take(40).collect();
+            self.fail(field, format!("must be one of {}, is {shown:?}", names.join(", ")));
+        }
+        found
+    }
+
+    fn done(&mut self) -> Result<(), SettingErrors> {
+        if self.0.is_empty() { Ok(()) } else { Err(SettingErrors(std::mem::take(&mut self.0))) }
+    }
+}

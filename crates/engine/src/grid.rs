@@ -1,0 +1,144 @@
+//! Cells, positions and directions, and the grid that says which body lies on which cell.
+
+use crate::body::BodyId;
+
+/// A cell by row and column: `i` grows downward, `j` to the right. May lie outside the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Pos {
+    /// The row.
+    pub i: i32,
+    /// The column.
+    pub j: i32,
+}
+
+impl Pos {
+    /// The cell in row `i` and column `j`.
+    #[must_use]
+    pub const fn new(i: i32, j: i32) -> Self {
+        Self { i, j }
+    }
+
+    /// The neighbouring cell in `direction`.
+    #[must_use]
+    pub const fn toward(self, direction: Direction) -> Self {
+        let (di, dj) = direction.offset();
+        Self::new(self.i + di, self.j + dj)
+    }
+
+    /// This cell moved by the vector `by`.
+    #[must_use]
+    pub const fn plus(self, by: Pos) -> Self {
+        Self::new(self.i + by.i, self.j + by.j)
+    }
+
+    /// Whether `other` lies within `reach` rows and `reach` columns.
+    #[must_use]
+    pub const fn is_within(self, reach: i32, other: Pos) -> bool {
+        (self.i - other.i).abs() <= reach && (self.j - other.j).abs() <= reach
+    }
+}
+
+/// One of the four ways in which something can move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Direction {
+    /// One row up (`i - 1`).
+    Up,
+    /// One row down (`i + 1`).
+    Down,
+    /// One column to the left (`j - 1`).
+    Left,
+    /// One column to the right (`j + 1`).
+    Right,
+}
+
+impl Direction {
+    /// All directions in the order in which physics resolves them.
+    pub const ALL: [Self; 4] = [Self::Up, Self::Down, Self::Left, Self::Right];
+
+    /// The step as (rows, columns).
+    #[must_use]
+    pub const fn offset(self) -> (i32, i32) {
+        match self {
+            Self::Up => (-1, 0),
+            Self::Down => (1, 0),
+            Self::Left => (0, -1),
+            Self::Right => (0, 1),
+        }
+    }
+
+    /// The way back.
+    #[must_use]
+    pub const fn opposite(self) -> Self {
+        match self {
+            Self::Up => Self::Down,
+            Self::Down => Self::Up,
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
+}
+
+/// Which body occupies each cell of the map.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Grid {
+    height: i32,
+    width: i32,
+    cells: Vec<u16>,
+}
+
+/// The stored value of an empty cell; no body has this id.
+const EMPTY: u16 = u16::MAX;
+
+impl Grid {
+    /// An empty map of `height` rows and `width` columns.
+    pub(crate) fn new(height: i32, width: i32) -> Self {
+        let area = usize::try_from(height * width).expect("a map has a positive size");
+        Self { height, width, cells: vec![EMPTY; area] }
+    }
+
+    /// The number of rows.
+    #[must_use]
+    pub const fn height(&self) -> i32 {
+        self.height
+    }
+
+    /// The number of columns.
+    #[must_use]
+    pub const fn width(&self) -> i32 {
+        self.width
+    }
+
+    /// Whether the cell lies on the map.
+    #[must_use]
+    pub const fn contains(&self, at: Pos) -> bool {
+        at.i >= 0 && at.i < self.height && at.j >= 0 && at.j < self.width
+    }
+
+    /// The body on a cell; nothing lies on the free ground outside the map.
+    #[must_use]
+    pub fn get(&self, at: Pos) -> Option<BodyId> {
+        if !self.contains(at) {
+            return None;
+        }
+        let id = self.cells[self.index(at)];
+        (id != EMPTY).then_some(BodyId(id))
+    }
+
+    /// Whether the cell lies on the map and nothing lies on it.
+    #[must_use]
+    pub fn is_free(&self, at: Pos) -> bool {
+        self.contains(at) && self.cells[self.index(at)] == EMPTY
+    }
+
+    /// Puts a body on a cell, or clears it; a cell outside the map is left alone.
+    pub(crate) fn set(&mut self, at: Pos, body: Option<BodyId>) {
+        if self.contains(at) {
+            let index = self.index(at);
+            self.cells[index] = body.map_or(EMPTY, |id| id.0);
+        }
+    }
+
+    fn index(&self, at: Pos) -> usize {
+        usize::try_from(at.i * self.width + at.j).expect("the cell was found to lie on the map")
+    }
+}

@@ -1,0 +1,254 @@
+//! Messages: their text, who receives them and when (rules: *Messages*, *Centralized control*).
+
+use std::sync::Arc;
+
+use crate::act::{Act, AgentId};
+use crate::body::{Board, Kind};
+use crate::config::{Config, RuleSet};
+use crate::grid::Pos;
+use crate::rng::Stream;
+
+/// Who may talk to whom, and who sees what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Control {
+    /// Everybody sees a window and talks to neighbours.
+    Decentralized,
+    /// Everybody sees the whole map and talks to the commander alone, and the commander to all.
+    Centralized,
+}
+
+impl Control {
+    /// Both kinds of control.
+    pub const ALL: [Self; 2] = [Self::Decentralized, Self::Centralized];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Decentralized => "decentralized",
+            Self::Centralized => "centralized",
+        }
+    }
+}
+
+/// The text of a message: one line, not empty, at most 120 characters and `...`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Message(Arc<str>);
+
+impl Message {
+    /// Characters (Unicode code points) after which a message is cut.
+    pub const CHARS_MAX: usize = 120;
+
+    /// Makes a message of any text: line breaks and control characters become spaces, the ends are
+    /// trimmed, what is too long is cut. Nothing is left of a text that is empty then.
+    #[must_use]
+    pub fn new(text: &str) -> Option<Self> {
+        let mut line = String::with_capacity(text.len().min(4 * Self::CHARS_MAX));
+        let mut chars = text.chars().peekable();
+        while let Some(c) = chars.next() {
+            if c == '\r' && chars.peek() == Some(&'\n') {
+                continue;
+            }
+            let breaks = c.is_control() || matches!(c, '\u{2028}' | '\u{2029}');
+            line.push(if breaks { ' ' } else { c });
+        }
+        let trimmed = line.trim();
+        match trimmed.char_indices().nth(Self::CHARS_MAX) {
+            _ if trimmed.is_empty() => None,
+            None => Some(Self(trimmed.into())),
+            Some((end, _)) => Some(Self(format!("{}...", &trimmed[..end]).into())),
+        }
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl std::fmt::Display for Message {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// A message on its way.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Letter {
+    /// The round with whose observations it is delivered.
+    pub(crate) due: u32,
+    /// The round in which it was sent.
+    pub(crate) sent: u32,
+    pub(crate) sender: AgentId,
+    pub(crate) text: Message,
+    pub(crate) audience: Audience,
+}
+
+/// To whom a letter goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Audience {
+    /// To these agents; decided when it was sent.
+    Decided(Vec<AgentId>),
+    /// To whoever is there when it is delivered; to one alone where the commander named it.
+    Open { to: Option<AgentId> },
+}
+
+/// All letters on their way, and what was delivered with the current observations.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Mail {
+    pub(crate) letters: Vec<Letter>,
+    /// By agent; sorted by text.
+    pub(crate) inbox: Vec<Vec<Message>>,
+}
+
+impl Mail {
+    pub(crate) fn new(agents: usize) -> Self {
+        Self { letters: Vec::new(), inbox: vec![Vec::new(); agents] }
+    }
+
+    /// Takes the messages of round `round`, sent from the positions on `board`.
+    pub(crate) fn post(&mut self, config: &Config, board: &Board, round: u32, acts: &[Act]) {
+        for ((act, body), number) in acts.iter().zip(board.agents()).zip(0..) {
+            let Some(text) = act.message.clone() else { continue };
+            if body.gone {
+                continue;
+            }
+            let sender = AgentId(number);
+            let audience = match config.rules {
+                RuleSet::Paper => Audience::Decided(audience(config, board, sender, act.to)),
+                RuleSet::Reference => Audience::Open { to: act.to },
+            };
+            let late = match config.max_delay {
+                0 => 0,
+                most => {
+                    let key = [round, u32::from(number)];
+                    Stream::new(config.seed, "delay", &key).below(most + 1)
+                }
+            };
+            self.letters.push(Letter {
+                due: round + 1 + late,
+                sent: round,
+                sender,
+                text,
+                audience,
+            });
+        }
+    }
+
+    /// Delivers what is due with the observations of round `round`, to the living.
+    pub(crate) fn deliver(&mut self, config: &Config, board: &Board, round: u32) {
+        for inbox in &mut self.inbox {
+            inbox.clear();
+        }
+        let silenced = config.control == Control::Centralized
+            && board.agents()[AgentId::COMMANDER.index()].gone;
+        let inbox = &mut self.inbox;
+        self.letters.retain(|letter| {
+            if letter.due > round {
+                return true;
+            }
+            let open;
+            let receivers = match &letter.audience {
+                Audience::Decided(receivers) => receivers,
+                Audience::Open { to } => {
+                    open = audience(config, board, letter.sender, *to);
+                    &open
+                }
+            };
+            for &receiver in receivers {
+                if !silenced && !board.agents()[receiver.index()].gone {
+                    inbox[receiver.index()].push(corrupt(config, letter, receiver));
+                }
+            }
+            false
+        });
+        for inbox in inbox {
+            inbox.sort_unstable();
+        }
+    }
+}
+
+/// The living agents that a message of `sender` reaches from the positions on `board`.
+fn audience(config: &Config, board: &Board, sender: AgentId, to: Option<AgentId>) -> Vec<AgentId> {
+    let living = |id: &AgentId| board.agents().get(id.index()).is_some_and(|body| !body.gone);
+    let others = |id: &AgentId| *id != sender;
+    match config.control {
+        Control::Centralized if sender != AgentId::COMMANDER => {
+            Some(AgentId::COMMANDER).into_iter().filter(living).collect()
+        }
+        Control::Centralized => match to {
+            Some(to) => Some(to).into_iter().filter(others).filter(living).collect(),
+            None => (0..config.num_agents).map(AgentId).filter(others).filter(living).collect(),
+        },
+        Control::Decentralized => {
+            let mut near = neighbours(config.reach(), board, board.agents()[sender.index()].at);
+            if config.rules == RuleSet::Paper {
+                near.retain(others);
+            }
+            near
+        }
+    }
+}
+
+/// The living agents within `reach` rows and columns of a cell: looks through the cells or through
+/// the agents, whichever are fewer.
+fn neighbours(reach: i32, board: &Board, center: Pos) -> Vec<AgentId> {
+    let grid = board.grid();
+    let rows = (center.i - reach).max(0)..(center.i + reach + 1).min(grid.height());
+    let columns = (center.j - reach).max(0)..(center.j + reach + 1).min(grid.width());
+    if rows.len() * columns.len() < board.agents().len() {
+        rows.flat_map(|i| columns.clone().map(move |j| Pos::new(i, j)))
+            .filter_map(|cell| grid.get(cell))
+            .filter(|&id| board.body(id).kind() == Kind::Agent)
+            .map(|id| AgentId(id.0))
+            .collect()
+    } else {
+        (board.agents().iter().zip(0..))
+            .filter(|(agent, _)| !agent.gone && agent.at.is_within(reach, center))
+            .map(|(_, number)| AgentId(number))
+            .collect()
+    }
+}
+
+/// The copy of a letter that a receiver reads: noise may have changed characters of it.
+fn corrupt(config: &Config, letter: &Letter, receiver: AgentId) -> Message {
+    if config.noise <= 0.0 {
+        return letter.text.clone();
+    }
+    let key = [letter.sent, u32::from(letter.sender.0), u32::from(receiver.0)];
+    let mut noise = Stream::new(config.seed, "noise", &key);
+    if !noise.chance(config.noise) {
+        return letter.text.clone();
+    }
+    let mut replace = |c: char| if noise.below(2) == 1 { printable(noise.below(95)) } else { c };
+    Message(letter.text.as_str().chars().map(&mut replace).collect::<String>().into())
+}
+
+/// The `n`-th printable ASCII character, counted from the space.
+fn printable(n: u32) -> char {
+    char::from_u32(0x20 + n).expect("an ASCII character")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_trimmed_line() {
+        let text = |raw: &str| Message::new(raw).map(|message| message.to_string());
+        assert_eq!(text(""), None);
+        assert_eq!(text(" \r\n\t\u{2028} "), None);
+        assert_eq!(text(" a\r\nb\nc\rd\u{0}e\u{2029}f ").as_deref(), Some("a b c d e f"));
+        assert_eq!(text("\r\n\r\na\n\nb").as_deref(), Some("a  b"));
+    }
+
+    #[test]
+    fn a_message_is_cut_by_characters_after_trimming() {
+        let full = "é".repeat(120);
+        let message = |raw: &str| Message::new(raw).expect("not empty").to_string();
+        assert_eq!(message(&full), full);
+        assert_eq!(message(&format!("  {full}\n")), full);
+        assert_eq!(message(&format!("{full}x")), format!("{full}..."));
+    }
+}

@@ -1,0 +1,89 @@
+//! Bodies that point at each other in a ring can only move together: the strongly connected
+//! components of the contact graph become the nodes of an acyclic one.
+
+use petgraph::algo::TarjanScc;
+use petgraph::graph::DiGraph;
+
+use super::{contact::Contacts, force};
+use crate::body::Board;
+use crate::grid::Direction;
+
+/// The condensed contact graph: what both solvers are asked about.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Components {
+    /// The nodes, a node before everything that it points at is not promised.
+    pub nodes: Vec<Node>,
+    /// `(v, u)`: node `v` points at node `u`; never a node at itself, and never in a ring.
+    pub points_at: Vec<(usize, usize)>,
+    /// The node of every body of the contact graph.
+    pub of_body: Vec<usize>,
+}
+
+/// Bodies that move together or not at all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Node {
+    /// The force that its agents add in the direction of the pass; never negative.
+    pub force: i32,
+    /// Its weight: masses, and the pushes against it.
+    pub mass: i32,
+    /// One of its bodies cannot move.
+    pub fixed: bool,
+}
+
+impl Node {
+    /// What it can pass on (positive) or needs from others (negative) in order to move.
+    #[must_use]
+    pub const fn balance(self) -> i32 {
+        self.force - self.mass
+    }
+}
+
+/// Sums up bodies to nodes (rules: *Physics*, steps 3 and 4).
+pub(crate) fn condense(
+    board: &Board,
+    wishes: &[Option<Direction>],
+    direction: Direction,
+    contacts: &Contacts,
+) -> Components {
+    let count = contacts.bodies.len();
+    let (of_body, nodes) = strongly_connected(count, &contacts.points_at);
+    let mut result =
+        Components { nodes: vec![Node::default(); nodes], points_at: Vec::new(), of_body };
+    for (&body, &node) in contacts.bodies.iter().zip(&result.of_body) {
+        let node = &mut result.nodes[node];
+        node.force += force(wishes, body, direction);
+        node.mass += board.body(body).mass;
+        node.fixed |= board.body(body).fixed;
+    }
+    for node in &mut result.nodes {
+        if node.force < 0 {
+            node.mass -= node.force;
+            node.force = 0;
+        }
+    }
+    for &(v, u) in &contacts.points_at {
+        let edge = (result.of_body[v], result.of_body[u]);
+        if edge.0 != edge.1 {
+            result.points_at.push(edge);
+        }
+    }
+    result
+}
+
+/// The component of every vertex, and how many there are.
+fn strongly_connected(count: usize, edges: &[(usize, usize)]) -> (Vec<usize>, usize) {
+    let mut graph = DiGraph::<(), (), usize>::with_capacity(count, edges.len());
+    for _ in 0..count {
+        graph.add_node(());
+    }
+    graph.extend_with_edges(edges);
+    let mut of_vertex = vec![0; count];
+    let mut components = 0;
+    TarjanScc::new().run(&graph, |members| {
+        for member in members {
+            of_vertex[member.index()] = components;
+        }
+        components += 1;
+    });
+    (of_vertex, components)
+}

@@ -1,0 +1,186 @@
+//! Who moves, by an exact maximum flow.
+//!
+//! A node with more force than mass has a *surplus*, one with less a *deficit*; force travels along
+//! contacts. The largest set that can move is what remains when two kinds of nodes are dropped:
+//!
+//! 1. those that are fixed, or point (through others) at one that is;
+//! 2. those from which, once as much force as possible has been routed, an unmet deficit can still
+//!    be reached in the residual graph.
+//!
+//! One maximum flow is enough. Let X be the nodes of the second kind. Whatever points at X is in X,
+//! so nobody outside sends force into X; no node of X has surplus left, and none sends force out of
+//! X (the receiver could give it back, so it would be in X too). A set that moves and shares nodes
+//! with X would have to feed its part of X from that part alone, which the flow shows to be
+//! impossible. Outside X every deficit is met, so all of it moves, with the flow as it stands.
+
+use super::components::Components;
+
+/// The largest set of nodes that can move; by node, true where it moves.
+#[must_use]
+pub fn movers(components: &Components) -> Vec<bool> {
+    let mut routing = Routing::new(components);
+    let fixed = (0..components.nodes.len()).filter(|&node| components.nodes[node].fixed);
+    for node in fixed {
+        routing.drop_all_behind(node);
+    }
+    for node in 0..components.nodes.len() {
+        while !routing.dropped[node] && routing.balance[node] < 0 {
+            routing.feed(node);
+        }
+    }
+    routing.dropped.iter().map(|dropped| !dropped).collect()
+}
+
+/// The flow while it is being found.
+struct Routing<'a> {
+    edges: &'a [(usize, usize)],
+    /// Force that travels along each edge.
+    flow: Vec<i32>,
+    /// Edges by the node at which they end, and by the node from which they start.
+    into: Incidence,
+    out_of: Incidence,
+    /// Surplus that is left (positive), or deficit not yet met (negative).
+    balance: Vec<i32>,
+    dropped: Vec<bool>,
+    /// The search that last came to each node, and the edge by which force would leave it.
+    seen_by: Vec<usize>,
+    leaves_by: Vec<usize>,
+    searches: usize,
+    queue: Vec<usize>,
+}
+
+impl<'a> Routing<'a> {
+    fn new(components: &'a Components) -> Self {
+        let count = components.nodes.len();
+        let edges = components.points_at.as_slice();
+        Self {
+            edges,
+            flow: vec![0; edges.len()],
+            into: Incidence::new(count, edges.iter().map(|edge| edge.1)),
+            out_of: Incidence::new(count, edges.iter().map(|edge| edge.0)),
+            balance: components.nodes.iter().map(|node| node.balance()).collect(),
+            dropped: vec![false; count],
+            seen_by: vec![0; count],
+            leaves_by: vec![0; count],
+            searches: 0,
+            queue: Vec::with_capacity(count),
+        }
+    }
+
+    /// Drops a node and everything that points at it through others.
+    fn drop_all_behind(&mut self, node: usize) {
+        if self.dropped[node] {
+            return;
+        }
+        self.dropped[node] = true;
+        self.queue.clear();
+        self.queue.push(node);
+        while let Some(node) = self.queue.pop() {
+            for place in self.into.places(node) {
+                let behind = self.edges[self.into.edges[place]].0;
+                if !self.dropped[behind] {
+                    self.dropped[behind] = true;
+                    self.queue.push(behind);
+                }
+            }
+        }
+    }
+
+    /// Routes force to a node in deficit from the nearest surplus. Where there is none within
+    /// reach, drops the node with all from which it can be reached: no later routing can touch
+    /// these, as none of them has surplus and nothing outside points at them.
+    fn feed(&mut self, sink: usize) {
+        self.searches += 1;
+        self.queue.clear();
+        self.queue.push(sink);
+        self.seen_by[sink] = self.searches;
+        let mut next = 0;
+        while let Some(&node) = self.queue.get(next) {
+            next += 1;
+            if self.balance[node] > 0 {
+                self.augment(node, sink);
+                return;
+            }
+            for place in self.into.places(node) {
+                let edge = self.into.edges[place];
+                self.visit(self.edges[edge].0, edge);
+            }
+            for place in self.out_of.places(node) {
+                let edge = self.out_of.edges[place];
+                if self.flow[edge] > 0 {
+                    self.visit(self.edges[edge].1, edge);
+                }
+            }
+        }
+        for &node in &self.queue {
+            self.dropped[node] = true;
+        }
+    }
+
+    /// Notes that force at `node` could go on by `edge`, unless this search was here before.
+    fn visit(&mut self, node: usize, edge: usize) {
+        if self.seen_by[node] != self.searches {
+            self.seen_by[node] = self.searches;
+            self.leaves_by[node] = edge;
+            self.queue.push(node);
+        }
+    }
+
+    /// Moves as much force as the path found by [`Routing::feed`] carries.
+    fn augment(&mut self, source: usize, sink: usize) {
+        let mut amount = self.balance[source].min(-self.balance[sink]);
+        let mut node = source;
+        while node != sink {
+            let edge = self.leaves_by[node];
+            node = if self.edges[edge].0 == node {
+                self.edges[edge].1
+            } else {
+                amount = amount.min(self.flow[edge]);
+                self.edges[edge].0
+            };
+        }
+        self.balance[source] -= amount;
+        self.balance[sink] += amount;
+        let mut node = source;
+        while node != sink {
+            let edge = self.leaves_by[node];
+            node = if self.edges[edge].0 == node {
+                self.flow[edge] += amount;
+                self.edges[edge].1
+            } else {
+                self.flow[edge] -= amount;
+                self.edges[edge].0
+            };
+        }
+    }
+}
+
+/// Edges grouped by one of their ends.
+struct Incidence {
+    starts: Vec<usize>,
+    edges: Vec<usize>,
+}
+
+impl Incidence {
+    fn new(nodes: usize, ends: impl Iterator<Item = usize> + Clone) -> Self {
+        let mut starts = vec![0; nodes + 1];
+        for end in ends.clone() {
+            starts[end + 1] += 1;
+        }
+        for node in 0..nodes {
+            starts[node + 1] += starts[node];
+        }
+        let mut free = starts.clone();
+        let mut edges = vec![0; starts[nodes]];
+        for (edge, end) in ends.enumerate() {
+            edges[free[end]] = edge;
+            free[end] += 1;
+        }
+        Self { starts, edges }
+    }
+
+    /// Where in [`Incidence::edges`] the edges of a node stand.
+    fn places(&self, node: usize) -> std::ops::Range<usize> {
+        self.starts[node]..self.starts[node + 1]
+    }
+}

@@ -1,0 +1,74 @@
+//! Physics: who moves when agents push (rules: *Physics, one pass in direction d*).
+//!
+//! A round has one pass for each direction. A pass is four steps, one file each: which bodies touch
+//! ([`contact`]), which of them can only move together ([`components`]), and which of those do
+//! move, found by the exact flow ([`flow`]) or by the integer linear program that specifies it
+//! ([`ilp`]). The two are proven equal by tests; the flow is the default because it is faster.
+
+pub mod components;
+pub mod contact;
+pub mod flow;
+pub mod ilp;
+
+use crate::body::{Board, BodyId};
+use crate::grid::Direction;
+use components::Components;
+
+/// How the moving bodies of a pass are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Solver {
+    /// By a maximum flow: exact and fast.
+    #[default]
+    Flow,
+    /// By the integer linear program of the paper: the specification, slower.
+    Ilp,
+}
+
+impl Solver {
+    /// Which nodes move: the largest set that the rules allow, which is unique.
+    ///
+    /// # Errors
+    /// Only the ILP can fail, where its solver does not prove an optimum; the flow cannot.
+    pub fn movers(self, components: &Components) -> Result<Vec<bool>, ilp::IlpError> {
+        match self {
+            Self::Flow => Ok(flow::movers(components)),
+            Self::Ilp => ilp::movers(components),
+        }
+    }
+}
+
+/// Resolves one round of pushes on the board: `wishes[n]` is the direction in which agent `n`
+/// tries to move.
+///
+/// # Errors
+/// See [`Solver::movers`]. After an error the board is between two passes and of no further use.
+pub(crate) fn resolve(
+    board: &mut Board,
+    wishes: &[Option<Direction>],
+    solver: Solver,
+) -> Result<(), ilp::IlpError> {
+    for direction in Direction::ALL {
+        let contacts = contact::find(board, wishes, direction);
+        if contacts.bodies.is_empty() {
+            continue;
+        }
+        let components = components::condense(board, wishes, direction, &contacts);
+        let moves = solver.movers(&components)?;
+        let moving: Vec<BodyId> = (contacts.bodies.iter())
+            .zip(&components.of_body)
+            .filter(|&(_, &node)| moves[node])
+            .map(|(&body, _)| body)
+            .collect();
+        board.shift(&moving, direction);
+    }
+    Ok(())
+}
+
+/// The force with which a body pushes in `direction`: an agent's 2, for or against.
+fn force(wishes: &[Option<Direction>], body: BodyId, direction: Direction) -> i32 {
+    match wishes.get(body.index()).copied().flatten() {
+        Some(wish) if wish == direction => 2,
+        Some(wish) if wish == direction.opposite() => -2,
+        Some(_) | None => 0,
+    }
+}

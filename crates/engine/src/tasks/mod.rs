@@ -1,0 +1,204 @@
+//! The five tasks, one file each: how the map is laid out, what happens after the physics of a
+//! round, when it is done, and which agents bear a mark.
+
+pub mod flocking;
+pub mod foraging;
+pub mod pursuit;
+pub mod synchronization;
+pub mod transport;
+
+use crate::act::Act;
+use crate::body::{Board, Body, Kind};
+use crate::config::Config;
+use crate::grid::Pos;
+use crate::rng::LayoutRng;
+
+/// One of the five tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TaskName {
+    /// Push a block out of a gap in the wall, then leave through it.
+    Transport,
+    /// Surround a prey that flees.
+    Pursuit,
+    /// Switch all lights on, then off, and so on.
+    Synchronization,
+    /// Carry food to the nest.
+    Foraging,
+    /// Form the outline of a square.
+    Flocking,
+}
+
+impl TaskName {
+    /// All tasks.
+    pub const ALL: [Self; 5] =
+        [Self::Transport, Self::Pursuit, Self::Synchronization, Self::Foraging, Self::Flocking];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Transport => "Transport",
+            Self::Pursuit => "Pursuit",
+            Self::Synchronization => "Synchronization",
+            Self::Foraging => "Foraging",
+            Self::Flocking => "Flocking",
+        }
+    }
+
+    /// The task with exactly this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|task| task.name() == name)
+    }
+}
+
+/// The state that a task keeps beside the board.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Task {
+    Transport(transport::Transport),
+    Pursuit(pursuit::Pursuit),
+    Synchronization(synchronization::Synchronization),
+    Foraging(foraging::Foraging),
+    Flocking(flocking::Flocking),
+}
+
+/// What a task may look at in its own stage of a round.
+pub(crate) struct Stage<'a> {
+    pub(crate) config: &'a Config,
+    /// Rounds resolved before this one.
+    pub(crate) round: u32,
+    /// The board from which the round was decided.
+    pub(crate) before: &'a Board,
+    /// What the agents decided, by agent.
+    pub(crate) acts: &'a [Act],
+}
+
+impl Task {
+    /// The task's own update after the physics (rules: *A round*, stage 3). Returns the new score.
+    pub(crate) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
+        match self {
+            Self::Transport(task) => task.update(stage, board, score),
+            Self::Pursuit(task) => task.update(stage, board, score),
+            Self::Synchronization(task) => task.update(stage, score),
+            Self::Foraging(task) => task.update(board, score),
+            Self::Flocking(task) => task.update(stage, board, score),
+        }
+    }
+
+    /// Whether nothing is left to do.
+    pub(crate) fn is_done(&self, board: &Board) -> bool {
+        match self {
+            Self::Transport(_) => board.agents().iter().all(|agent| agent.gone),
+            Self::Flocking(task) => task.is_done(),
+            Self::Pursuit(_) | Self::Synchronization(_) | Self::Foraging(_) => false,
+        }
+    }
+
+    /// By agent, whether its light is on or it carries food; empty where the task has neither.
+    pub(crate) fn flags(&self) -> &[bool] {
+        match self {
+            Self::Synchronization(task) => &task.light_on,
+            Self::Foraging(task) => &task.carrying,
+            Self::Transport(_) | Self::Pursuit(_) | Self::Flocking(_) => &[],
+        }
+    }
+}
+
+/// Draws a whole layout in the order of the rules, with all agents.
+pub(crate) fn lay_out(config: &Config) -> (Board, Task) {
+    let mut plan = Plan::draw(config);
+    let mut rng = plan.rng;
+    spread(&mut plan.board, &mut rng, config.num_agents, plan.region);
+    let task = match plan.task {
+        Terrain::Transport { block } => Task::Transport(transport::Transport { block }),
+        Terrain::Pursuit { prey } => Task::Pursuit(pursuit::Pursuit { prey, rng }),
+        Terrain::Synchronization(task) => Task::Synchronization(task),
+        Terrain::Foraging => Task::Foraging(foraging::Foraging::new(config)),
+        Terrain::Flocking => Task::Flocking(flocking::Flocking::new(config, &plan.board)),
+    };
+    (plan.board, task)
+}
+
+/// How many agents fit: the cells on which `spread` can place one.
+pub(crate) fn room(config: &Config) -> i64 {
+    let plan = Plan::draw(config);
+    let region = plan.region;
+    let cells = (region.rows.0..=region.rows.1)
+        .flat_map(|i| (region.columns.0..=region.columns.1).map(move |j| Pos::new(i, j)));
+    i64::try_from(cells.filter(|&cell| plan.board.grid().is_free(cell)).count())
+        .expect("a map has few cells")
+}
+
+/// A layout before its agents are placed.
+pub(crate) struct Plan {
+    pub(crate) board: Board,
+    pub(crate) rng: LayoutRng,
+    pub(crate) region: Region,
+    pub(crate) task: Terrain,
+}
+
+/// What a layout's first draws decided for its task.
+pub(crate) enum Terrain {
+    Transport { block: crate::body::BodyId },
+    Pursuit { prey: crate::body::BodyId },
+    Synchronization(synchronization::Synchronization),
+    Foraging,
+    Flocking,
+}
+
+impl Plan {
+    fn draw(config: &Config) -> Self {
+        let board = Board::new(config.height, config.width, config.num_agents.into());
+        match config.task {
+            TaskName::Transport => transport::plan(config, board),
+            TaskName::Pursuit => pursuit::plan(config, board),
+            TaskName::Synchronization => synchronization::plan(config, board),
+            TaskName::Foraging => foraging::plan(config, board),
+            TaskName::Flocking => flocking::plan(config, board),
+        }
+    }
+}
+
+/// The cells over which agents are spread, both ends included.
+#[derive(Clone, Copy)]
+pub(crate) struct Region {
+    rows: (i32, i32),
+    columns: (i32, i32),
+}
+
+impl Region {
+    /// All cells inside the wall ring.
+    pub(crate) const fn interior(config: &Config) -> Self {
+        Self { rows: (1, config.height - 2), columns: (1, config.width - 2) }
+    }
+}
+
+/// Places each agent in order of its number: draws a column, then a row, until the cell is free
+/// (rules: *Layouts*).
+fn spread(board: &mut Board, rng: &mut LayoutRng, agents: u16, region: Region) {
+    for agent in 0..agents.into() {
+        let cell = loop {
+            let j = rng.randint(region.columns.0, region.columns.1);
+            let i = rng.randint(region.rows.0, region.rows.1);
+            if board.grid().is_free(Pos::new(i, j)) {
+                break Pos::new(i, j);
+            }
+        };
+        board.place_agent(agent, cell);
+    }
+}
+
+/// The wall: a ring of one cell around the map except where `gap` says otherwise, and inner walls.
+fn place_wall(board: &mut Board, gap: impl Fn(Pos) -> bool, inner: impl Fn(Pos) -> bool) {
+    let (height, width) = (board.grid().height(), board.grid().width());
+    let on_ring =
+        |cell: Pos| cell.i == 0 || cell.i == height - 1 || cell.j == 0 || cell.j == width - 1;
+    let cells = (0..height).flat_map(|i| (0..width).map(move |j| Pos::new(i, j)));
+    let wall = cells.filter(|&cell| if on_ring(cell) { !gap(cell) } else { inner(cell) }).collect();
+    board.place(Body::of_cells(Kind::Wall, Pos::new(0, 0), wall, true));
+}
+
+/// A closed ring and nothing inside.
+fn place_ring(board: &mut Board) {
+    place_wall(board, |_| false, |_| false);
+}

@@ -1,0 +1,196 @@
+//! Pursuit: surround the prey, which takes two steps a round toward the least danger.
+
+use super::{Plan, Region, Stage, Terrain, place_ring};
+use crate::body::{Board, Body, BodyId, Kind};
+use crate::config::{Config, RuleSet};
+use crate::grid::{Direction, Pos};
+use crate::rng::LayoutRng;
+
+/// The order in which the prey tries its steps.
+const STEPS: [Direction; 4] = [Direction::Right, Direction::Left, Direction::Down, Direction::Up];
+
+/// How many rows and columns of the danger window lie before a cell, and how many from it on.
+const WINDOW: (i32, i32) = (4, 4);
+
+/// What Pursuit keeps beside the board.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Pursuit {
+    pub(crate) prey: BodyId,
+    /// The layout's generator, which goes on to place new preys.
+    pub(crate) rng: LayoutRng,
+}
+
+pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
+    let mut rng = LayoutRng::new(config.seed);
+    let (height, width) = (config.height, config.width);
+    place_ring(&mut board);
+    let i = rng.randint(height / 2 + 1, height - 2);
+    let j = rng.randint(width / 2 + 1, width - 2);
+    let fixed = match config.rules {
+        RuleSet::Paper => true,
+        RuleSet::Reference => false,
+    };
+    let prey = board.place(Body::single(Kind::Prey, Pos::new(i, j), fixed));
+    let region = Region { rows: (1, (height / 2).max(5)), columns: (1, (width / 2).max(5)) };
+    Plan { board, rng, region, task: Terrain::Pursuit { prey } }
+}
+
+impl Pursuit {
+    pub(super) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
+        let prey = board.body(self.prey).at;
+        let caught = STEPS.iter().all(|&step| !board.grid().is_free(prey.toward(step)));
+        if caught {
+            self.respawn(board);
+            return score + 1.0;
+        }
+        let goal = match stage.config.rules {
+            RuleSet::Paper => safest_of_all(board, prey),
+            RuleSet::Reference => safer_than_left(board, prey),
+        };
+        if let Some(goal) = goal {
+            board.put(self.prey, goal);
+        }
+        score
+    }
+
+    /// Places a new prey on the first drawn of the least dangerous empty cells, of as many draws as
+    /// the map has cells.
+    fn respawn(&mut self, board: &mut Board) {
+        board.lift(self.prey);
+        let (height, width) = (board.grid().height(), board.grid().width());
+        let sums = DangerSums::new(board);
+        let mut best: Option<(f64, Pos)> = None;
+        let mut counted = 0;
+        while counted < height * width {
+            let i = self.rng.randint(1, height - 2);
+            let j = self.rng.randint(1, width - 2);
+            let cell = Pos::new(i, j);
+            if !board.grid().is_free(cell) {
+                continue;
+            }
+            counted += 1;
+            let danger = sums.danger(cell);
+            if best.is_none_or(|(least, _)| danger < least) {
+                best = Some((danger, cell));
+            }
+        }
+        let (_, cell) = best.expect("a map has cells");
+        board.put(self.prey, cell);
+        board.fix(self.prey);
+    }
+}
+
+/// The rules `paper`: the first sequence of two steps over empty cells whose end has the least
+/// danger.
+fn safest_of_all(board: &Board, from: Pos) -> Option<Pos> {
+    let mut best: Option<(f64, Pos)> = None;
+    for first in STEPS {
+        let middle = from.toward(first);
+        if !board.grid().is_free(middle) {
+            continue;
+        }
+        for second in STEPS {
+            let end = middle.toward(second);
+            if board.grid().is_free(end) {
+                let danger = danger(board, end);
+                if best.is_none_or(|(least, _)| danger < least) {
+                    best = Some((danger, end));
+                }
+            }
+        }
+    }
+    best.map(|(_, end)| end)
+}
+
+/// The rules `reference`: the cell that lies one second step away from the start must be empty too,
+/// and the end must be less dangerous than the cell left of the prey.
+fn safer_than_left(board: &Board, from: Pos) -> Option<Pos> {
+    let mut least = danger(board, from.toward(Direction::Left));
+    let mut best = None;
+    for first in STEPS {
+        let middle = from.toward(first);
+        for second in STEPS {
+            let end = middle.toward(second);
+            let open = [middle, from.toward(second), end];
+            if open.iter().all(|&cell| board.grid().is_free(cell)) {
+                let danger = danger(board, end);
+                if danger < least {
+                    least = danger;
+                    best = Some(end);
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Agents + walls × 0.9 in the window of a cell, in doubles exactly so: ties follow from it.
+fn weigh(agents: i32, walls: i32) -> f64 {
+    f64::from(agents) + f64::from(walls) * 0.9
+}
+
+/// The first and last row (or column) of the danger window around `center`, clipped to the map.
+fn window(center: i32, size: i32) -> (i32, i32) {
+    ((center - WINDOW.0).max(0), (center + WINDOW.1).min(size))
+}
+
+/// The danger of one cell.
+fn danger(board: &Board, cell: Pos) -> f64 {
+    let (top, bottom) = window(cell.i, board.grid().height());
+    let (left, right) = window(cell.j, board.grid().width());
+    let (mut agents, mut walls) = (0, 0);
+    for i in top..bottom {
+        for j in left..right {
+            match board.kind_at(Pos::new(i, j)) {
+                Some(Kind::Agent) => agents += 1,
+                Some(Kind::Wall) => walls += 1,
+                Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}
+            }
+        }
+    }
+    weigh(agents, walls)
+}
+
+/// Sums over all cells above and to the left, so that the danger of any cell costs the same few
+/// operations: a respawn asks for as many as the map has cells.
+struct DangerSums {
+    height: i32,
+    width: i32,
+    /// `(height + 1) × (width + 1)` sums of agents and walls.
+    sums: Vec<(i32, i32)>,
+}
+
+impl DangerSums {
+    fn new(board: &Board) -> Self {
+        let (height, width) = (board.grid().height(), board.grid().width());
+        let area = usize::try_from((height + 1) * (width + 1)).expect("a map has a positive size");
+        let mut table = Self { height, width, sums: vec![(0, 0); area] };
+        for i in 0..height {
+            let (mut agents, mut walls) = (0, 0);
+            for j in 0..width {
+                match board.kind_at(Pos::new(i, j)) {
+                    Some(Kind::Agent) => agents += 1,
+                    Some(Kind::Wall) => walls += 1,
+                    Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}
+                }
+                let above = table.sums[table.index(i, j + 1)];
+                let index = table.index(i + 1, j + 1);
+                table.sums[index] = (above.0 + agents, above.1 + walls);
+            }
+        }
+        table
+    }
+
+    fn index(&self, i: i32, j: i32) -> usize {
+        usize::try_from(i * (self.width + 1) + j).expect("inside the table")
+    }
+
+    fn danger(&self, cell: Pos) -> f64 {
+        let (top, bottom) = window(cell.i, self.height);
+        let (left, right) = window(cell.j, self.width);
+        let corner = |i, j| self.sums[self.index(i, j)];
+        let (a, b, c, d) =
+            (corner(bottom, right), corner(top, right), corner(bottom, left), corner(top, left));
+        weigh(a.0 - b.0 - c.0 + d.0, a.1 - b.1 - c.1 + d.1)
+    }
+}

@@ -1,0 +1,87 @@
+//! The whole state of an episode.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::act::{Act, AgentId};
+use crate::body::Board;
+use crate::config::Config;
+use crate::message::Mail;
+use crate::tasks::{self, Task};
+
+/// Everything that decides what happens next, and what every agent sees.
+///
+/// Cloning shares what is past, so a clone costs about as much as the board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct World {
+    pub(crate) config: Arc<Config>,
+    pub(crate) board: Board,
+    pub(crate) task: Task,
+    pub(crate) round: u32,
+    pub(crate) score: f64,
+    pub(crate) mail: Mail,
+    /// The last rounds, newest first, as many as an agent remembers.
+    pub(crate) past: VecDeque<Arc<Moment>>,
+}
+
+/// A round that is over, as far as it is remembered.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Moment {
+    pub(crate) round: u32,
+    /// What there was to see when the round was decided.
+    pub(crate) board: Board,
+    pub(crate) flags: Vec<bool>,
+    /// What was decided, by agent.
+    pub(crate) acts: Vec<Act>,
+}
+
+impl World {
+    /// Lays an episode out (rules: *Layouts*).
+    #[must_use]
+    pub fn new(config: Arc<Config>) -> Self {
+        let (board, task) = tasks::lay_out(&config);
+        let mail = Mail::new(config.num_agents.into());
+        Self { config, board, task, round: 0, score: 0.0, mail, past: VecDeque::new() }
+    }
+
+    /// The settings of the episode.
+    #[must_use]
+    pub const fn config(&self) -> &Arc<Config> {
+        &self.config
+    }
+
+    /// How many rounds were resolved; also the number of the round that is to be decided now.
+    #[must_use]
+    pub const fn round(&self) -> u32 {
+        self.round
+    }
+
+    /// The score so far.
+    #[must_use]
+    pub const fn score(&self) -> f64 {
+        self.score
+    }
+
+    /// Whether the task itself is done, before the last round or with it.
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        self.task.is_done(&self.board)
+    }
+
+    /// Whether the episode has ended: the task is done or all rounds are played.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.round >= self.config.max_round || self.is_done()
+    }
+
+    /// Whether an agent is on the map; one that has escaped neither sees nor acts any more.
+    #[must_use]
+    pub fn is_alive(&self, agent: AgentId) -> bool {
+        self.board.agents().get(agent.index()).is_some_and(|body| !body.gone)
+    }
+
+    /// All agents in order of their numbers.
+    pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
+        (0..self.config.num_agents).map(AgentId)
+    }
+}
