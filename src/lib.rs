@@ -1,1 +1,26 @@
-//! Placeholder.
+//! A networked evaluation server for SwarmBench: it hosts episodes, resolves their rounds when all
+//! agents have acted, and keeps everything in a journal from which any of it can be recomputed.
+//!
+//! The modules, in the order in which data flows:
+//!
+//! - [`http`]: a request comes in; the only place that names axum. [`wire`] has the shapes of its JSON.
+//! - [`episode`]: the barrier, the actor that steps the engine, and what readers share.
+//! - [`journal`]: what is kept of an episode, and how it is played again.
+//! - [`store`]: where it is kept; the only place that names sqlx.
+//! - [`prompt`]: observations as text for language models.
+//! - [`server`]: all of the above, started and stopped.
+//! - [`players`]: how a player meets a server. [`cli`]: the commands.
+//! - [`clock`], [`ids`], [`telemetry`]: what several of them need.
+
+pub mod cli;
+pub mod clock;
+pub mod episode;
+pub mod http;
+pub mod ids;
+pub mod journal;
+pub mod players;
+pub mod prompt;
+pub mod server;
+pub mod store;
+pub mod telemetry;
+pub mod wire;

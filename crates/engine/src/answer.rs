@@ -98,16 +98,17 @@ fn close<'a>(
 
 /// The marker whose word begins at `place`, and where its value begins.
 fn marker_at(line: &str, place: usize, centralized: bool) -> Option<(Kind, usize)> {
-    let before = line[..place].chars().next_back();
-    if before.is_some_and(is_word) {
-        return None;
-    }
     let kinds = [("ACTION", Kind::Action), ("MSG", Kind::Message), ("TO", Kind::To)];
     let known = if centralized { &kinds[..] } else { &kinds[..2] };
     let rest = &line.as_bytes()[place..];
     let &(word, kind) = known.iter().find(|(word, _)| {
         rest.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word.as_bytes()))
     })?;
+    // An underscore may be emphasis: `_ACTION: UP_` has a marker, `MY_ACTION: UP` has none.
+    let before = line[..place].trim_end_matches('_').chars().next_back();
+    if before.is_some_and(char::is_alphanumeric) {
+        return None;
+    }
     let after = &line[place + word.len()..];
     let value = after.trim_start_matches(|c: char| c.is_whitespace() || is_emphasis(c));
     let value = value.strip_prefix([':', '：'])?;
@@ -178,10 +179,18 @@ fn unwrapped(value: &str) -> &str {
     value
 }
 
+/// Whether the sign at `place` stands within a word, as in `don't`, and so closes no quote.
+fn is_apostrophe(text: &str, place: usize) -> bool {
+    let (before, after) = text.split_at(place);
+    after.starts_with('\'')
+        && before.chars().next_back().is_some_and(char::is_alphanumeric)
+        && after.chars().nth(1).is_some_and(char::is_alphanumeric)
+}
+
 /// Whether the signs around `inner` belong to each other.
 fn is_balanced(inner: &str, open: char, close: char) -> bool {
     if open == close {
-        return !inner.contains(open);
+        return inner.match_indices(open).all(|(place, _)| is_apostrophe(inner, place));
     }
     let mut depth = 0_usize;
     for c in inner.chars() {

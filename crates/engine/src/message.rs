@@ -115,9 +115,11 @@ impl Mail {
                 continue;
             }
             let sender = AgentId(number);
+            let commands = config.control == Control::Centralized && sender == AgentId::COMMANDER;
+            let to = act.to.filter(|_| commands);
             let audience = match config.rules {
-                RuleSet::Paper => Audience::Decided(audience(config, board, sender, act.to)),
-                RuleSet::Reference => Audience::Open { to: act.to },
+                RuleSet::Paper => Audience::Decided(audience(config, board, sender, to)),
+                RuleSet::Reference => Audience::Open { to },
             };
             let late = match config.max_delay {
                 0 => 0,

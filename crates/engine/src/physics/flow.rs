@@ -117,9 +117,10 @@ impl<'a> Routing<'a> {
         }
     }
 
-    /// Notes that force at `node` could go on by `edge`, unless this search was here before.
+    /// Notes that force at `node` could go on by `edge`, unless this search was here before or the
+    /// node was dropped: what stays where it is passes no force on.
     fn visit(&mut self, node: usize, edge: usize) {
-        if self.seen_by[node] != self.searches {
+        if !self.dropped[node] && self.seen_by[node] != self.searches {
             self.seen_by[node] = self.searches;
             self.leaves_by[node] = edge;
             self.queue.push(node);

@@ -72,3 +72,6 @@ fn force(wishes: &[Option<Direction>], body: BodyId, direction: Direction) -> i3
         Some(_) | None => 0,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,11 +4,15 @@
 //! cell onto some agent. An assignment costs up to the cube of the number of agents and there are
 //! up to its square of translations, so most translations are settled by lower bounds:
 //!
-//! 1. Rows and columns apart: an assignment costs at least what the best matching of the rows alone
-//!    costs, plus the same for the columns. Along one axis the best matching keeps the order, and its
-//!    cost depends on that axis of the translation alone: two small tables give this bound for all.
+//! 1. Along a line, the best matching keeps the order, so its cost is quickly found; and it depends
+//!    on one coordinate of the translation alone, so a small table has it for all translations. An
+//!    assignment costs at least what rows and columns cost together, each matched on their own. It
+//!    also costs at least what each of the two diagonals costs, since |Δi| + |Δj| is the greater of
+//!    |Δi + Δj| and |Δi − Δj|.
 //! 2. The assignment itself is found from below, by shortest augmenting paths; its dual value never
-//!    exceeds the cost, and it is given up as soon as that reaches the best cost known.
+//!    exceeds the cost, and it is given up as soon as that reaches the best cost known. The prices
+//!    of the columns are kept from one translation to the next: any prices give a dual value, and
+//!    those that were right elsewhere are mostly good enough to give up before the first path.
 //!
 //! Translations are tried in the order of the first bound, and the search ends where it reaches the
 //! best cost known.
@@ -22,24 +26,9 @@ use crate::grid::Pos;
 pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
     // The roles can be exchanged: a translation of the one is the opposite one of the other.
     let (few, many) = if agents.len() < target.len() { (agents, target) } else { (target, agents) };
-    let rows = Axis::new(few.iter().map(|cell| cell.i), many.iter().map(|cell| cell.i));
-    let columns = Axis::new(few.iter().map(|cell| cell.j), many.iter().map(|cell| cell.j));
-    let mut seen = vec![false; rows.len() * columns.len()];
-    let mut translations = Vec::with_capacity(seen.len().min(few.len() * many.len()));
-    for one in few {
-        for other in many {
-            let by = Pos::new(other.i - one.i, other.j - one.j);
-            let known = &mut seen[rows.index(by.i) * columns.len() + columns.index(by.j)];
-            if !*known {
-                *known = true;
-                translations.push((rows.bound(by.i) + columns.bound(by.j), by));
-            }
-        }
-    }
-    translations.sort_unstable_by_key(|&(bound, by)| (bound, by));
-    let mut assignment = Assignment::new(few.len(), many.len());
+    let mut assignment = Assignment::new(many.len());
     let mut best = i32::MAX;
-    for (bound, by) in translations {
+    for (bound, by) in translations(few, many) {
         if bound >= best {
             break;
         }
@@ -48,6 +37,32 @@ pub fn distance(agents: &[Pos], target: &[Pos]) -> i32 {
         }
     }
     best
+}
+
+/// All translations of `few` that bring one of them onto one of `many`, each once, by the lower
+/// bound on their cost.
+fn translations(few: &[Pos], many: &[Pos]) -> Vec<(i32, Pos)> {
+    let along = |coordinate: fn(&Pos) -> i32| {
+        Axis::new(few.iter().map(coordinate), many.iter().map(coordinate))
+    };
+    let (rows, columns) = (along(|cell| cell.i), along(|cell| cell.j));
+    let (falling, rising) = (along(|cell| cell.i + cell.j), along(|cell| cell.i - cell.j));
+    let mut seen = vec![false; rows.len() * columns.len()];
+    let mut found = Vec::with_capacity(seen.len().min(few.len() * many.len()));
+    for one in few {
+        for other in many {
+            let by = Pos::new(other.i - one.i, other.j - one.j);
+            let known = &mut seen[rows.index(by.i) * columns.len() + columns.index(by.j)];
+            if !*known {
+                *known = true;
+                let apart = rows.bound(by.i) + columns.bound(by.j);
+                let across = falling.bound(by.i + by.j).max(rising.bound(by.i - by.j));
+                found.push((apart.max(across), by));
+            }
+        }
+    }
+    found.sort_unstable_by_key(|&(bound, by)| (bound, by));
+    found
 }
 
 /// Lower bounds along one axis, for every translation along it.
@@ -104,9 +119,10 @@ fn matching(few: &[i32], many: &[i32], by: i32) -> i32 {
     costs[spare]
 }
 
-/// The assignment problem of one translation, with its memory kept for the next.
+/// The assignment problem of one translation, with its memory kept for the next. Rows are the
+/// `few`, made as many as the columns by rows that cost nothing anywhere; columns are the `many`.
 struct Assignment {
-    columns: usize,
+    size: usize,
     cost: Vec<i32>,
     row_price: Vec<i32>,
     column_price: Vec<i32>,
@@ -119,48 +135,68 @@ struct Assignment {
 const NONE: usize = usize::MAX;
 
 impl Assignment {
-    fn new(rows: usize, columns: usize) -> Self {
+    fn new(size: usize) -> Self {
         Self {
-            columns,
-            cost: vec![0; rows * columns],
-            row_price: vec![0; rows],
-            column_price: vec![0; columns],
-            row_of: vec![NONE; columns],
-            reach: vec![0; columns],
-            from: vec![NONE; columns],
-            open: vec![0; columns],
+            size,
+            cost: vec![0; size * size],
+            row_price: vec![0; size],
+            column_price: vec![0; size],
+            row_of: vec![NONE; size],
+            reach: vec![0; size],
+            from: vec![NONE; size],
+            open: vec![0; size],
         }
     }
 
     /// The cost of the best assignment of `few`, moved by `by`, to `many` if it is less than `limit`.
     fn below(&mut self, limit: i32, few: &[Pos], many: &[Pos], by: Pos) -> Option<i32> {
-        self.row_of.fill(NONE);
-        self.column_price.fill(0);
-        let mut unmatched = Vec::new();
-        let mut value = 0;
-        for (row, a) in few.iter().enumerate() {
-            let a = a.plus(by);
-            let costs = &mut self.cost[row * self.columns..(row + 1) * self.columns];
-            for (cost, b) in costs.iter_mut().zip(many) {
-                *cost = (a.i - b.i).abs() + (a.j - b.j).abs();
+        let mut value = self.price(few, many, by);
+        if value >= limit {
+            return None;
+        }
+        for row in self.match_at_once() {
+            value += self.match_row(row);
+            if value >= limit {
+                return None;
             }
-            let least = *costs.iter().min().expect("not empty");
-            self.row_price[row] = least;
-            value += least;
-            let free = (costs.iter().zip(&self.row_of))
-                .position(|(&cost, &taken)| cost == least && taken == NONE);
-            match free {
+        }
+        Some(value)
+    }
+
+    /// Sets up the costs, and gives each row the highest price that the columns' prices allow.
+    /// Returns the sum of all prices: the dual value to begin with.
+    fn price(&mut self, few: &[Pos], many: &[Pos], by: Pos) -> i32 {
+        // Only differences between the columns' prices matter; this keeps the numbers small.
+        let highest = self.column_price.iter().copied().max().unwrap_or(0);
+        self.column_price.iter_mut().for_each(|price| *price -= highest);
+        for (row, price) in self.row_price.iter_mut().enumerate() {
+            let costs = &mut self.cost[row * self.size..(row + 1) * self.size];
+            if let Some(cell) = few.get(row) {
+                let a = cell.plus(by);
+                for (cost, b) in costs.iter_mut().zip(many) {
+                    *cost = (a.i - b.i).abs() + (a.j - b.j).abs();
+                }
+            }
+            let reduced = costs.iter().zip(&self.column_price).map(|(cost, price)| cost - price);
+            *price = reduced.min().expect("not empty");
+        }
+        self.row_price.iter().sum::<i32>() + self.column_price.iter().sum::<i32>()
+    }
+
+    /// Matches rows to free columns whose price fits as it is; returns the rows that find none.
+    fn match_at_once(&mut self) -> Vec<usize> {
+        self.row_of.fill(NONE);
+        let mut unmatched = Vec::new();
+        for (row, price) in self.row_price.iter().enumerate() {
+            let costs = &self.cost[row * self.size..(row + 1) * self.size];
+            let fits = (costs.iter().zip(&self.column_price).zip(&self.row_of))
+                .position(|((cost, other), &taken)| cost - other == *price && taken == NONE);
+            match fits {
                 Some(column) => self.row_of[column] = row,
                 None => unmatched.push(row),
             }
         }
-        for row in unmatched {
-            if value >= limit {
-                return None;
-            }
-            value += self.match_row(row);
-        }
-        (value < limit).then_some(value)
+        unmatched
     }
 
     /// Matches one more row by a shortest augmenting path; returns by how much the optimum of the
@@ -169,13 +205,13 @@ impl Assignment {
         self.reach.fill(i32::MAX);
         let mut open = std::mem::take(&mut self.open);
         open.clear();
-        open.extend(0..self.columns);
+        open.extend(0..self.size);
         let mut settled = 0;
         let mut at = row;
         let mut via = NONE;
         let mut length = 0;
         let last = loop {
-            let costs = &self.cost[at * self.columns..(at + 1) * self.columns];
+            let costs = &self.cost[at * self.size..(at + 1) * self.size];
             let base = length - self.row_price[at];
             let mut least = i32::MAX;
             let mut place = settled;

@@ -1,0 +1,281 @@
+//! Settings that cannot be played are refused with a reason; all others can be played to the end.
+
+mod common;
+
+use std::collections::BTreeSet;
+
+use common::{Dice, world};
+use proptest::prelude::*;
+use swarmbench_engine::{AgentId, Config, Pos, Settings, TaskName, World};
+
+/// A change to the standard settings of Transport, and what is said about it.
+type Row = (fn(&mut Settings), &'static str);
+
+const REFUSED: &[Row] = &[
+    (|s| s.width = 7, "width must be from 8 to 256, is 7"),
+    (|s| s.width = 257, "width must be from 8 to 256, is 257"),
+    (|s| s.width = i64::MIN, "width must be from 8 to 256, is -9223372036854775808"),
+    (|s| s.height = 7, "height must be from 8 to 256, is 7"),
+    (|s| s.height = 257, "height must be from 8 to 256, is 257"),
+    (|s| s.view_size = 1, "view_size must be odd and from 3 to 21, is 1"),
+    (|s| s.view_size = -5, "view_size must be odd and from 3 to 21, is -5"),
+    (|s| s.view_size = 6, "view_size must be odd and from 3 to 21, is 6"),
+    (|s| s.view_size = 23, "view_size must be odd and from 3 to 21, is 23"),
+    (|s| (s.height, s.view_size) = (20, 43), "view_size must be odd and from 3 to 41, is 43"),
+    (|s| s.num_agents = 0, "num_agents must be from 1 to 1024, is 0"),
+    (|s| s.num_agents = -1, "num_agents must be from 1 to 1024, is -1"),
+    (|s| s.num_agents = 1025, "num_agents must be from 1 to 1024, is 1025"),
+    (|s| s.num_agents = 56, "num_agents must be from 1 to 55 to fit on this map, is 56"),
+    (
+        |s| (s.task, s.num_agents) = ("Pursuit".into(), 26),
+        "num_agents must be from 1 to 25 to fit on this map, is 26",
+    ),
+    (
+        |s| (s.task, s.num_agents) = ("Flocking".into(), 65),
+        "num_agents must be from 1 to 64 to fit on this map, is 65",
+    ),
+    (
+        |s| (s.task, s.width, s.height, s.num_agents) = ("Flocking".into(), 40, 40, 257),
+        "num_agents must be from 1 to 256 in Flocking, is 257",
+    ),
+    (|s| s.max_round = 0, "max_round must be from 1 to 100000, is 0"),
+    (|s| s.max_round = 100_001, "max_round must be from 1 to 100000, is 100001"),
+    (
+        |s| (s.width, s.height, s.num_agents, s.max_round) = (40, 40, 101, 99_010),
+        "max_round × num_agents must be at most 10000000, is 10000010",
+    ),
+    (|s| s.memory = -1, "memory must be from 0 to 50, is -1"),
+    (|s| s.memory = 51, "memory must be from 0 to 50, is 51"),
+    (
+        |s| (s.width, s.view_size, s.memory) = (256, 257, 1),
+        "memory × cells of a window must be at most 65536, is 66049",
+    ),
+    (
+        |s| (s.width, s.view_size, s.memory) = (256, 257, 0),
+        "memory × cells of a window must be at most 65536, is 66049",
+    ),
+    (
+        |s| (s.width, s.height, s.control, s.memory) = (256, 256, "centralized".into(), 2),
+        "memory × cells of a window must be at most 65536, is 131072",
+    ),
+    (
+        |s| {
+            (s.width, s.height, s.control, s.memory) = (256, 256, "centralized".into(), 1);
+            s.num_agents = 65;
+        },
+        "memory × cells of a window × num_agents must be at most 4194304, is 4259840",
+    ),
+    (|s| s.noise = -0.001, "noise must be a probability from 0 to 1, is -0.001"),
+    (|s| s.noise = 1.001, "noise must be a probability from 0 to 1, is 1.001"),
+    (|s| s.noise = f64::NAN, "noise must be a probability from 0 to 1, is NaN"),
+    (|s| s.noise = f64::INFINITY, "noise must be a probability from 0 to 1, is inf"),
+    (|s| s.max_delay = -1, "max_delay must be from 0 to 100, is -1"),
+    (|s| s.max_delay = 101, "max_delay must be from 0 to 100, is 101"),
+    (|s| s.seed = -1, "seed must be from 0 to 9007199254740991, is -1"),
+    (|s| s.seed = 1 << 53, "seed must be from 0 to 9007199254740991, is 9007199254740992"),
+    (
+        |s| s.task = "transport".into(),
+        "task must be one of Transport, Pursuit, Synchronization, Foraging, Flocking, is \"transport\"",
+    ),
+    (|s| s.rules = String::new(), "rules must be one of paper, reference, is \"\""),
+    (
+        |s| s.control = "swarm".into(),
+        "control must be one of decentralized, centralized, is \"swarm\"",
+    ),
+    (
+        |s| (s.rules, s.width) = ("reference".into(), 12),
+        "width must equal height under the rules `reference`, is 12 with height 10",
+    ),
+    (
+        |s| (s.rules, s.width, s.memory) = ("Paper".into(), 0, 99),
+        "rules must be one of paper, reference, is \"Paper\"; width must be from 8 to 256, is 0; \
+         memory must be from 0 to 50, is 99",
+    ),
+];
+
+const ACCEPTED: &[fn(&mut Settings)] = &[
+    |s| (s.width, s.height) = (8, 8),
+    |s| (s.width, s.height) = (256, 8),
+    |s| (s.width, s.height) = (8, 256),
+    |s| s.view_size = 3,
+    |s| s.view_size = 21,
+    |s| s.num_agents = 1,
+    |s| s.num_agents = 55,
+    |s| (s.width, s.height, s.num_agents) = (256, 256, 1024),
+    |s| (s.width, s.height, s.num_agents, s.task) = (40, 40, 256, "Flocking".into()),
+    |s| s.max_round = 1,
+    |s| (s.num_agents, s.max_round) = (50, 100_000),
+    |s| s.memory = 0,
+    |s| s.memory = 50,
+    |s| {
+        (s.width, s.height, s.control, s.memory) = (256, 256, "centralized".into(), 1);
+        s.num_agents = 64;
+    },
+    |s| s.noise = 1.0,
+    |s| s.max_delay = 100,
+    |s| s.seed = 0,
+    |s| s.seed = (1 << 53) - 1,
+    |s| s.rules = "reference".into(),
+];
+
+#[test]
+fn each_setting_that_cannot_be_played_is_named_with_its_range() {
+    for (change, says) in REFUSED {
+        let mut settings = Settings::standard(TaskName::Transport, 1);
+        change(&mut settings);
+        let refused = Config::check(&settings).expect_err(says);
+        assert_eq!(refused.to_string(), *says, "{settings:?}");
+    }
+}
+
+#[test]
+fn the_ends_of_each_range_can_be_played() {
+    for change in ACCEPTED {
+        let mut settings = Settings::standard(TaskName::Transport, 1);
+        change(&mut settings);
+        let config = Config::check(&settings).unwrap_or_else(|e| panic!("{settings:?}: {e}"));
+        assert_eq!(config.settings(), settings);
+        let mut world = world(&settings);
+        if !world.is_over() {
+            let acts = Dice(1).acts(&world);
+            world.step(&acts);
+        }
+    }
+}
+
+/// Settings of every kind; most are small, some are as large as can be.
+fn settings() -> impl Strategy<Value = Settings> {
+    let size = || prop_oneof![8 => 8..=14_i64, 3 => 8..=40_i64, 1 => 8..=256_i64, 1 => Just(256)];
+    let names = (0..5_usize, any::<bool>(), any::<bool>());
+    let agents = prop_oneof![6 => 1..=20_i64, 3 => 20..=100_i64, 1 => 1..=1024_i64];
+    let view = prop_oneof![3 => 1..=4_i64, 1 => 1..=60_i64, 1 => 1..=256_i64];
+    let memory = prop_oneof![3 => 0..=6_i64, 1 => 0..=50_i64];
+    let noise = prop_oneof![Just(0.0), Just(0.2), Just(1.0), 0.0..=1.0];
+    let delay = prop_oneof![Just(0), 0..=4_i64, 0..=100_i64];
+    let seed = prop_oneof![0..1000_i64, 0..1_i64 << 53];
+    let rounds = 1..=40_i64;
+    (names, size(), size(), agents, view, memory, noise, delay, seed, rounds).prop_map(
+        |(
+            (task, reference, centralized),
+            width,
+            height,
+            agents,
+            view,
+            memory,
+            noise,
+            delay,
+            seed,
+            rounds,
+        )| {
+            let height = if reference { width } else { height };
+            let task = TaskName::ALL[task];
+            // The largest of them are slow to play without optimisation.
+            let max_round = if width * height > 1600 || agents > 100 { 3 } else { rounds };
+            Settings {
+                task: task.name().to_owned(),
+                rules: if reference { "reference" } else { "paper" }.to_owned(),
+                control: if centralized { "centralized" } else { "decentralized" }.to_owned(),
+                seed,
+                num_agents: if task == TaskName::Flocking { agents.min(60) } else { agents },
+                width,
+                height,
+                view_size: (2 * view + 1).min(2 * width.max(height) + 1),
+                memory,
+                max_round,
+                noise,
+                max_delay: delay,
+            }
+        },
+    )
+}
+
+/// Makes settings smaller by what the refusals say until they can be played.
+fn playable(mut settings: Settings) -> Settings {
+    while let Err(refused) = Config::check(&settings) {
+        for error in refused.0 {
+            match error.field {
+                "num_agents" => settings.num_agents /= 2,
+                "memory" if settings.memory > 0 => settings.memory /= 2,
+                "memory" if settings.control == "centralized" => settings.num_agents /= 2,
+                "memory" => settings.view_size = settings.view_size / 4 * 2 + 1,
+                field => panic!("{field} {}: {settings:?}", error.problem),
+            }
+        }
+    }
+    settings
+}
+
+/// Plays to the end; the digest of every round.
+fn play(settings: &Settings, dice: &mut Dice) -> Vec<String> {
+    let mut world = world(settings);
+    let agents = world.agents().count();
+    let mut digests = vec![world.digest().to_string()];
+    check_state(&world);
+    while !world.is_over() {
+        let acts = dice.acts(&world);
+        let mut copy = world.clone();
+        let before = world.score();
+        world.step(&acts);
+        if dice.below(4) == 0 {
+            copy.step(&acts);
+            assert!(copy == world, "a clone goes on differently");
+            assert_eq!(copy.digest(), world.digest());
+        }
+        assert!(world.score() >= before, "the score sinks from {before} to {}", world.score());
+        assert_eq!(world.agents().count(), agents);
+        check_state(&world);
+        let observed = if dice.below(8) == 0 { agents } else { 1 };
+        (0..observed).for_each(|agent| check_observation(&world, agent));
+        digests.push(world.digest().to_string());
+    }
+    assert!(world.is_done() || i64::from(world.round()) == settings.max_round);
+    digests
+}
+
+/// Every agent that lives has its own cell, every other is outside.
+fn check_state(world: &World) {
+    let seen = world.spectacle();
+    let on_map = |at: Pos| {
+        let row = usize::try_from(at.i).ok().and_then(|i| seen.grid.get(i));
+        row.and_then(|row| row.as_bytes().get(usize::try_from(at.j).ok()?)).copied()
+    };
+    let mut taken = BTreeSet::new();
+    for agent in &seen.agents {
+        assert_eq!(agent.alive, world.is_alive(agent.agent));
+        if agent.alive {
+            assert_eq!(on_map(agent.at), Some(b'A'), "{agent:?}");
+            assert!(taken.insert(agent.at), "{agent:?} shares its cell");
+        } else {
+            assert_eq!(on_map(agent.at), None, "{agent:?}");
+        }
+    }
+    let drawn: usize = seen.grid.iter().map(|row| row.matches('A').count()).sum();
+    assert_eq!(drawn, taken.len());
+}
+
+fn check_observation(world: &World, agent: usize) {
+    let agent = AgentId(u16::try_from(agent).expect("an agent's number"));
+    let seen = world.observe(agent);
+    assert_eq!(seen.position.is_some(), world.is_alive(agent));
+    assert_eq!(seen.view.is_some(), world.is_alive(agent));
+    let memory = world.config().memory();
+    assert!(seen.history.len() <= memory && seen.past_views.len() <= memory.saturating_sub(1));
+    assert!(seen.messages.is_sorted());
+    if let Some(view) = seen.view {
+        assert_eq!(view.cells.len(), view.height * view.width);
+        let own: Vec<_> = view.positions().filter(|(_, seen)| seen.to_string() == "Y").collect();
+        assert_eq!(own.len(), 1);
+        assert_eq!(Some(own[0].0), seen.position);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(250) })]
+
+    #[test]
+    fn all_settings_can_be_played_to_the_end_and_repeated(settings in settings(), seed: u64) {
+        let settings = playable(settings);
+        let first = play(&settings, &mut Dice(seed));
+        prop_assert_eq!(play(&settings, &mut Dice(seed)), first);
+    }
+}

@@ -1,0 +1,78 @@
+//! Foraging by a remembered map.
+
+use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, Seen};
+
+use crate::chance::Chance;
+use crate::chart::{Chart, push};
+use crate::talk::heard;
+use crate::{Player, Seat};
+
+/// How many steps of detour one agent in the way is worth. At the standard setting the score falls by
+/// almost half as this grows to 8: whoever walks around a jam makes it wider.
+const CROWD: u32 = 1;
+
+/// How often an agent that does not get on steps aside: once in so many rounds.
+const PATIENCE_ROUNDS: u32 = 3;
+
+/// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is
+/// empty and to the nest when it is loaded. It tells others where both are.
+struct MapAndCarry {
+    chance: Chance,
+    chart: Chart,
+    /// Where it stood a round ago.
+    before: Option<Pos>,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    let mut chart = Chart::new(seat);
+    chart.close_ring();
+    Box::new(MapAndCarry { chance: Chance::new(seat), chart, before: None })
+}
+
+impl Player for MapAndCarry {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let Some(here) = self.chart.look(observation) else { return Act::default() };
+        for (words, seen) in [("Food at", Seen::Food), ("Nest at", Seen::Nest)] {
+            for [i, j] in heard(observation, words) {
+                self.chart.hear(Pos::new(i, j), seen);
+            }
+        }
+        let loaded = observation.carrying_food == Some(true);
+        let is_stuck = self.before.replace(here) == Some(here);
+        let action = self.walk(here, if loaded { Seen::Nest } else { Seen::Food }, is_stuck);
+        Act { action: Some(action), message: self.news(observation.round), to: None }
+    }
+}
+
+impl MapAndCarry {
+    /// Tells where the food is in even rounds and where the nest is in odd ones, if it is known.
+    fn news(&self, round: u32) -> Option<Message> {
+        let (words, seen) = match round % 2 {
+            0 => ("Food at", Seen::Food),
+            _ => ("Nest at", Seen::Nest),
+        };
+        let at = self.chart.find(seen)?;
+        Message::new(&format!("{words} {} {}", at.i, at.j))
+    }
+
+    /// The next step toward what it wants, or toward the unknown while it does not know where that is.
+    fn walk(&mut self, here: Pos, wanted: Seen, is_stuck: bool) -> Action {
+        let order = self.chance.order();
+        let chart = &self.chart;
+        // Two who want to pass each other get on only if one of them gives way, and chance has to
+        // say which, for both see the same.
+        if is_stuck && self.chance.one_in(PATIENCE_ROUNDS) {
+            let is_free = |cell| chart.is_open(cell) && !chart.is_taken(cell, 1);
+            let aside = order.into_iter().find(|&side| is_free(here.toward(side)));
+            return aside.map_or(Action::Stay, push);
+        }
+        let step = if chart.find(wanted).is_some() {
+            let beside = |cell: Pos| Direction::ALL.map(|side| chart.at(cell.toward(side)));
+            chart.way(here, order, CROWD, |cell| beside(cell).contains(&Some(wanted)))
+        } else {
+            chart.way(here, order, CROWD, |cell| chart.is_unknown(cell))
+        };
+        push(step.unwrap_or(order[0]))
+    }
+}

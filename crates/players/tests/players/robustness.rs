@@ -1,0 +1,187 @@
+//! No game and no observation brings a player down.
+
+use std::sync::Arc;
+
+use proptest::prelude::*;
+use swarmbench_engine::{
+    Act, Action, AgentId, Config, Control, Message, Observation, Pos, RuleSet, Seen, Settings,
+    TaskName, View, World,
+};
+use swarmbench_players::{Seat, all};
+
+use crate::game::{decide, players};
+
+/// What every act has to keep to.
+fn check(task: TaskName, act: &Act) {
+    let known = Action::of_task(task);
+    assert!(act.action.is_none_or(|action| known.contains(&action)), "{act:?}");
+    let length = act.message.as_ref().map_or(0, |message| message.as_str().chars().count());
+    assert!(length <= Message::CHARS_MAX, "{act:?}");
+}
+
+fn task() -> impl Strategy<Value = TaskName> {
+    prop::sample::select(&TaskName::ALL)
+}
+
+fn rules() -> impl Strategy<Value = RuleSet> {
+    prop::sample::select(&RuleSet::ALL)
+}
+
+prop_compose! {
+    /// Settings of any kind that can be played, of a moderate size.
+    fn settings()(
+        (task, rules) in (task(), rules()),
+        control in prop::sample::select(&Control::ALL),
+        seed in 0..1000_i64,
+        num_agents in 1..40_i64,
+        (width, height) in (8..20_i64, 8..20_i64),
+        reach in 1..9_i64,
+        memory in 0..6_i64,
+        noise in prop::sample::select(&[0.0, 0.2, 1.0]),
+        max_delay in 0..4_i64,
+    ) -> Settings {
+        let height = if rules == RuleSet::Reference { width } else { height };
+        Settings {
+            task: task.name().to_owned(),
+            rules: rules.name().to_owned(),
+            control: control.name().to_owned(),
+            seed,
+            num_agents,
+            width,
+            height,
+            view_size: 2 * reach + 1,
+            memory,
+            max_round: 25,
+            noise,
+            max_delay,
+        }
+    }
+}
+
+fn seen() -> impl Strategy<Value = Seen> {
+    prop_oneof![
+        8 => Just(Seen::Empty),
+        1 => prop::sample::select(&[
+            Seen::Outside, Seen::Wall, Seen::Nest, Seen::Food, Seen::Block, Seen::Prey, Seen::Yourself,
+        ]),
+        1 => (any::<u16>(), any::<bool>()).prop_map(|(number, marked)| Seen::Agent { number, marked }),
+    ]
+}
+
+/// Mostly on a small map or just outside, sometimes anywhere.
+fn number() -> impl Strategy<Value = i32> {
+    prop_oneof![8 => -2..14, 1 => any::<i32>(), 1 => Just(i32::MIN), 1 => Just(i32::MAX)]
+}
+
+fn pos() -> impl Strategy<Value = Pos> {
+    (number(), number()).prop_map(|(i, j)| Pos::new(i, j))
+}
+
+fn message() -> impl Strategy<Value = Message> {
+    let words = prop::sample::select(&["Prey at", "Food at", "Nest at", "Gap at", "?"]);
+    let text = (words, prop::collection::vec(number(), 0..7)).prop_map(|(words, numbers)| {
+        let numbers: Vec<_> = numbers.iter().map(i32::to_string).collect();
+        format!("{words} {}", numbers.join(" "))
+    });
+    text.prop_map(|text| Message::new(&text).expect("it is not empty"))
+}
+
+prop_compose! {
+    /// A window whose parts need not fit together.
+    fn view()(
+        origin in pos(),
+        (height, width) in (0..12_usize, 0..12_usize),
+        cells in prop::collection::vec(seen(), 0..150),
+    ) -> View {
+        View { origin, height, width, cells }
+    }
+}
+
+prop_compose! {
+    /// What no world shows.
+    fn observation()(
+        task in task(),
+        round in prop_oneof![0..100_u32, any::<u32>()],
+        position in prop::option::weighted(0.9, pos()),
+        view in prop::option::weighted(0.9, view()),
+        light_on in any::<Option<bool>>(),
+        carrying_food in any::<Option<bool>>(),
+        messages in prop::collection::vec(message(), 0..6),
+    ) -> Observation {
+        Observation {
+            agent: AgentId(0),
+            task,
+            round,
+            max_round: 100,
+            score: f64::NAN,
+            position,
+            view,
+            light_on,
+            carrying_food,
+            messages,
+            history: Vec::new(),
+            past_views: Vec::new(),
+        }
+    }
+}
+
+prop_compose! {
+    fn seat()(
+        agent in any::<u16>(),
+        num_agents in prop_oneof![0..20_u16, any::<u16>()],
+        width in prop_oneof![9 => 0..14_u16, 1 => any::<u16>()],
+        height in prop_oneof![9 => 0..14_u16, 1 => any::<u16>()],
+        (task, rules) in (task(), rules()),
+        seed in any::<u64>(),
+    ) -> Seat {
+        Seat { agent: AgentId(agent), num_agents, width, height, task, rules, seed }
+    }
+}
+
+/// Few cases, for each is several games, and no file of failures: a failure prints its case.
+fn config() -> ProptestConfig {
+    let mut config = ProptestConfig::default();
+    config.cases = config.cases.min(96);
+    config.failure_persistence = None;
+    config
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn any_game_can_be_played(settings in settings(), seed in any::<u64>()) {
+        let config = Config::check(&settings);
+        prop_assume!(config.is_ok());
+        let config = Arc::new(config.expect("it was checked"));
+        let task = config.task();
+        for built_in in all().iter().filter(|player| player.tasks.contains(&task)) {
+            let mut world = World::new(Arc::clone(&config));
+            let mut players = players(built_in, &world, seed);
+            while !world.is_over() {
+                let acts = decide(&world, &mut players);
+                for act in &acts {
+                    check(task, act);
+                }
+                world.step(&acts);
+            }
+        }
+    }
+
+    #[test]
+    fn any_observation_is_survived(
+        seat in seat(),
+        observations in prop::collection::vec(observation(), 1..8),
+    ) {
+        for built_in in all() {
+            let mut player = built_in.make(&seat);
+            for observation in &observations {
+                let act = player.decide(observation);
+                if observation.position.is_none() {
+                    prop_assert_eq!(&act, &Act::default());
+                }
+                check(TaskName::Synchronization, &act);
+            }
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! `swarmbench demo`
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use futures::future::try_join_all;
+use indicatif::MultiProgress;
+use swarmbench_engine::TaskName;
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+
+use super::play::{bar, play_one, player, request, scores};
+use crate::players::client::Client;
+use crate::server::{Parts, Server};
+use crate::telemetry::{LogFormat, start_logs};
+use crate::wire::episode::EpisodeRequest;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// The database; a fresh one in the directory for temporary files where it is left out.
+    #[arg(long)]
+    db: Option<PathBuf>,
+    /// The port on 127.0.0.1; a free one where it is left out.
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// The seed of all five layouts.
+    #[arg(long, default_value_t = 27)]
+    seed: i64,
+    /// Stop when the scores are shown, instead of going on serving.
+    #[arg(long)]
+    exit: bool,
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    if std::env::var_os("RUST_LOG").is_some() {
+        start_logs(LogFormat::Text);
+    }
+    let db = match args.db {
+        Some(db) => db,
+        None => fresh_database()?,
+    };
+    let server = Server::open(&db, Parts::default()).await?;
+    let listener = TcpListener::bind(("127.0.0.1", args.port))
+        .await
+        .with_context(|| format!("cannot listen on port {}", args.port))?;
+    let base = format!("http://{}", listener.local_addr()?);
+    let (stop, stopped) = oneshot::channel::<()>();
+    let serving = tokio::spawn(server.run(listener, async {
+        // Whoever holds the other end lets go of it when it is done.
+        drop(stopped.await);
+    }));
+    println!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
+    let played = tokio::select! {
+        played = play_all(&base, args.seed) => Some(played?),
+        () = super::asked_to_stop() => None,
+    };
+    if played.is_some() {
+        println!("The data lies in {}", db.display());
+        println!("{}", how_to_join(&base));
+        if !args.exit {
+            println!("The server goes on until Ctrl-C.");
+            super::asked_to_stop().await;
+        }
+    }
+    drop(stop);
+    serving.await??;
+    Ok(())
+}
+
+/// Plays all tasks at once and shows the scores.
+async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
+    let client = Client::new(base)?;
+    let bars = MultiProgress::new();
+    let games = TaskName::ALL.map(|task| {
+        let client = client.clone();
+        let bars = bars.clone();
+        async move {
+            let player = player(None, task)?;
+            let bar = bars.add(bar(task.name(), player.name));
+            let request = EpisodeRequest { seed: Some(seed), ..request(task, player) };
+            let (summary, _) = play_one(&client, &request, player, 1, &bar).await?;
+            bar.finish();
+            anyhow::Ok((player.name, summary))
+        }
+    });
+    let played = try_join_all(games).await?;
+    println!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
+    Ok(())
+}
+
+/// A database in a directory of its own that nobody else uses.
+fn fresh_database() -> anyhow::Result<PathBuf> {
+    let directory =
+        std::env::temp_dir().join(format!("swarmbench-demo-{}", std::process::id()));
+    std::fs::create_dir_all(&directory)
+        .with_context(|| format!("cannot create {}", directory.display()))?;
+    let db = directory.join("swarmbench.db");
+    // What an earlier process with the same number left is not fresh.
+    for end in ["", "-wal", "-shm"] {
+        let mut old = db.clone().into_os_string();
+        old.push(end);
+        if let Err(error) = std::fs::remove_file(&old)
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            return Err(error).with_context(|| format!("cannot remove {}", db.display()));
+        }
+    }
+    Ok(db)
+}
+
+fn how_to_join(base: &str) -> String {
+    format!(
+        "\nJoin with curl (a game for one agent; look, then act, round by round):
+
+  curl -s {base}/api/v1/episodes -H 'Content-Type: application/json' \\
+       -d '{{\"task\": \"Foraging\", \"num_agents\": 1}}' > episode.json
+  TOKEN=$(sed 's/.*\"token\":\"\\([^\"]*\\)\".*/\\1/' episode.json)
+  curl -s {base}/obs -H \"Authorization: Bearer $TOKEN\"
+  curl -s {base}/act -H \"Authorization: Bearer $TOKEN\" -H 'Content-Type: application/json' \\
+       -d '{{\"round\": 0, \"action\": \"UP\"}}'
+
+All routes: {base}/docs\n"
+    )
+}

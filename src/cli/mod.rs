@@ -1,0 +1,85 @@
+//! The command line, one file a command.
+
+mod demo;
+mod healthcheck;
+mod openapi;
+mod play;
+mod serve;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Whether language models can act as a swarm, measured over HTTP.
+#[derive(Debug, Parser)]
+#[command(
+    name = "swarmbench",
+    version,
+    about,
+    long_about = "A server on which language models play SwarmBench: five tasks in a grid world where each agent \
+        sees a small window and talks to its neighbours only.\n\nStart with `swarmbench demo`: it starts a \
+        server, plays all five tasks over HTTP, and tells how to join.",
+    after_help = "Documentation: README.md, and /docs on a running server."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Start a server with a fresh database, play the five tasks side by side, show the scores.
+    Demo(demo::Args),
+    /// Run the server.
+    Serve(serve::Args),
+    /// Create an episode on a server and play it with a built-in player.
+    Play(play::Args),
+    /// Play a journal file again and check every hash, digest, act and score.
+    Verify(verify::Args),
+    /// Print the OpenAPI document of the server.
+    Openapi(openapi::Args),
+    /// Ask a server whether it lives; fails if it does not.
+    Healthcheck(healthcheck::Args),
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match cli.command {
+        Command::Demo(args) => with_runtime(demo::run(args)),
+        Command::Serve(args) => with_runtime(serve::run(args)),
+        Command::Play(args) => with_runtime(play::run(args)),
+        Command::Verify(args) => verify::run(&args),
+        Command::Openapi(args) => openapi::run(&args),
+        Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn with_runtime(work: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<()> {
+    tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
+}
+
+/// Completes when the process is asked to stop, by Ctrl-C or SIGTERM.
+async fn asked_to_stop() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let terminated = async {
+        match signal(SignalKind::terminate()) {
+            Ok(mut signal) => drop(signal.recv().await),
+            Err(_) => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        // Where Ctrl-C cannot be listened to there is nothing to wait for.
+        _ = tokio::signal::ctrl_c() => {}
+        () = terminated => {}
+    }
+}

@@ -1,0 +1,11 @@
+//! `swarmbench openapi`
+
+/// Nothing to choose.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {}
+
+#[expect(clippy::unnecessary_wraps, reason = "all commands have the same shape")]
+pub(super) fn run(_: &Args) -> anyhow::Result<()> {
+    print!("{}", crate::http::openapi::document());
+    Ok(())
+}

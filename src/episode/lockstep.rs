@@ -1,0 +1,464 @@
+//! The barrier as a pure machine: it takes an event and the time, and says what is to be done.
+//!
+//! No simulation, no storage and no waiting happens here, so that every order of events can be
+//! tested. The rules are those of the wire contract: one act for each living seat and round; the same
+//! act again gets the same receipt; when a seat's clock runs out it does nothing, and the others
+//! play on.
+
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench_engine::AgentId;
+
+use super::{Ending, Outcome, Status};
+use crate::clock::{after, millis};
+use crate::journal::record::{ActRecord, Source};
+
+/// What a player sent for a round.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Submission {
+    /// The round that it answers.
+    pub round: u32,
+    /// What it says; `bank_spent_ms` is not known yet.
+    pub record: ActRecord,
+}
+
+/// What happens.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The creator starts a waiting episode.
+    Start,
+    /// The creator ends the episode.
+    Abort,
+    /// The task is done without a round: the layout has solved it.
+    Done,
+    /// A player acts.
+    Submit {
+        /// Whose seat it is.
+        agent: AgentId,
+        /// What was sent.
+        submission: Submission,
+        /// What this seat did in that round, if the round is over and it did something.
+        earlier: Option<Given>,
+    },
+    /// Time has passed.
+    Tick,
+    /// The round for which a [`Effect::Resolve`] asked was resolved.
+    Resolved {
+        /// By agent, whether it is still on the map.
+        alive: Vec<bool>,
+        /// Why the episode has ended, if it has.
+        ending: Option<Ending>,
+    },
+}
+
+/// What is to be done, in this order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Effect {
+    /// Answer whoever caused the event; an accepted act only once it is durable.
+    Answer(Result<Receipt, Refusal>),
+    /// Keep that the episode was started.
+    KeepStart,
+    /// Keep what a seat did in the open round.
+    KeepAct {
+        /// The seat.
+        agent: AgentId,
+        /// What it did.
+        given: Given,
+    },
+    /// All living seats have acted or run out of time: resolve the round from
+    /// [`Lockstep::records`], then tell [`Event::Resolved`].
+    Resolve,
+    /// Keep and publish the end.
+    End(Ending),
+    /// Publish the state: a round was opened.
+    Publish,
+}
+
+/// An act as it was first answered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Given {
+    /// What was done.
+    pub record: ActRecord,
+    /// How many seats the round waited for after it.
+    pub waiting_for: u32,
+}
+
+/// What a player is told about an accepted act.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Receipt {
+    /// The round.
+    pub round: u32,
+    /// What was kept.
+    pub given: Given,
+    /// Whether it had been sent before.
+    pub duplicate: bool,
+}
+
+/// Why an act, a start or an abort was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// The round is not open yet.
+    #[error("round {sent} is not open yet; the episode stands at round {round}")]
+    RoundAhead {
+        /// The round that was sent.
+        sent: u32,
+        /// The open round.
+        round: u32,
+    },
+    /// This seat answered that round with another act.
+    #[error("this seat answered round {sent} with another act, and the first one counts")]
+    AlreadyActed {
+        /// The round that was sent.
+        sent: u32,
+        /// The open round.
+        round: u32,
+    },
+    /// The episode has ended, or the agent has escaped.
+    #[error("{}", if *.escaped { "this agent has escaped and acts no more" } else { "the episode has ended" })]
+    EpisodeOver {
+        /// The last round.
+        round: u32,
+        /// Whether it is the agent alone that is gone.
+        escaped: bool,
+    },
+    /// The round is over and this seat did not answer it.
+    #[error("round {sent} is over for this seat; the episode stands at round {round}")]
+    RoundOver {
+        /// The round that was sent.
+        sent: u32,
+        /// The open round.
+        round: u32,
+    },
+}
+
+/// A seat in the open round.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Seat {
+    alive: bool,
+    /// What is left of its bank.
+    bank: Duration,
+    given: Option<Given>,
+}
+
+/// How long a round and a game may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Clocks {
+    /// How long a round lasts before banks are touched.
+    pub round_deadline: Option<Duration>,
+    /// What each seat may overspend in all.
+    pub bank: Duration,
+    /// After how long without any act the episode is abandoned.
+    pub idle_timeout: Duration,
+}
+
+/// The state of the barrier.
+#[derive(Clone, Debug)]
+pub struct Lockstep {
+    clocks: Clocks,
+    phase: Phase,
+    round: u32,
+    seats: Vec<Seat>,
+    opened_at: Timestamp,
+    last_act_at: Timestamp,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Waiting,
+    /// Acts are taken.
+    Open,
+    /// All acts are there; the round is being resolved.
+    Closed,
+    Over(Outcome),
+}
+
+/// From what an episode goes on: a new one has no acts and full banks.
+#[derive(Clone, Debug)]
+pub struct Standing {
+    /// Whether it waits for its start.
+    pub waiting: bool,
+    /// How it ended, if it has.
+    pub outcome: Option<Outcome>,
+    /// The open round.
+    pub round: u32,
+    /// By agent, whether it is on the map.
+    pub alive: Vec<bool>,
+    /// By agent, what was taken from its bank in all rounds.
+    pub bank_spent: Vec<Duration>,
+    /// What was given for the open round already.
+    pub given: Vec<(AgentId, Given)>,
+    /// When the last act came, or the episode was created.
+    pub last_act_at: Timestamp,
+}
+
+impl Lockstep {
+    /// Takes an episode up where it stands. An open round gets its full clock (again).
+    #[must_use]
+    pub fn new(clocks: Clocks, standing: Standing, now: Timestamp) -> Self {
+        let phase = match standing.outcome {
+            Some(outcome) => Phase::Over(outcome),
+            None if standing.waiting => Phase::Waiting,
+            None => Phase::Open,
+        };
+        let seats = standing.alive.iter().zip(&standing.bank_spent);
+        let mut lockstep = Self {
+            clocks,
+            phase,
+            round: standing.round,
+            seats: seats
+                .map(|(&alive, &spent)| Seat {
+                    alive,
+                    bank: clocks.bank.saturating_sub(spent),
+                    given: None,
+                })
+                .collect(),
+            opened_at: now,
+            last_act_at: standing.last_act_at,
+        };
+        for (agent, given) in standing.given {
+            lockstep.seats[agent.index()].given = Some(given);
+        }
+        lockstep
+    }
+
+    /// What the engine is to be told of the open round, by agent; none from the escaped.
+    pub fn records(&self) -> impl Iterator<Item = &ActRecord> {
+        self.seats.iter().filter_map(|seat| seat.given.as_ref()).map(|given| &given.record)
+    }
+
+    /// By agent, what is left of its bank at the opening of the round.
+    #[must_use]
+    pub fn banks(&self) -> Vec<Duration> {
+        self.seats.iter().map(|seat| seat.bank).collect()
+    }
+
+    /// The seats that have acted in the open round.
+    pub fn acted(&self) -> impl Iterator<Item = AgentId> + '_ {
+        (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.given.is_some()).map(|(a, _)| a)
+    }
+
+    /// When the open round was opened.
+    #[must_use]
+    pub const fn opened_at(&self) -> Timestamp {
+        self.opened_at
+    }
+
+    /// Where the episode stands.
+    #[must_use]
+    pub const fn status(&self) -> Status {
+        match self.phase {
+            Phase::Waiting => Status::Waiting,
+            Phase::Open | Phase::Closed => Status::Running,
+            Phase::Over(outcome) => outcome.ending.status(),
+        }
+    }
+
+    /// How the episode ended, if it has.
+    #[must_use]
+    pub const fn outcome(&self) -> Option<Outcome> {
+        match self.phase {
+            Phase::Over(outcome) => Some(outcome),
+            Phase::Waiting | Phase::Open | Phase::Closed => None,
+        }
+    }
+
+    /// When [`Event::Tick`] is next to be told.
+    #[must_use]
+    pub fn wakes_at(&self) -> Option<Timestamp> {
+        let idle = after(self.last_act_at, self.clocks.idle_timeout);
+        match self.phase {
+            Phase::Waiting => Some(idle),
+            Phase::Open => {
+                let pending = self.seats.iter().filter(|seat| seat.alive && seat.given.is_none());
+                let deadlines = pending.filter_map(|seat| self.deadline(seat));
+                deadlines.min().or(Some(idle)).map(|at| at.min(idle))
+            }
+            Phase::Closed | Phase::Over(_) => None,
+        }
+    }
+
+    /// Takes an event.
+    pub fn apply(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
+        match event {
+            Event::Start => self.start(now),
+            Event::Abort => self.stop(now, Ending::Aborted),
+            Event::Done => self.stop(now, Ending::TaskDone),
+            Event::Submit { agent, submission, earlier } => {
+                self.submit(now, agent, submission, earlier)
+            }
+            Event::Tick => self.tick(now),
+            Event::Resolved { alive, ending } => self.resolved(now, &alive, ending),
+        }
+    }
+
+    /// Starts a waiting episode; doing it again changes nothing.
+    fn start(&mut self, now: Timestamp) -> Vec<Effect> {
+        if self.phase != Phase::Waiting {
+            return Vec::new();
+        }
+        self.phase = Phase::Open;
+        self.opened_at = now;
+        self.last_act_at = now;
+        vec![Effect::KeepStart, Effect::Publish]
+    }
+
+    /// Ends the episode unless it has ended.
+    fn stop(&mut self, now: Timestamp, ending: Ending) -> Vec<Effect> {
+        if self.outcome().is_some() {
+            return Vec::new();
+        }
+        self.end(now, ending)
+    }
+
+    fn end(&mut self, now: Timestamp, ending: Ending) -> Vec<Effect> {
+        self.phase = Phase::Over(Outcome { ending, at: now });
+        vec![Effect::End(ending)]
+    }
+
+    fn submit(
+        &mut self,
+        now: Timestamp,
+        agent: AgentId,
+        submission: Submission,
+        earlier: Option<Given>,
+    ) -> Vec<Effect> {
+        let Submission { round: sent, mut record } = submission;
+        let round = self.round;
+        let waiting = self.phase == Phase::Waiting;
+        let seat = &self.seats[agent.index()];
+        let given = if sent == round { seat.given.clone() } else { earlier };
+        let answered = given.as_ref().filter(|given| given.record.source == Source::Player);
+        let refusal = match answered {
+            Some(given) if is_same(&given.record, &record) => {
+                let receipt = Receipt { round: sent, given: given.clone(), duplicate: true };
+                return vec![Effect::Answer(Ok(receipt))];
+            }
+            _ if sent > round || (waiting && sent == round) => {
+                Some(Refusal::RoundAhead { sent, round })
+            }
+            Some(_) => Some(Refusal::AlreadyActed { sent, round }),
+            None if self.outcome().is_some() => {
+                Some(Refusal::EpisodeOver { round, escaped: false })
+            }
+            None if !seat.alive => Some(Refusal::EpisodeOver { round, escaped: true }),
+            None if sent < round || given.is_some() || self.phase == Phase::Closed => {
+                Some(Refusal::RoundOver { sent, round })
+            }
+            None => None,
+        };
+        if let Some(refusal) = refusal {
+            return vec![Effect::Answer(Err(refusal))];
+        }
+        if self.deadline(seat).is_some_and(|deadline| deadline < now) {
+            // The clock ran out before the act came, only nobody has ticked since.
+            let mut effects = self.tick(now);
+            effects.push(Effect::Answer(Err(Refusal::RoundOver { sent, round })));
+            return effects;
+        }
+        record.bank_spent_ms = millis(self.overspent(now).min(seat.bank));
+        self.last_act_at = now;
+        let waiting_for = self.waiting_for() - 1;
+        let given = Given { record, waiting_for };
+        self.seats[agent.index()].given = Some(given.clone());
+        let receipt = Receipt { round, given: given.clone(), duplicate: false };
+        let mut effects =
+            vec![Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))];
+        self.close_if_complete(&mut effects);
+        effects
+    }
+
+    fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+        let mut effects = Vec::new();
+        match self.phase {
+            Phase::Waiting | Phase::Open => {}
+            Phase::Closed | Phase::Over(_) => return effects,
+        }
+        if after(self.last_act_at, self.clocks.idle_timeout) <= now {
+            return self.end(now, Ending::Idle);
+        }
+        if self.phase == Phase::Open {
+            for place in 0..self.seats.len() {
+                let seat = &self.seats[place];
+                let is_late = self.deadline(seat).is_some_and(|deadline| deadline <= now);
+                if !seat.alive || seat.given.is_some() || !is_late {
+                    continue;
+                }
+                let agent = AgentId(u16::try_from(place).expect("at most 1,024 agents"));
+                let record = ActRecord::clock_ran_out(agent, millis(seat.bank));
+                let given = Given { record, waiting_for: self.waiting_for() - 1 };
+                self.seats[place].given = Some(given.clone());
+                effects.push(Effect::KeepAct { agent, given });
+            }
+            if !effects.is_empty() {
+                self.close_if_complete(&mut effects);
+            }
+        }
+        effects
+    }
+
+    fn resolved(
+        &mut self,
+        now: Timestamp,
+        alive: &[bool],
+        ending: Option<Ending>,
+    ) -> Vec<Effect> {
+        for (seat, &alive) in self.seats.iter_mut().zip(alive) {
+            if let Some(given) = seat.given.take() {
+                let spent = Duration::from_millis(given.record.bank_spent_ms);
+                seat.bank = seat.bank.saturating_sub(spent);
+            }
+            seat.alive = alive;
+        }
+        self.round += 1;
+        self.opened_at = now;
+        match ending {
+            Some(ending) => self.end(now, ending),
+            None => {
+                self.phase = Phase::Open;
+                vec![Effect::Publish]
+            }
+        }
+    }
+
+    fn close_if_complete(&mut self, effects: &mut Vec<Effect>) {
+        if self.waiting_for() == 0 {
+            self.phase = Phase::Closed;
+            effects.push(Effect::Resolve);
+        }
+    }
+
+    /// After an episode was taken up: resolves an open round that has all its acts.
+    pub fn close(&mut self) -> Vec<Effect> {
+        let mut effects = Vec::new();
+        let has_acts = self.seats.iter().any(|seat| seat.given.is_some());
+        if self.phase == Phase::Open && has_acts {
+            self.close_if_complete(&mut effects);
+        }
+        effects
+    }
+
+    /// How many living seats have not acted in the open round.
+    fn waiting_for(&self) -> u32 {
+        let pending = self.seats.iter().filter(|seat| seat.alive && seat.given.is_none()).count();
+        u32::try_from(pending).expect("at most 1,024 agents")
+    }
+
+    /// By how much the open round has passed its deadline.
+    fn overspent(&self, now: Timestamp) -> Duration {
+        let deadline = self.clocks.round_deadline.map(|round| after(self.opened_at, round));
+        deadline.map_or(Duration::ZERO, |deadline| crate::clock::until(deadline, now))
+    }
+
+    fn deadline(&self, seat: &Seat) -> Option<Timestamp> {
+        self.clocks.round_deadline.map(|round| after(self.opened_at, round + seat.bank))
+    }
+}
+
+/// Whether two acts are the same: usage and reasoning are not compared, the first are kept.
+fn is_same(kept: &ActRecord, sent: &ActRecord) -> bool {
+    kept.action == sent.action
+        && kept.message == sent.message
+        && kept.to == sent.to
+        && kept.response == sent.response
+}

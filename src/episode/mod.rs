@@ -1,0 +1,174 @@
+//! Running episodes.
+//!
+//! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
+//! performs what it says, one task an episode. [`registry`] finds and starts them; [`recovery`] makes
+//! a running episode of a journal. Readers look at a [`Snapshot`], which never changes.
+
+pub mod actor;
+pub mod lockstep;
+pub mod recovery;
+pub mod registry;
+pub mod spec;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use swarmbench_engine::{AgentId, World};
+
+use crate::clock::after;
+use crate::journal::chain::Head;
+use spec::Spec;
+
+/// Where an episode stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// Created, not started.
+    Waiting,
+    /// Rounds are played.
+    Running,
+    /// Played to its end.
+    Finished,
+    /// Ended by its creator.
+    Aborted,
+    /// Ended because nobody acted any more.
+    Abandoned,
+}
+
+impl Status {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::Waiting, Self::Running, Self::Finished, Self::Aborted, Self::Abandoned];
+
+    /// Its name on the wire and in the database.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Finished => "finished",
+            Self::Aborted => "aborted",
+            Self::Abandoned => "abandoned",
+        }
+    }
+
+    /// The status with this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|status| status.name() == name)
+    }
+
+    /// Whether nothing happens any more.
+    #[must_use]
+    pub const fn is_over(self) -> bool {
+        match self {
+            Self::Waiting | Self::Running => false,
+            Self::Finished | Self::Aborted | Self::Abandoned => true,
+        }
+    }
+}
+
+/// Why an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// The task was done.
+    TaskDone,
+    /// All rounds were played.
+    RoundsPlayed,
+    /// Its creator ended it.
+    Aborted,
+    /// Nobody acted for too long.
+    Idle,
+}
+
+impl Ending {
+    /// Its name on the wire and in the journal.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TaskDone => "task_done",
+            Self::RoundsPlayed => "rounds_played",
+            Self::Aborted => "aborted",
+            Self::Idle => "idle",
+        }
+    }
+
+    /// The ending with this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        [Self::TaskDone, Self::RoundsPlayed, Self::Aborted, Self::Idle]
+            .into_iter()
+            .find(|ending| ending.name() == name)
+    }
+
+    /// The status of an episode that ended so.
+    #[must_use]
+    pub const fn status(self) -> Status {
+        match self {
+            Self::TaskDone | Self::RoundsPlayed => Status::Finished,
+            Self::Aborted => Status::Aborted,
+            Self::Idle => Status::Abandoned,
+        }
+    }
+}
+
+/// How an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Why.
+    pub ending: Ending,
+    /// When.
+    pub at: Timestamp,
+}
+
+/// An episode between two rounds: what all readers share. It never changes, but that seats act.
+#[derive(Debug)]
+pub struct Snapshot {
+    /// Where the episode stands.
+    pub status: Status,
+    /// The state.
+    pub world: Arc<World>,
+    /// The head of the journal's chain.
+    pub head: Head,
+    /// How the episode ended, if it has.
+    pub outcome: Option<Outcome>,
+    /// When the open round was opened.
+    pub opened_at: Timestamp,
+    /// The place of the open round among all rounds that this server opened.
+    pub opened: u64,
+    /// By agent, what is left of its bank at the opening of the round.
+    pub banks: Vec<Duration>,
+    /// By agent, whether it acted in the open round, durably.
+    acted: Vec<AtomicBool>,
+    /// By agent, room for its observation as it was written out once.
+    pub written: Vec<OnceLock<Bytes>>,
+}
+
+impl Snapshot {
+    /// Whether the agent acted in the open round.
+    #[must_use]
+    pub fn has_acted(&self, agent: AgentId) -> bool {
+        self.acted[agent.index()].load(Ordering::Acquire)
+    }
+
+    /// Notes that the agent's act for the open round is durable.
+    pub(crate) fn set_acted(&self, agent: AgentId) {
+        self.acted[agent.index()].store(true, Ordering::Release);
+    }
+
+    /// Whether the open round waits for this agent.
+    #[must_use]
+    pub fn waits_for(&self, agent: AgentId) -> bool {
+        self.status == Status::Running && self.world.is_alive(agent) && !self.has_acted(agent)
+    }
+
+    /// When the agent's clock runs out in the open round: its deadline, and its bank after that.
+    #[must_use]
+    pub fn deadline(&self, spec: &Spec, agent: AgentId) -> Option<Timestamp> {
+        let round = spec.round_deadline.filter(|_| self.status == Status::Running)?;
+        let bank = self.banks[agent.index()];
+        self.world.is_alive(agent).then(|| after(self.opened_at, round + bank))
+    }
+}

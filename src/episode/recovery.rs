@@ -1,0 +1,191 @@
+//! Journal → running episode: every unfinished episode stands again at the same round, with the acts
+//! that were already given.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use swarmbench_engine::World;
+
+use super::actor::{Fresh, Keyframes};
+use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::spec::Spec;
+use super::{Ending, Outcome};
+use crate::journal::record::{End, Record};
+use crate::journal::replay::acts_of;
+use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound};
+
+/// Rounds that are read at once.
+const CHUNK: u32 = 256;
+
+/// Why an episode cannot be taken up.
+#[derive(Debug, thiserror::Error)]
+pub enum RecoveryError {
+    /// Its journal cannot be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// Its journal does not play again as it was played.
+    #[error("the journal of episode {episode} does not play again: {problem}")]
+    Broken {
+        /// The public id.
+        episode: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// Takes a stored episode up.
+pub(super) async fn recover(
+    journal: &Arc<dyn Journal>,
+    stored: StoredEpisode,
+    now: jiff::Timestamp,
+) -> Result<Fresh, RecoveryError> {
+    let broken = |problem: String| RecoveryError::Broken { episode: stored.id.to_string(), problem };
+    let opening = match stored.opening.read() {
+        Ok(Record::Opening(opening)) => *opening,
+        Ok(Record::Round(_) | Record::End(_)) => return Err(broken("it has no opening".to_owned())),
+        Err(error) => return Err(broken(error.to_string())),
+    };
+    let spec = Arc::new(Spec::from_opening(&opening).map_err(broken)?);
+    let config = Arc::clone(&spec.config);
+    let layout = blocking(move || Arc::new(World::new(config))).await?;
+    let mut track = Track {
+        keyframes: Keyframes::new(Arc::clone(&layout)),
+        world: layout,
+        bank_spent: vec![Duration::ZERO; spec.config.num_agents().into()],
+    };
+    while track.world.round() < stored.rounds {
+        let from = track.world.round();
+        let to = stored.rounds.min(from + CHUNK);
+        let acts = journal.acts(stored.episode, from, to).await?;
+        let rounds = journal.rounds(stored.episode, from, to).await?;
+        track = blocking(move || track.play(&acts, &rounds)).await?.map_err(broken)?;
+    }
+    let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
+    let outcome = match &stored.end {
+        None => None,
+        Some(end) => Some(outcome(end, stored.ended_at.unwrap_or(now)).map_err(broken)?),
+    };
+    let standing = Standing {
+        waiting: stored.status == "waiting",
+        outcome,
+        round: stored.rounds,
+        alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
+        bank_spent: track.bank_spent,
+        given: (open.into_iter().flat_map(|(_, acts)| acts))
+            .map(|(agent, act)| {
+                (agent, Given { record: act.record, waiting_for: act.waiting_for })
+            })
+            .collect(),
+        last_act_at: stored.last_act_at.unwrap_or(stored.created_at),
+    };
+    let clocks = clocks(&spec);
+    Ok(Fresh {
+        id: stored.id,
+        key: stored.episode,
+        spec,
+        created_at: stored.created_at,
+        world: track.world,
+        head: stored.head,
+        lockstep: Lockstep::new(clocks, standing, now),
+        keyframes: track.keyframes,
+    })
+}
+
+/// An episode on its way from its layout to where it stands.
+struct Track {
+    world: Arc<World>,
+    keyframes: Keyframes,
+    bank_spent: Vec<Duration>,
+}
+
+impl Track {
+    fn play(
+        mut self,
+        acts: &[(u32, RoundActs)],
+        rounds: &[StoredRound],
+    ) -> Result<Self, String> {
+        for round in rounds {
+            let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
+                Some((_, given)) => given,
+                None => &[],
+            };
+            for (agent, act) in given {
+                self.bank_spent[agent.index()] += Duration::from_millis(act.record.bank_spent_ms);
+            }
+            let records = given.iter().map(|(_, act)| &act.record);
+            let acts = acts_of(self.world.config(), records)?;
+            let mut world = World::clone(&self.world);
+            if world.is_over() {
+                return Err(format!("round {} is one too many", round.round));
+            }
+            world.step(&acts);
+            if world.digest().0 != round.digest {
+                return Err(format!("round {} has another digest", round.round));
+            }
+            self.world = Arc::new(world);
+            self.keyframes.offer(&self.world);
+        }
+        Ok(self)
+    }
+}
+
+/// The clocks of an episode.
+pub(super) fn clocks(spec: &Spec) -> Clocks {
+    Clocks {
+        round_deadline: spec.round_deadline,
+        bank: spec.bank,
+        idle_timeout: spec.idle_timeout,
+    }
+}
+
+fn outcome(
+    end: &crate::journal::record::RawRecord,
+    at: jiff::Timestamp,
+) -> Result<Outcome, String> {
+    let Record::End(End { reason, .. }) = end.read().map_err(|error| error.to_string())? else {
+        return Err("its last record is not an end".to_owned());
+    };
+    let ending = Ending::parse(&reason).ok_or_else(|| format!("it ended by {reason:?}"))?;
+    Ok(Outcome { ending, at })
+}
+
+/// The state after `round` rounds, from a kept state before it and the stored acts.
+///
+/// # Errors
+/// Where the journal cannot be read or does not play again.
+pub async fn state_at(
+    journal: &Arc<dyn Journal>,
+    handle: &super::actor::Handle,
+    round: u32,
+) -> Result<Arc<World>, RecoveryError> {
+    let mut world = handle.keyframe(round);
+    while world.round() < round {
+        let from = world.round();
+        let to = round.min(from + CHUNK);
+        let acts = journal.acts(handle.key, from, to).await?;
+        world = blocking(move || replay(&world, &acts, to)).await?.map_err(|problem| {
+            RecoveryError::Broken { episode: handle.id.to_string(), problem }
+        })?;
+    }
+    Ok(world)
+}
+
+fn replay(world: &World, acts: &[(u32, RoundActs)], to: u32) -> Result<Arc<World>, String> {
+    let mut world = world.clone();
+    let mut acts = acts.iter().peekable();
+    while world.round() < to {
+        let given = acts.next_if(|(round, _)| *round == world.round());
+        let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.record);
+        let acts = acts_of(world.config(), records)?;
+        world.step(&acts);
+    }
+    Ok(Arc::new(world))
+}
+
+/// Leaves the async threads for work that takes long.
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, JournalError> {
+    let done = tokio::task::spawn_blocking(work).await;
+    done.map_err(|error| JournalError(error.to_string().into()))
+}

@@ -1,0 +1,207 @@
+//! All episodes of a server: creates them, finds them, takes them up from the journal on first use,
+//! and lets go of those that have ended.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench_engine::World;
+use tokio::sync::OnceCell;
+use tokio_util::task::TaskTracker;
+
+use super::actor::{Fresh, Handle, Host, Keyframes, is_heavy, spawn};
+use super::lockstep::{Lockstep, Standing};
+use super::recovery::{RecoveryError, clocks, recover};
+use super::spec::Spec;
+use crate::clock::{Clock, after};
+use crate::ids::EpisodeId;
+use crate::journal::chain::Head;
+use crate::journal::record::RawRecord;
+use crate::journal::{Entry, EpisodeKey, Journal, JournalError, OpeningRow, TokenRow};
+
+/// How long an episode that has ended stays in memory after it was last asked for.
+const ENDED_STAYS: Duration = Duration::from_secs(300);
+
+/// What belongs to a new episode beside its description.
+pub struct Creation {
+    /// Its public id.
+    pub id: EpisodeId,
+    /// What it is.
+    pub spec: Spec,
+    /// Its tokens.
+    pub tokens: Vec<TokenRow>,
+    /// The key by which a repeated creation finds it, and the hash of the body.
+    pub idempotency: Option<(String, [u8; 32])>,
+}
+
+/// All episodes of a server. Cloning shares them.
+#[derive(Clone)]
+pub struct Registry {
+    host: Host,
+    slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
+    next_key: Arc<AtomicI64>,
+    tracker: TaskTracker,
+}
+
+#[derive(Clone)]
+struct Slot {
+    handle: Arc<OnceCell<Handle>>,
+    used_at: Timestamp,
+}
+
+impl Registry {
+    /// The registry over a journal whose newest episode has the number `last_key`.
+    #[must_use]
+    pub fn new(journal: Arc<dyn Journal>, clock: Arc<dyn Clock>, last_key: i64) -> Self {
+        Self {
+            host: Host { journal, clock, opened: Arc::new(AtomicU64::new(0)) },
+            slots: Arc::default(),
+            next_key: Arc::new(AtomicI64::new(last_key + 1)),
+            tracker: TaskTracker::new(),
+        }
+    }
+
+    /// The journal from which states of earlier rounds are recomputed.
+    #[must_use]
+    pub fn journal(&self) -> &Arc<dyn Journal> {
+        &self.host.journal
+    }
+
+    /// How many episodes are in memory and have not ended.
+    #[must_use]
+    pub fn live(&self) -> usize {
+        let slots = self.slots.lock().expect("nothing panics while it holds this");
+        let live = |slot: &&Slot| {
+            slot.handle.get().is_none_or(|handle| !handle.snapshot().status.is_over())
+        };
+        slots.values().filter(live).count()
+    }
+
+    /// Creates an episode; it is durable when this returns.
+    ///
+    /// # Errors
+    /// Where it could not be kept.
+    pub async fn create(&self, creation: Creation) -> Result<Handle, JournalError> {
+        let Creation { id, spec, tokens, idempotency } = creation;
+        let now = self.host.clock.now();
+        let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
+        let config = Arc::clone(&spec.config);
+        let world = if is_heavy(&config) {
+            tokio::task::spawn_blocking(move || World::new(config))
+                .await
+                .map_err(|error| JournalError(error.to_string().into()))?
+        } else {
+            World::new(config)
+        };
+        let world = Arc::new(world);
+        let record = RawRecord::write(&spec.opening(&id, now, &world));
+        let head = Head::START.link(record.as_str().as_bytes());
+        let row = OpeningRow {
+            episode: key,
+            id: id.clone(),
+            record,
+            head,
+            task: spec.config.task().name(),
+            model: spec.model.clone(),
+            visibility: spec.visibility.name(),
+            waiting: spec.manual_start,
+            clocked: spec.round_deadline.is_some(),
+            at: now,
+            idempotency,
+            tokens,
+        };
+        let (done, kept) = tokio::sync::oneshot::channel();
+        let committed = Box::new(move |result| drop(done.send(result)));
+        self.host.journal.append(vec![Entry::Open(Box::new(row))], committed);
+        kept.await.unwrap_or_else(|_| Err(JournalError("the server is stopping".into())))?;
+        let agents = usize::from(spec.config.num_agents());
+        let standing = Standing {
+            waiting: spec.manual_start,
+            outcome: None,
+            round: 0,
+            alive: vec![true; agents],
+            bank_spent: vec![Duration::ZERO; agents],
+            given: Vec::new(),
+            last_act_at: now,
+        };
+        let spec = Arc::new(spec);
+        let fresh = Fresh {
+            id: id.clone(),
+            key,
+            created_at: now,
+            keyframes: Keyframes::new(Arc::clone(&world)),
+            lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
+            spec,
+            world,
+            head,
+        };
+        metrics::counter!("swarmbench_episodes_created_total").increment(1);
+        let handle = spawn(self.host.clone(), fresh, &self.tracker);
+        let cell = Arc::new(OnceCell::new_with(Some(handle.clone())));
+        let slot = Slot { handle: cell, used_at: now };
+        self.slots.lock().expect("nothing panics while it holds this").insert(id, slot);
+        Ok(handle)
+    }
+
+    /// Finds an episode, taking it up from the journal where it is not in memory.
+    ///
+    /// # Errors
+    /// Where its journal cannot be read or played again.
+    pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, RecoveryError> {
+        let now = self.host.clock.now();
+        let known = {
+            let mut slots = self.slots.lock().expect("nothing panics while it holds this");
+            slots.get_mut(id).map(|slot| {
+                slot.used_at = now;
+                Arc::clone(&slot.handle)
+            })
+        };
+        if let Some(handle) = known.as_ref().and_then(|cell| cell.get()) {
+            return Ok(Some(handle.clone()));
+        }
+        let Some(stored) = self.host.journal.episode(id.clone()).await? else { return Ok(None) };
+        let cell = {
+            let mut slots = self.slots.lock().expect("nothing panics while it holds this");
+            let empty = || Slot { handle: Arc::default(), used_at: now };
+            Arc::clone(&slots.entry(id.clone()).or_insert_with(empty).handle)
+        };
+        // Whoever comes first takes it up, the others wait for that.
+        let take_up = || async {
+            let fresh = recover(&self.host.journal, stored, now).await?;
+            Ok::<_, RecoveryError>(spawn(self.host.clone(), fresh, &self.tracker))
+        };
+        match cell.get_or_try_init(take_up).await {
+            Ok(handle) => Ok(Some(handle.clone())),
+            Err(error) => {
+                self.slots.lock().expect("nothing panics while it holds this").remove(id);
+                Err(error)
+            }
+        }
+    }
+
+    /// Takes up all unfinished episodes, those with clocks first, so that their clocks go on.
+    ///
+    /// # Errors
+    /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
+    pub async fn take_up_unfinished(&self) -> Result<usize, JournalError> {
+        let ids = self.host.journal.unfinished().await?;
+        for id in &ids {
+            if let Err(error) = self.find(id).await {
+                tracing::error!(%error, "an episode cannot be taken up");
+            }
+        }
+        Ok(ids.len())
+    }
+
+    /// Lets go of episodes that have ended and were not asked for lately.
+    pub fn let_go(&self) {
+        let now = self.host.clock.now();
+        let mut slots = self.slots.lock().expect("nothing panics while it holds this");
+        slots.retain(|_, slot| {
+            let ended = slot.handle.get().is_some_and(|handle| handle.snapshot().status.is_over());
+            !ended || after(slot.used_at, ENDED_STAYS) > now
+        });
+    }
+}

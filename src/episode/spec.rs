@@ -1,0 +1,122 @@
+//! What an episode is, beyond its simulation: clocks, who may read it, who plays.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench_engine::{Config, RULES_REVISION, World};
+
+use crate::clock::millis;
+use crate::ids::EpisodeId;
+use crate::journal::record::{self, FORMAT, Opening, RecordedConfig};
+
+/// Who reads state, events and resolved rounds of an episode before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// Anyone.
+    Public,
+    /// Whoever created it.
+    Owner,
+}
+
+impl Visibility {
+    /// All that a creator may choose.
+    pub const ALL: [Self; 2] = [Self::Public, Self::Owner];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Public => "public",
+            Self::Owner => "owner",
+        }
+    }
+}
+
+/// A checked description of an episode.
+#[derive(Clone, Debug)]
+pub struct Spec {
+    /// The simulation.
+    pub config: Arc<Config>,
+    /// How long a round lasts for a seat before its bank is touched; none without a clock.
+    pub round_deadline: Option<Duration>,
+    /// What a seat may overspend in all rounds together.
+    pub bank: Duration,
+    /// Whether it waits for a manual start.
+    pub manual_start: bool,
+    /// After how long without any act it ends as abandoned.
+    pub idle_timeout: Duration,
+    /// Who reads it before the end.
+    pub visibility: Visibility,
+    /// Who plays.
+    pub model: String,
+    /// What else is known of who plays.
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// The text of the prompt template.
+    pub prompt_template: Arc<str>,
+    /// Whether the template is the episode's own.
+    pub custom_template: bool,
+}
+
+impl Spec {
+    /// The opening record of an episode that is laid out as `world`.
+    #[must_use]
+    pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
+        let settings = self.config.settings();
+        let config = RecordedConfig {
+            task: settings.task,
+            rules: settings.rules,
+            control: settings.control,
+            seed: u64::try_from(settings.seed).expect("a checked seed is not negative"),
+            num_agents: self.config.num_agents(),
+            width: settings.width,
+            height: settings.height,
+            view_size: settings.view_size,
+            memory: settings.memory,
+            max_round: self.config.max_round(),
+            noise: settings.noise,
+            max_delay: settings.max_delay,
+            round_deadline_ms: self.round_deadline.map(millis),
+            bank_ms: millis(self.bank),
+            start: if self.manual_start { "manual" } else { "now" }.to_owned(),
+            idle_timeout_ms: millis(self.idle_timeout),
+            visibility: self.visibility.name().to_owned(),
+            model: self.model.clone(),
+            custom_template: self.custom_template,
+        };
+        record::Record::Opening(Box::new(Opening {
+            format: FORMAT,
+            episode: id.to_string(),
+            rules_revision: RULES_REVISION,
+            created_at,
+            config,
+            agent_meta: self.agent_meta.clone(),
+            prompt_template: self.prompt_template.to_string(),
+            digest: world.digest().to_string(),
+        }))
+    }
+
+    /// Reads an episode's description back from its opening record.
+    ///
+    /// # Errors
+    /// What in the record this program does not know or does not allow.
+    pub fn from_opening(opening: &Opening) -> Result<Self, String> {
+        if opening.rules_revision != RULES_REVISION {
+            return Err(format!("rules revision {} is not played here", opening.rules_revision));
+        }
+        let config = &opening.config;
+        let visibility = Visibility::ALL.into_iter().find(|v| v.name() == config.visibility);
+        Ok(Self {
+            config: Arc::new(config.engine().map_err(|error| error.to_string())?),
+            round_deadline: config.round_deadline_ms.map(Duration::from_millis),
+            bank: Duration::from_millis(config.bank_ms),
+            manual_start: config.start == "manual",
+            idle_timeout: Duration::from_millis(config.idle_timeout_ms),
+            visibility: visibility.ok_or_else(|| format!("visibility {:?}", config.visibility))?,
+            model: config.model.clone(),
+            agent_meta: opening.agent_meta.clone(),
+            prompt_template: opening.prompt_template.as_str().into(),
+            custom_template: config.custom_template,
+        })
+    }
+}

@@ -1,0 +1,4 @@
+//! What an agent needs: look and act.
+
+pub(super) mod act;
+pub(super) mod obs;

@@ -1,0 +1,45 @@
+//! `DELETE /api/v1/episodes/{id}`.
+
+use axum::Json;
+use axum::extract::{Path, State};
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use crate::episode::Status;
+use crate::wire::episode::EpisodeSummary;
+use crate::wire::problem::Problem;
+
+/// Abort an episode. What was played stays in the journal.
+///
+/// Aborting one that was aborted changes nothing.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/episodes/{id}",
+    operation_id = "abort_episode",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    security((), ("swarm" = [])),
+    responses(
+        (status = 200, description = "The episode is aborted", body = EpisodeSummary),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`episode_over`: it has ended otherwise", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn abort_episode(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<EpisodeSummary>, ApiError> {
+    let handle = app.owned(&caller, id).await?;
+    handle.abort().await?;
+    let snapshot = handle.snapshot();
+    if snapshot.status != Status::Aborted {
+        let detail = format!("the episode has ended already, as {}", snapshot.status.name());
+        return Err(ApiError::new(Code::EpisodeOver, detail).at_round(snapshot.world.round()));
+    }
+    Ok(Json(app.summary(&caller, &handle.id).await?))
+}

@@ -1,0 +1,255 @@
+//! `POST /api/v1/episodes`.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use sha2::{Digest, Sha256};
+use swarmbench_engine::{AgentId, Config, Settings};
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::Json;
+use super::super::limits::Limits;
+use super::{config, duration};
+use crate::episode::actor::Handle;
+use crate::episode::registry::Creation;
+use crate::episode::spec::{Spec, Visibility};
+use crate::ids::{EpisodeId, Token, TokenKind};
+use crate::journal::{Entry, TokenRow};
+use crate::prompt;
+use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
+use crate::wire::problem::{FieldProblem, Problem};
+
+/// Create an episode.
+///
+/// The tokens are shown this once. A repeat with the same `Idempotency-Key` and body gives the same
+/// episode with fresh tokens, and the earlier ones are revoked.
+#[utoipa::path(
+    post,
+    path = "/api/v1/episodes",
+    operation_id = "create_episode",
+    tag = "episodes",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation")),
+    request_body(content = EpisodeRequest, description = "At most 256 KiB"),
+    responses(
+        (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
+        (status = 400, description = "`malformed`: not JSON, or not UTF-8", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode creates none", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "`too_large`", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "`unsupported_media_type`", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "`invalid`, naming the `fields` and what is allowed", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`overloaded`: too many episodes, or `unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_episode(
+    State(app): State<App>,
+    caller: Caller,
+    headers: HeaderMap,
+    Json(request, body): Json<EpisodeRequest>,
+) -> Result<Response, ApiError> {
+    if caller != Caller::Anonymous {
+        let detail = "a token of an episode creates no other; send none";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let key = idempotency_key(&headers, &app.limits)?;
+    let spec = spec(request, &app)?;
+    let body: [u8; 32] = Sha256::digest(&body).into();
+    let Some(key) = key else { return new_episode(&app, spec, None).await };
+    let _one_by_one = app.creating.lock().await;
+    match app.store.created_with(&key).await? {
+        None => new_episode(&app, spec, Some((key, body))).await,
+        Some((_, first)) if first != body => Err(ApiError::new(
+            Code::Invalid,
+            "this Idempotency-Key was used with another body; send that body, or another key",
+        )),
+        Some((id, _)) => {
+            let handle = app.episode(&id).await?;
+            let tokens = Tokens::new(&app, handle.spec.config.num_agents());
+            let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
+            app.store.keep(vec![entry]).await?;
+            app.tokens.retain(|_, grant| grant.episode != id);
+            Ok(created(&handle, &tokens))
+        }
+    }
+}
+
+async fn new_episode(
+    app: &App,
+    spec: Spec,
+    idempotency: Option<(String, [u8; 32])>,
+) -> Result<Response, ApiError> {
+    let most = app.limits.episodes_live_max;
+    if app.registry.live() >= most {
+        let detail = format!("{most} episodes are played already; wait until some have ended");
+        return Err(ApiError::limit(Code::Overloaded, "episodes_live_max", most, detail)
+            .retry_after(std::time::Duration::from_secs(10)));
+    }
+    let id = EpisodeId::new(app.clock.now(), &*app.entropy);
+    let tokens = Tokens::new(app, spec.config.num_agents());
+    let creation = Creation { id, spec, tokens: tokens.rows(), idempotency };
+    let handle = app.registry.create(creation).await?;
+    Ok(created(&handle, &tokens))
+}
+
+/// The tokens of one episode in clear.
+struct Tokens {
+    seats: Vec<(AgentId, Token)>,
+    swarm: Token,
+}
+
+impl Tokens {
+    fn new(app: &App, agents: u16) -> Self {
+        let token = |kind| Token::new(kind, &*app.entropy);
+        Self {
+            seats: (0..agents).map(|agent| (AgentId(agent), token(TokenKind::Seat))).collect(),
+            swarm: token(TokenKind::Swarm),
+        }
+    }
+
+    fn rows(&self) -> Vec<TokenRow> {
+        let seats = self.seats.iter();
+        seats
+            .map(|(agent, token)| TokenRow { hash: token.hash(), agent: Some(*agent) })
+            .chain([TokenRow { hash: self.swarm.hash(), agent: None }])
+            .collect()
+    }
+}
+
+fn created(handle: &Handle, tokens: &Tokens) -> Response {
+    let seat = |(agent, token): &(AgentId, Token)| SeatToken {
+        agent: agent.to_string(),
+        token: token.reveal().to_owned(),
+    };
+    let body = CreatedEpisode {
+        id: handle.id.to_string(),
+        status: handle.snapshot().status.into(),
+        config: config(&handle.spec, true),
+        seats: tokens.seats.iter().map(seat).collect(),
+        swarm_token: tokens.swarm.reveal().to_owned(),
+    };
+    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
+    let location = format!("/api/v1/episodes/{}", handle.id);
+    if let Ok(location) = HeaderValue::try_from(location) {
+        response.headers_mut().insert(header::LOCATION, location);
+    }
+    // Tokens must not lie in caches on the way.
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}
+
+fn idempotency_key(headers: &HeaderMap, limits: &Limits) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let most = limits.idempotency_key_chars_max;
+    match value.to_str() {
+        Ok(key) if (1..=most).contains(&key.len()) => Ok(Some(key.to_owned())),
+        _ => Err(ApiError::new(
+            Code::Malformed,
+            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
+        )),
+    }
+}
+
+/// Checks everything that was asked for; all that is wrong is named at once.
+fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
+    let limits = &app.limits;
+    let mut problems = Vec::new();
+    let mut refuse = |field: &str, problem: String| {
+        problems.push(FieldProblem { field: field.to_owned(), problem });
+    };
+    let defaults = Settings::default();
+    let settings = Settings {
+        task: request.task.clone().unwrap_or_default(),
+        rules: request.rules.unwrap_or(defaults.rules),
+        control: request.control.unwrap_or(defaults.control),
+        seed: request.seed.unwrap_or_else(|| drawn_seed(app)),
+        num_agents: request.num_agents.unwrap_or(defaults.num_agents),
+        width: request.width.unwrap_or(defaults.width),
+        height: request.height.unwrap_or(defaults.height),
+        view_size: request.view_size.unwrap_or(defaults.view_size),
+        memory: request.memory.unwrap_or(defaults.memory),
+        max_round: request.max_round.unwrap_or(defaults.max_round),
+        noise: request.noise.unwrap_or(defaults.noise),
+        max_delay: request.max_delay.unwrap_or(defaults.max_delay),
+    };
+    let checked = if request.task.is_some() {
+        Config::check(&settings).map_err(|errors| {
+            for error in errors.0 {
+                refuse(error.field, error.problem);
+            }
+        })
+    } else {
+        refuse("task", "is missing".to_owned());
+        Err(())
+    };
+    let mut seconds = |field: &str, value: Option<f64>, default: f64, low: f64, high: f64| {
+        let value = value.unwrap_or(default);
+        if !(low..=high).contains(&value) {
+            refuse(field, format!("must be from {low} to {high} seconds, is {value}"));
+        }
+        duration(value.clamp(low, high))
+    };
+    let bank = seconds("bank_s", request.bank_s, 0.0, 0.0, 604_800.0);
+    let idle = seconds("idle_timeout_s", request.idle_timeout_s, 86_400.0, 1.0, 31_536_000.0);
+    let round_deadline = request
+        .round_deadline_s
+        .map(|value| seconds("round_deadline_s", Some(value), 0.0, 0.05, 86_400.0));
+    let start = request.start.as_deref().unwrap_or("now");
+    if !["now", "manual"].contains(&start) {
+        refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
+    }
+    let visibility = request.visibility.as_deref().unwrap_or(Visibility::Public.name());
+    let found = Visibility::ALL.into_iter().find(|known| known.name() == visibility);
+    if visibility == "sealed" {
+        refuse("visibility", "sealed is set by competitions only; use public or owner".to_owned());
+    } else if found.is_none() {
+        refuse("visibility", format!("must be one of public, owner, is {:?}", short(visibility)));
+    }
+    let model = request.model.unwrap_or_else(|| "unnamed".to_owned());
+    if !(1..=limits.model_chars_max).contains(&model.chars().count())
+        || model.chars().any(char::is_control)
+    {
+        let most = limits.model_chars_max;
+        refuse("model", format!("must be 1 to {most} characters without control characters"));
+    }
+    let agent_meta = request.agent_meta.unwrap_or_default();
+    let meta_bytes = serde_json::to_vec(&agent_meta).map_or(0, |json| json.len());
+    if meta_bytes > limits.agent_meta_bytes_max {
+        let most = limits.agent_meta_bytes_max;
+        refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
+    }
+    if let Some(template) = &request.prompt_template
+        && let Err(error) = prompt::check(template)
+    {
+        refuse("prompt_template", error.to_string());
+    }
+    let (Ok(checked), Some(visibility), true) = (checked, found, problems.is_empty()) else {
+        return Err(ApiError::fields(problems));
+    };
+    Ok(Spec {
+        config: Arc::new(checked),
+        round_deadline,
+        bank,
+        manual_start: start == "manual",
+        idle_timeout: idle,
+        visibility,
+        model,
+        agent_meta,
+        custom_template: request.prompt_template.is_some(),
+        prompt_template: request.prompt_template.as_deref().unwrap_or(prompt::BUILT_IN).into(),
+    })
+}
+
+fn short(text: &str) -> String {
+    text.chars().take(40).collect()
+}
+
+/// A seed that nobody can foresee: 53 random bits.
+fn drawn_seed(app: &App) -> i64 {
+    let mut bytes = [0; 8];
+    app.entropy.fill(&mut bytes);
+    i64::from_le_bytes(bytes) & ((1 << 53) - 1)
+}

@@ -1,0 +1,117 @@
+//! `GET /api/v1/episodes/{id}/journal`: JSON Lines, enough to play the episode again.
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures::stream;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use crate::journal::chain::Head;
+use crate::journal::record::{RawRecord, round_record};
+use crate::journal::{JournalError, StoredEpisode};
+use crate::wire::problem::Problem;
+
+/// Rounds that are read at once.
+const CHUNK: u32 = 64;
+
+/// Read an episode's journal (JSON Lines).
+///
+/// First the opening (configuration, rules revision, prompt template), then every resolved round
+/// with its acts and the digest of the state after it, at last the end. Each line holds the head of
+/// the chain of hashes after it. `swarmbench verify FILE` plays it again.
+#[utoipa::path(
+    get,
+    path = "/api/v1/episodes/{id}/journal",
+    operation_id = "read_journal",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    responses(
+        (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn read_journal(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Response, ApiError> {
+    let handle = app.readable(&caller, id).await?;
+    let is_over = handle.snapshot().status.is_over();
+    if !is_over && !caller.owns(&handle.id, handle.spec.visibility) {
+        let detail = "a journal holds the seed: until the end only the creator may read it";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let stored = app.store.find_episode(&handle.id).await?;
+    let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
+    let reader = Reader { app, stored, at: Place::Opening };
+    let lines = stream::try_unfold(reader, |mut reader| async move {
+        let lines = reader.next().await?;
+        Ok::<_, JournalError>(lines.map(|lines| (lines, reader)))
+    });
+    let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
+    Ok((kind, Body::from_stream(lines)).into_response())
+}
+
+/// Reads a journal from the store piece by piece, in constant memory.
+struct Reader {
+    app: App,
+    stored: StoredEpisode,
+    at: Place,
+}
+
+enum Place {
+    Opening,
+    Round(u32),
+    End,
+    Done,
+}
+
+impl Reader {
+    async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
+        loop {
+            match self.at {
+                Place::Opening => {
+                    self.at = Place::Round(0);
+                    let opening = &self.stored.opening;
+                    let head = Head::START.link(opening.as_str().as_bytes());
+                    return Ok(Some(opening.line(head).into()));
+                }
+                Place::Round(round) if round < self.stored.rounds => {
+                    let to = self.stored.rounds.min(round + CHUNK);
+                    self.at = Place::Round(to);
+                    return self.rounds(round, to).await.map(Some);
+                }
+                Place::Round(_) => self.at = Place::End,
+                Place::End => {
+                    self.at = Place::Done;
+                    if let Some(end) = &self.stored.end {
+                        return Ok(Some(end.line(self.stored.head).into()));
+                    }
+                }
+                Place::Done => return Ok(None),
+            }
+        }
+    }
+
+    async fn rounds(&self, from: u32, to: u32) -> Result<Bytes, JournalError> {
+        let journal = self.app.registry.journal();
+        let acts = journal.acts(self.stored.episode, from, to).await?;
+        let rounds = journal.rounds(self.stored.episode, from, to).await?;
+        let mut lines = String::new();
+        for round in rounds {
+            let given = acts.iter().find(|(number, _)| *number == round.round);
+            let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.raw);
+            let digest = data_encoding::HEXLOWER.encode(&round.digest);
+            let record: RawRecord = round_record(round.round, records, &digest, round.score);
+            lines.push_str(&record.line(round.head));
+        }
+        Ok(lines.into())
+    }
+}

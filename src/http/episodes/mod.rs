@@ -1,0 +1,151 @@
+//! Episodes: create, list, show, start, abort, and what spectators read.
+
+pub(super) mod abort;
+pub(super) mod create;
+pub(super) mod events;
+pub(super) mod journal;
+pub(super) mod list;
+pub(super) mod show;
+pub(super) mod start;
+pub(super) mod state;
+
+use std::time::Duration;
+
+use super::App;
+use super::auth::Caller;
+use super::error::{ApiError, Code};
+use crate::episode::Status;
+use crate::episode::actor::Handle;
+use crate::episode::spec::Spec;
+use crate::ids::EpisodeId;
+use crate::journal::StoredEpisode;
+use crate::journal::record::{End, Opening, Record};
+use crate::wire::Seconds;
+use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
+
+impl App {
+    /// An episode of which the caller may read everything but the seed.
+    async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
+        let handle = self.known(caller, id).await?;
+        let is_over = handle.snapshot().status.is_over();
+        if !caller.may_read(&handle.id, handle.spec.visibility, is_over) {
+            let detail = "until the end of this episode only its creator may read this";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+        Ok(handle)
+    }
+
+    /// An episode that the caller created.
+    async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
+        let handle = self.known(caller, id).await?;
+        if !caller.owns(&handle.id, handle.spec.visibility) {
+            let detail = "only the creator of an episode may do this: send its swarm token";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+        Ok(handle)
+    }
+
+    /// An episode of which the caller may know.
+    async fn known(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
+        let handle = self.episode(&EpisodeId::from_text(id)).await?;
+        let is_over = handle.snapshot().status.is_over();
+        if caller.may_know(&handle.id, handle.spec.visibility, is_over) {
+            Ok(handle)
+        } else {
+            Err(ApiError::not_found("the episode"))
+        }
+    }
+
+    /// An episode as it is shown, from what is stored of it.
+    async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
+        let stored = self.store.find_episode(id).await?;
+        summary(caller, stored.ok_or_else(|| ApiError::not_found("the episode"))?)
+    }
+}
+
+fn broken(problem: &str) -> ApiError {
+    tracing::error!(problem, "a stored episode cannot be read");
+    ApiError::new(Code::Internal, "what is stored of this episode cannot be read")
+}
+
+/// The description of a stored episode.
+fn opening(stored: &StoredEpisode) -> Result<(Opening, Spec), ApiError> {
+    match stored.opening.read() {
+        Ok(Record::Opening(opening)) => {
+            let spec = Spec::from_opening(&opening).map_err(|problem| broken(&problem))?;
+            Ok((*opening, spec))
+        }
+        Ok(Record::Round(_) | Record::End(_)) => Err(broken("no opening")),
+        Err(error) => Err(broken(&error.to_string())),
+    }
+}
+
+/// A stored episode as it is shown to `caller`.
+fn summary(caller: &Caller, stored: StoredEpisode) -> Result<EpisodeSummary, ApiError> {
+    let (_, spec) = opening(&stored)?;
+    let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
+    let result = match &stored.end {
+        None => None,
+        Some(end) => match end.read() {
+            Ok(Record::End(End { reason, score, rounds, .. })) => Some(EpisodeResult {
+                reason,
+                score,
+                rounds,
+                journal_head: stored.head.to_string(),
+            }),
+            _ => return Err(broken("no end")),
+        },
+    };
+    let may_read = caller.may_read(&stored.id, spec.visibility, status.is_over());
+    let may_know_seed = caller.owns(&stored.id, spec.visibility) || status.is_over();
+    Ok(EpisodeSummary {
+        id: stored.id.to_string(),
+        status: status.into(),
+        task: spec.config.task().name().to_owned(),
+        model: spec.model.clone(),
+        round: stored.rounds,
+        // Where rounds are private, a seat learns the score from its own observations.
+        score: if may_read { stored.score } else { 0.0 },
+        created_at: stored.created_at,
+        ended_at: stored.ended_at,
+        result,
+        config: config(&spec, may_know_seed),
+    })
+}
+
+/// All settings of an episode as they are shown.
+fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
+    let settings = spec.config.settings();
+    EpisodeConfig {
+        task: settings.task,
+        seed: u64::try_from(settings.seed).ok().filter(|_| with_seed),
+        rules: settings.rules,
+        num_agents: spec.config.num_agents(),
+        width: settings.width,
+        height: settings.height,
+        view_size: settings.view_size,
+        memory: settings.memory,
+        max_round: spec.config.max_round(),
+        control: settings.control,
+        noise: settings.noise,
+        max_delay: settings.max_delay,
+        round_deadline_s: spec.round_deadline.map(Seconds::of),
+        bank_s: Seconds::of(spec.bank),
+        start: if spec.manual_start { "manual" } else { "now" }.to_owned(),
+        idle_timeout_s: Seconds::of(spec.idle_timeout),
+        visibility: spec.visibility.name().to_owned(),
+        model: spec.model.clone(),
+        agent_meta: spec.agent_meta.clone(),
+        prompt_template: spec.custom_template.then(|| spec.prompt_template.to_string()),
+    }
+}
+
+/// A duration of so many seconds, in whole milliseconds.
+fn duration(seconds: f64) -> Duration {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range was checked"
+    )]
+    Duration::from_millis((seconds * 1000.0).round() as u64)
+}

@@ -1,0 +1,33 @@
+//! `GET /api/v1/episodes/{id}`.
+
+use axum::Json;
+use axum::extract::{Path, State};
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use crate::wire::episode::EpisodeSummary;
+use crate::wire::problem::Problem;
+
+/// Show an episode.
+#[utoipa::path(
+    get,
+    path = "/api/v1/episodes/{id}",
+    operation_id = "show_episode",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    responses(
+        (status = 200, description = "The episode", body = EpisodeSummary),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_episode(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<EpisodeSummary>, ApiError> {
+    let handle = app.known(&caller, id).await?;
+    Ok(Json(app.summary(&caller, &handle.id).await?))
+}

@@ -1,0 +1,44 @@
+//! `POST /api/v1/episodes/{id}/start`.
+
+use axum::Json;
+use axum::extract::{Path, State};
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use crate::wire::episode::EpisodeSummary;
+use crate::wire::problem::Problem;
+
+/// Start an episode that was created with `"start": "manual"`.
+///
+/// Starting one that runs changes nothing.
+#[utoipa::path(
+    post,
+    path = "/api/v1/episodes/{id}/start",
+    operation_id = "start_episode",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    security((), ("swarm" = [])),
+    responses(
+        (status = 200, description = "The episode runs", body = EpisodeSummary),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`episode_over`", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn start_episode(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<Json<EpisodeSummary>, ApiError> {
+    let handle = app.owned(&caller, id).await?;
+    let snapshot = handle.snapshot();
+    if snapshot.status.is_over() {
+        let error = ApiError::new(Code::EpisodeOver, "the episode has ended and cannot be started");
+        return Err(error.at_round(snapshot.world.round()));
+    }
+    handle.start().await?;
+    Ok(Json(app.summary(&caller, &handle.id).await?))
+}

@@ -1,0 +1,60 @@
+//! `GET /api/v1/episodes/{id}/state`.
+
+use axum::Json;
+use axum::extract::{Path, State};
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::Params;
+use crate::episode::recovery::state_at;
+use crate::wire::episode::State as StateBody;
+use crate::wire::problem::Problem;
+
+/// Which state.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct StateParams {
+    /// After how many rounds; the current state where it is left out.
+    round: Option<u32>,
+}
+
+/// Show the whole world after any round.
+#[utoipa::path(
+    get,
+    path = "/api/v1/episodes/{id}/state",
+    operation_id = "show_state",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id"), StateParams),
+    responses(
+        (status = 200, description = "The state", body = StateBody),
+        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: only the creator may read it before the end", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`: no such episode, or the round has not come yet", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_state(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+    Params(params): Params<StateParams>,
+) -> Result<Json<StateBody>, ApiError> {
+    let handle = app.readable(&caller, id).await?;
+    let now = handle.snapshot().world.clone();
+    let round = params.round.unwrap_or(now.round());
+    if round > now.round() {
+        let detail = format!("the episode stands at round {}; round {round} is not resolved", now.round());
+        return Err(ApiError::new(Code::NotFound, detail).at_round(now.round()));
+    }
+    let world = if round == now.round() {
+        now
+    } else {
+        state_at(app.registry.journal(), &handle, round).await?
+    };
+    Ok(Json(world.spectacle().into()))
+}

@@ -1,0 +1,236 @@
+//! The one error type that leaves the house.
+//!
+//! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
+//! allowed is `invalid`; who asks is `unauthorized` (nobody known) or `forbidden` (known, but for
+//! something else); what does not exist, or may not be known to exist, is `not_found`; what comes at
+//! the wrong time is one of the four conflicts of acting. The host's own faults are `unavailable`
+//! (the journal) and `internal` (everything that should not happen); both are logged here, once.
+
+use std::time::Duration;
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use crate::clock::millis;
+use crate::episode::actor::ActError;
+use crate::episode::lockstep::Refusal;
+use crate::episode::recovery::RecoveryError;
+use crate::journal::JournalError;
+use crate::prompt::TemplateError;
+use crate::wire::problem::{FieldProblem, Limit, Problem};
+
+/// The kind of an error, stable on the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the table below says what each is for")]
+pub enum Code {
+    Malformed,
+    Unauthorized,
+    Forbidden,
+    NotFound,
+    MethodNotAllowed,
+    RoundOver,
+    RoundAhead,
+    AlreadyActed,
+    EpisodeOver,
+    TooLarge,
+    UnsupportedMediaType,
+    Invalid,
+    TemplateFailed,
+    RateLimited,
+    Internal,
+    Overloaded,
+    Unavailable,
+}
+
+impl Code {
+    /// Every code with its status and its title: the whole table of errors.
+    const fn row(self) -> (&'static str, u16, &'static str) {
+        match self {
+            Self::Malformed => ("malformed", 400, "The request cannot be read"),
+            Self::Unauthorized => ("unauthorized", 401, "No token, or an unknown one"),
+            Self::Forbidden => ("forbidden", 403, "The token is for something else"),
+            Self::NotFound => ("not_found", 404, "There is no such thing"),
+            Self::MethodNotAllowed => ("method_not_allowed", 405, "The route has no such method"),
+            Self::RoundOver => ("round_over", 409, "The round is over"),
+            Self::RoundAhead => ("round_ahead", 409, "The round is not open yet"),
+            Self::AlreadyActed => ("already_acted", 409, "The seat has acted in this round"),
+            Self::EpisodeOver => ("episode_over", 409, "The episode, or the agent's part, is over"),
+            Self::TooLarge => ("too_large", 413, "The request is too large"),
+            Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
+            Self::Invalid => ("invalid", 422, "The request is not allowed"),
+            Self::TemplateFailed => ("template_failed", 422, "The prompt template failed"),
+            Self::RateLimited => ("rate_limited", 429, "Too many requests"),
+            Self::Internal => ("internal", 500, "The server has a fault"),
+            Self::Overloaded => ("overloaded", 503, "The server is busy"),
+            Self::Unavailable => ("unavailable", 503, "The journal is not available"),
+        }
+    }
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.row().0
+    }
+}
+
+/// An error on its way to the client.
+#[derive(Clone, Debug)]
+pub struct ApiError {
+    code: Code,
+    detail: String,
+    round: Option<u32>,
+    retry_after: Option<Duration>,
+    limit: Option<Limit>,
+    fields: Vec<FieldProblem>,
+}
+
+impl ApiError {
+    /// An error of a kind, with what happened this time and what to do.
+    pub fn new(code: Code, detail: impl Into<String>) -> Self {
+        Self {
+            code,
+            detail: detail.into(),
+            round: None,
+            retry_after: None,
+            limit: None,
+            fields: Vec::new(),
+        }
+    }
+
+    /// Something that does not exist, or may not be known to.
+    #[must_use]
+    pub fn not_found(what: &str) -> Self {
+        Self::new(Code::NotFound, format!("{what} is not known here"))
+    }
+
+    /// One field that is not allowed.
+    #[must_use]
+    pub fn field(field: &str, problem: impl Into<String>) -> Self {
+        Self::fields(vec![FieldProblem { field: field.to_owned(), problem: problem.into() }])
+    }
+
+    /// Fields that are not allowed.
+    #[must_use]
+    pub fn fields(fields: Vec<FieldProblem>) -> Self {
+        let named: Vec<String> =
+            fields.iter().map(|field| format!("{} {}", field.field, field.problem)).collect();
+        Self { fields, ..Self::new(Code::Invalid, named.join("; ")) }
+    }
+
+    /// A limit that was reached.
+    #[must_use]
+    pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
+        let limit = Limit { name: name.to_owned(), value: value as u64 };
+        Self { limit: Some(limit), ..Self::new(code, detail) }
+    }
+
+    /// With the round at which the episode stands.
+    #[must_use]
+    pub fn at_round(self, round: u32) -> Self {
+        Self { round: Some(round), ..self }
+    }
+
+    /// With the time after which it is worth trying again.
+    #[must_use]
+    pub fn retry_after(self, after: Duration) -> Self {
+        Self { retry_after: Some(after), ..self }
+    }
+
+    /// The kind of error.
+    #[must_use]
+    pub const fn code(&self) -> Code {
+        self.code
+    }
+
+    /// The error as it is written.
+    #[must_use]
+    pub fn problem(&self) -> Problem {
+        let (code, status, title) = self.code.row();
+        Problem {
+            r#type: format!("urn:swarmbench:problem:{code}"),
+            title: title.to_owned(),
+            status,
+            detail: self.detail.clone(),
+            code: code.to_owned(),
+            round: self.round,
+            retry_after_ms: self.retry_after.map(millis),
+            limit: self.limit.clone(),
+            fields: self.fields.clone(),
+        }
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let problem = self.problem();
+        if problem.status >= 500 {
+            metrics::counter!("swarmbench_errors_total", "code" => self.code.name()).increment(1);
+        }
+        let status = StatusCode::from_u16(problem.status).expect("the table has valid statuses");
+        let body = serde_json::to_vec(&problem).expect("a problem has string keys");
+        let mut response = (status, body).into_response();
+        let headers = response.headers_mut();
+        headers
+            .insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+        if let Some(after) = self.retry_after {
+            // Whole seconds, rounded up: nobody should come back too early.
+            let seconds = after.as_millis().div_ceil(1000);
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(u64::try_from(seconds).unwrap_or(60)));
+        }
+        if self.code == Code::Unauthorized {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        response
+    }
+}
+
+impl From<JournalError> for ApiError {
+    fn from(error: JournalError) -> Self {
+        tracing::error!(%error, "a request failed");
+        Self::new(Code::Unavailable, "the journal cannot be used; the operator has to look at the log")
+            .retry_after(Duration::from_secs(5))
+    }
+}
+
+impl From<RecoveryError> for ApiError {
+    fn from(error: RecoveryError) -> Self {
+        match error {
+            RecoveryError::Journal(error) => error.into(),
+            RecoveryError::Broken { .. } => {
+                tracing::error!(%error, "a request failed");
+                Self::new(Code::Internal, "the journal of this episode does not play again")
+            }
+        }
+    }
+}
+
+impl From<TemplateError> for ApiError {
+    fn from(error: TemplateError) -> Self {
+        Self::new(
+            Code::TemplateFailed,
+            format!("the episode's prompt template fails on this observation: {error}; the round is still open, act without the prompt"),
+        )
+    }
+}
+
+impl From<Refusal> for ApiError {
+    fn from(refusal: Refusal) -> Self {
+        let (code, round) = match refusal {
+            Refusal::RoundAhead { round, .. } => (Code::RoundAhead, round),
+            Refusal::AlreadyActed { round, .. } => (Code::AlreadyActed, round),
+            Refusal::EpisodeOver { round, .. } => (Code::EpisodeOver, round),
+            Refusal::RoundOver { round, .. } => (Code::RoundOver, round),
+        };
+        metrics::counter!("swarmbench_act_refusals_total", "code" => code.name()).increment(1);
+        Self::new(code, refusal.to_string()).at_round(round)
+    }
+}
+
+impl From<ActError> for ApiError {
+    fn from(error: ActError) -> Self {
+        match error {
+            ActError::Refused(refusal) => refusal.into(),
+            ActError::Journal(error) => error.into(),
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Requests, read strictly: whatever is wrong gets an error that names it.
+
+use std::time::Duration;
+
+use axum::extract::{FromRequest, FromRequestParts, Query, Request};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use bytes::Bytes;
+use http_body_util::{BodyExt, LengthLimitError, Limited};
+use serde::de::DeserializeOwned;
+
+use super::App;
+use super::error::{ApiError, Code};
+use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::episode::EpisodeRequest;
+use crate::wire::problem::FieldProblem;
+
+/// A body that knows the names of its fields.
+pub(super) trait Named: DeserializeOwned {
+    /// The names of all fields.
+    const FIELDS: &'static [&'static str];
+}
+
+impl Named for ActRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for SwarmAct {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for EpisodeRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+/// A JSON body of the usual size, with its bytes.
+pub(super) struct Json<T>(pub(super) T, pub(super) Bytes);
+
+impl<T: Named> FromRequest<App> for Json<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        let limit = app.limits.body_bytes_max;
+        let bytes = json_bytes(request, app, limit, "body_bytes_max").await?;
+        Ok(Self(read(&bytes)?, bytes))
+    }
+}
+
+/// Reads a body of at most `limit` bytes that says it is JSON and is text.
+pub(super) async fn json_bytes(
+    request: Request,
+    app: &App,
+    limit: usize,
+    limit_name: &str,
+) -> Result<Bytes, ApiError> {
+    let says_json = is_json(request.headers());
+    let body = Limited::new(request.into_body(), limit).collect();
+    let patience = Duration::from_secs(app.limits.body_read_s_max);
+    let body = tokio::time::timeout(patience, body).await.map_err(|_| {
+        ApiError::new(Code::Malformed, "the body did not arrive in time")
+    })?;
+    let bytes = match body {
+        Ok(body) => body.to_bytes(),
+        Err(error) if error.is::<LengthLimitError>() => {
+            let detail = format!("the body has more than {limit} bytes");
+            return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
+        }
+        Err(_) => return Err(ApiError::new(Code::Malformed, "the body broke off")),
+    };
+    if let Err(error) = std::str::from_utf8(&bytes) {
+        return Err(ApiError::new(Code::Malformed, format!("the body is not UTF-8: {error}")));
+    }
+    if !says_json && serde_json::from_slice::<serde::de::IgnoredAny>(&bytes).is_ok() {
+        return Err(ApiError::new(
+            Code::UnsupportedMediaType,
+            "send the header `Content-Type: application/json` with the body",
+        ));
+    }
+    Ok(bytes)
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok());
+    value.is_some_and(|value| {
+        let essence = value.split(';').next().unwrap_or_default().trim();
+        essence.eq_ignore_ascii_case("application/json")
+    })
+}
+
+/// Reads JSON; an error says whether it is none, or which fields are wrong.
+pub(super) fn read<T: Named>(bytes: &[u8]) -> Result<T, ApiError> {
+    serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
+}
+
+/// Finds out what is wrong with a body that was refused.
+fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
+    let value = match serde_json::from_slice::<serde_json::Value>(bytes) {
+        Ok(value) => value,
+        Err(error) => {
+            return ApiError::new(Code::Malformed, format!("the body is not JSON: {error}"));
+        }
+    };
+    let serde_json::Value::Object(object) = value else {
+        return ApiError::new(Code::Invalid, "the body must be a JSON object");
+    };
+    let unknown: Vec<FieldProblem> = (object.keys())
+        .filter(|key| !T::FIELDS.contains(&key.as_str()))
+        .take(20)
+        .map(|key| FieldProblem {
+            field: key.chars().take(100).collect(),
+            problem: format!("is unknown; the fields are {}", T::FIELDS.join(", ")),
+        })
+        .collect();
+    if !unknown.is_empty() {
+        return ApiError::fields(unknown);
+    }
+    // The field that is wrong is the one without which the rest is read differently.
+    let wrong = (object.keys()).find(|key| {
+        let alone = serde_json::Map::from_iter([((*key).clone(), object[*key].clone())]);
+        let result = serde_json::from_value::<T>(serde_json::Value::Object(alone));
+        result.is_err_and(|error| !error.to_string().starts_with("missing field"))
+    });
+    let problem = error.to_string();
+    // Where in the text it went wrong helps nobody who did not write it by hand.
+    let problem = problem.split(" at line ").next().unwrap_or_default().to_owned();
+    match wrong {
+        Some(field) => ApiError::field(field, problem),
+        None => match problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`')) {
+            Some(missing) => ApiError::field(missing, "is missing"),
+            None => ApiError::new(Code::Invalid, problem),
+        },
+    }
+}
+
+/// The query, read strictly.
+pub(super) struct Params<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, ApiError> {
+        let read = Query::<T>::try_from_uri(&parts.uri);
+        read.map(|Query(params)| Self(params)).map_err(|error| {
+            use std::error::Error;
+            let cause = error.source().map_or_else(|| error.to_string(), ToString::to_string);
+            ApiError::new(Code::Malformed, format!("the query cannot be read: {cause}"))
+        })
+    }
+}
+
+/// How long a request wants to wait, checked.
+pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError> {
+    let most = app.limits.wait_s_max;
+    let seconds = seconds.unwrap_or(0.0);
+    if !(0.0..=f64::from(most)).contains(&seconds) {
+        let detail = format!("wait must be from 0 to {most} seconds, is {seconds}");
+        return Err(ApiError::limit(Code::Malformed, "wait_s_max", most as usize, detail));
+    }
+    Ok(Duration::from_secs_f64(seconds))
+}

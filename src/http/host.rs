@@ -1,0 +1,79 @@
+//! How the server does: health, readiness, metrics.
+
+use std::sync::atomic::Ordering;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::App;
+use super::error::{ApiError, Code};
+use crate::telemetry;
+use crate::wire::problem::Problem;
+
+/// How the server does.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub(super) struct Health {
+    /// `ok`
+    status: &'static str,
+    /// The server's version.
+    version: &'static str,
+}
+
+const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
+
+/// Whether the process lives.
+#[utoipa::path(
+    get,
+    path = "/healthz",
+    operation_id = "show_health",
+    tag = "host",
+    responses((status = 200, description = "It does", body = Health))
+)]
+pub(super) async fn show_health() -> Json<Health> {
+    Json(OK)
+}
+
+/// Whether the server can be used: the database answers, no commit has failed, and all episodes
+/// that were running before a restart run again.
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    operation_id = "show_readiness",
+    tag = "host",
+    responses(
+        (status = 200, description = "It can", body = Health),
+        (status = 503, description = "`unavailable`: not yet, or not any more", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
+    if app.store.writer().has_failed() {
+        let detail = "a commit failed: nothing is acknowledged until the server is restarted";
+        return Err(ApiError::new(Code::Unavailable, detail));
+    }
+    app.store.ping().await?;
+    if !app.ready.load(Ordering::Acquire) {
+        let detail = "unfinished episodes are still being taken up";
+        return Err(ApiError::new(Code::Unavailable, detail)
+            .retry_after(std::time::Duration::from_secs(1)));
+    }
+    Ok(Json(OK))
+}
+
+/// Metrics for Prometheus.
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    operation_id = "show_metrics",
+    tag = "host",
+    responses((status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"))
+)]
+pub(super) async fn show_metrics(State(app): State<App>) -> Response {
+    #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
+    metrics::gauge!("swarmbench_episodes_live").set(app.registry.live() as f64);
+    let text = telemetry::metrics().render();
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
+}

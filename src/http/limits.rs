@@ -1,0 +1,67 @@
+//! Every limit of the server by its name; the unit is the last part.
+
+/// What the server takes at most. An error that comes from a limit names it.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Bytes of a body, and of one act among several.
+    pub body_bytes_max: usize,
+    /// Bytes of a body with acts of several seats.
+    pub swarm_body_bytes_max: usize,
+    /// Acts in one body.
+    pub acts_max: usize,
+    /// Observations in one answer.
+    pub observations_max: usize,
+    /// Observations in one answer where nobody says how many.
+    pub observations_default: usize,
+    /// Episodes in one page, and how many where nobody says.
+    pub page_items_max: u32,
+    /// See above.
+    pub page_items_default: u32,
+    /// Seconds that a request may wait.
+    pub wait_s_max: u32,
+    /// Requests that wait at once.
+    pub waits_max: usize,
+    /// Episodes that have not ended.
+    pub episodes_live_max: usize,
+    /// Jobs that are queued for the writer before acts are refused.
+    pub backlog_jobs_max: usize,
+    /// Connections at once.
+    pub connections_max: usize,
+    /// Seconds in which a client has to send the head of a request.
+    pub header_read_s_max: u64,
+    /// Seconds in which a client has to send the body of a request.
+    pub body_read_s_max: u64,
+    /// Characters of a model's name.
+    pub model_chars_max: usize,
+    /// Bytes of what is told about who plays.
+    pub agent_meta_bytes_max: usize,
+    /// Characters of an idempotency key.
+    pub idempotency_key_chars_max: usize,
+    /// Events that wait for a slow reader before it is dropped.
+    pub events_pending_max: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            body_bytes_max: 256 * 1024,
+            swarm_body_bytes_max: 8 * 1024 * 1024,
+            acts_max: 1024,
+            observations_max: 1024,
+            observations_default: 256,
+            page_items_max: 1000,
+            page_items_default: 50,
+            wait_s_max: 60,
+            waits_max: 20_000,
+            episodes_live_max: 20_000,
+            backlog_jobs_max: 50_000,
+            connections_max: 16_000,
+            header_read_s_max: 10,
+            body_read_s_max: 30,
+            model_chars_max: 200,
+            agent_meta_bytes_max: 16 * 1024,
+            idempotency_key_chars_max: 200,
+            events_pending_max: 64,
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! The OpenAPI document: made from the handlers, committed, and compared by a test.
+
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
+use utoipa::{Modify, OpenApi};
+
+/// What is not said at a handler.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "swarmbench",
+        description = "A server on which language models play SwarmBench: agents look (`GET /obs`) and act (`POST /act`); when all have acted the round is resolved, scored and journaled.\n\nErrors are `application/problem+json` with a stable `code`. Tokens go in `Authorization: Bearer …`. Bodies are `application/json`, at most 256 KiB (8 MiB for `/swarm/act`).",
+        license(name = "MIT", identifier = "MIT"),
+    ),
+    tags(
+        (name = "agent", description = "One agent of one episode: two calls and a seat token."),
+        (name = "swarm", description = "Several seats in one call, with a swarm token."),
+        (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "host", description = "How the server does."),
+    ),
+    components(schemas(crate::wire::episode::EpisodeResult)),
+    modifiers(&Tokens)
+)]
+pub(super) struct Document;
+
+struct Tokens;
+
+impl Modify for Tokens {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let components = document.components.get_or_insert_default();
+        for (name, description) in [
+            ("seat", "A seat token: one agent of one episode."),
+            ("swarm", "A swarm token: all seats of an episode; its holder is the creator."),
+        ] {
+            let mut scheme = Http::new(HttpAuthScheme::Bearer);
+            scheme.description = Some(description.to_owned());
+            components.add_security_scheme(name, SecurityScheme::Http(scheme));
+        }
+    }
+}
+
+/// The document, as it is committed and served.
+///
+/// # Panics
+/// Never: the document has string keys.
+#[must_use]
+pub fn document() -> String {
+    let mut text = super::router::routes().to_openapi().to_pretty_json().expect("string keys");
+    text.push('\n');
+    text
+}

@@ -1,0 +1,114 @@
+//! Every route on one page.
+
+use std::time::Instant;
+
+use axum::Router;
+use axum::extract::{MatchedPath, Request};
+use axum::http::{HeaderName, StatusCode};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use tower::ServiceBuilder;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
+use tower_http::trace::TraceLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::error::{ApiError, Code};
+use super::{App, agent, episodes, host, openapi, swarm};
+
+/// All routes that the OpenAPI document describes.
+pub(super) fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(openapi::Document::openapi())
+        .routes(routes!(agent::obs::get_obs))
+        .routes(routes!(agent::act::post_act))
+        .routes(routes!(swarm::obs::get_swarm_obs))
+        .routes(routes!(swarm::act::post_swarm_act))
+        .routes(routes!(episodes::create::create_episode, episodes::list::list_episodes))
+        .routes(routes!(episodes::show::show_episode, episodes::abort::abort_episode))
+        .routes(routes!(episodes::start::start_episode))
+        .routes(routes!(episodes::state::show_state))
+        .routes(routes!(episodes::events::stream_events))
+        .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(host::show_health))
+        .routes(routes!(host::show_readiness))
+        .routes(routes!(host::show_metrics))
+}
+
+/// The whole service.
+pub fn router(app: App) -> Router {
+    let (router, document) = routes().split_for_parts();
+    let docs = SwaggerUi::new("/docs")
+        .url("/openapi.json", document)
+        .config(Config::default().validator_url("none"));
+    let request_id = HeaderName::from_static("x-request-id");
+    let layers = ServiceBuilder::new()
+        .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
+        .layer(TraceLayer::new_for_http().make_span_with(span).on_response(()).on_failure(()))
+        .layer(PropagateRequestIdLayer::new(request_id))
+        .layer(CatchPanicLayer::custom(panicked));
+    router
+        .route_layer(middleware::from_fn(measure))
+        .merge(docs)
+        .fallback(no_route)
+        .method_not_allowed_fallback(no_method)
+        .layer(layers)
+        .with_state(app)
+}
+
+/// A span for every request, with its id; never with its headers, which hold tokens.
+fn span(request: &Request) -> tracing::Span {
+    let id = request.headers().get("x-request-id").and_then(|id| id.to_str().ok());
+    tracing::info_span!(
+        "request",
+        id = id.unwrap_or_default(),
+        method = %request.method(),
+        path = request.uri().path(),
+    )
+}
+
+/// Counts and times requests by route, and logs them.
+async fn measure(path: MatchedPath, request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let method = request.method().as_str().to_owned();
+    let response = next.run(request).await;
+    let status = response.status();
+    let taken = started.elapsed();
+    let route = path.as_str().to_owned();
+    metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone()).record(taken);
+    metrics::counter!(
+        "swarmbench_http_requests_total",
+        "route" => route, "method" => method, "status" => status.as_u16().to_string()
+    )
+    .increment(1);
+    if status.is_server_error() {
+        tracing::warn!(status = status.as_u16(), taken_us = micros(taken), "answered");
+    } else {
+        tracing::debug!(status = status.as_u16(), taken_us = micros(taken), "answered");
+    }
+    response
+}
+
+fn micros(taken: std::time::Duration) -> u64 {
+    u64::try_from(taken.as_micros()).unwrap_or(u64::MAX)
+}
+
+async fn no_route(request: Request) -> ApiError {
+    let path: String = request.uri().path().chars().take(200).collect();
+    ApiError::new(Code::NotFound, format!("there is no route {path}; see /docs"))
+}
+
+async fn no_method(request: Request) -> ApiError {
+    let detail = format!("{} is not answered here; see /docs", request.method());
+    ApiError::new(Code::MethodNotAllowed, detail)
+}
+
+fn panicked(panic: Box<dyn std::any::Any + Send>) -> Response {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
+    tracing::error!(panic = text, "a handler panicked");
+    let error = ApiError::new(Code::Internal, "the server has a fault; it was logged");
+    (StatusCode::INTERNAL_SERVER_ERROR, error).into_response()
+}

@@ -1,0 +1,119 @@
+//! `POST /swarm/act`: acts for several seats.
+
+use axum::extract::{Request, State};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::value::RawValue;
+use swarmbench_engine::AgentId;
+
+use super::super::App;
+use super::super::agent::act::{receipt, submission};
+use super::super::auth::Swarm;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{json_bytes, read};
+use crate::episode::actor::Handle;
+use crate::episode::lockstep::Submission;
+use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
+use crate::wire::problem::Problem;
+
+/// Act for several seats.
+///
+/// Each act is taken or refused for itself; the receipts come in the same order, once all that was
+/// taken is durable.
+#[utoipa::path(
+    post,
+    path = "/swarm/act",
+    operation_id = "post_swarm_act",
+    tag = "swarm",
+    request_body(content = SwarmActRequest, description = "At most 8 MiB, 1,024 acts of at most 256 KiB each"),
+    security(("swarm" = [])),
+    responses(
+        (status = 200, description = "A receipt or a problem for each act", body = SwarmActResponse),
+        (status = 400, description = "`malformed`: not JSON, or not UTF-8", body = Problem, content_type = "application/problem+json"),
+        (status = 401, description = "`unauthorized`", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "`too_large`: the body, or too many acts", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "`unsupported_media_type`", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "`invalid`: not an object with a list of acts", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`overloaded` or `unavailable`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn post_swarm_act(
+    State(app): State<App>,
+    Swarm { handle }: Swarm,
+    request: Request,
+) -> Result<Response, ApiError> {
+    let limit = app.limits.swarm_body_bytes_max;
+    let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
+    app.check_backlog()?;
+    let acts = envelope(&bytes)?;
+    let most = app.limits.acts_max;
+    if acts.len() > most {
+        let detail = format!("{} acts came, at most {most} are taken at once", acts.len());
+        return Err(ApiError::limit(Code::TooLarge, "acts_max", most, detail));
+    }
+    let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
+    let mut places = Vec::new();
+    let mut submissions = Vec::new();
+    for (place, act) in acts.into_iter().enumerate() {
+        match check(&app, &handle, act) {
+            Ok(submission) => {
+                places.push(place);
+                submissions.push(submission);
+            }
+            Err(error) => receipts[place] = Some(SwarmReceipt::Problem(error.problem())),
+        }
+    }
+    let outcomes = if submissions.is_empty() {
+        Vec::new()
+    } else {
+        handle.submit(submissions).await
+    };
+    for (place, outcome) in places.into_iter().zip(outcomes) {
+        receipts[place] = Some(match outcome {
+            Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, given)),
+            Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
+        });
+    }
+    let receipts = receipts.into_iter().collect::<Option<Vec<_>>>();
+    let receipts = receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))?;
+    Ok(axum::Json(SwarmActResponse { receipts }).into_response())
+}
+
+/// The acts of a body, unread.
+fn envelope(bytes: &[u8]) -> Result<Vec<&RawValue>, ApiError> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Envelope<'a> {
+        #[serde(borrow)]
+        acts: Vec<&'a RawValue>,
+    }
+    match serde_json::from_slice::<Envelope<'_>>(bytes) {
+        Ok(envelope) => Ok(envelope.acts),
+        Err(error) if error.is_data() => {
+            let detail = "must be there, alone, and be a list of acts";
+            Err(ApiError::field("acts", detail))
+        }
+        Err(error) => {
+            Err(ApiError::new(Code::Malformed, format!("the body is not JSON: {error}")))
+        }
+    }
+}
+
+/// Checks one act.
+fn check(app: &App, handle: &Handle, act: &RawValue) -> Result<(AgentId, Submission), ApiError> {
+    let limit = app.limits.body_bytes_max;
+    if act.get().len() > limit {
+        let detail = format!("the act has more than {limit} bytes");
+        return Err(ApiError::limit(Code::TooLarge, "body_bytes_max", limit, detail));
+    }
+    let act: SwarmAct = read(act.get().as_bytes())?;
+    let (episode, agent, act) = act.split();
+    if episode != handle.id.as_str() {
+        return Err(ApiError::not_found("the episode"));
+    }
+    let config = &handle.spec.config;
+    let agent = AgentId::parse(&agent).filter(|agent| agent.0 < config.num_agents());
+    let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
+    Ok((agent, submission(act, config, agent)?))
+}

@@ -1,0 +1,59 @@
+//! Long polls: requests that wait until something happens, the time is up or the server stops.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use super::App;
+use super::error::{ApiError, Code};
+use crate::clock::after;
+use crate::episode::Snapshot;
+use crate::episode::actor::Handle;
+
+/// One of the requests that wait; counted as long as it exists.
+struct Waiting(Arc<AtomicUsize>);
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+        metrics::gauge!("swarmbench_waits").decrement(1.0);
+    }
+}
+
+impl App {
+    fn start_waiting(&self) -> Result<Waiting, ApiError> {
+        let most = self.limits.waits_max;
+        let waiting = Waiting(Arc::clone(&self.waits));
+        metrics::gauge!("swarmbench_waits").increment(1.0);
+        if self.waits.fetch_add(1, Ordering::Relaxed) >= most {
+            let detail = format!("{most} requests wait already; ask without wait, or later");
+            return Err(ApiError::limit(Code::Overloaded, "waits_max", most, detail)
+                .retry_after(Duration::from_secs(1)));
+        }
+        Ok(waiting)
+    }
+
+    /// The first published state that is `wanted`, or the current one when the time is up.
+    pub(super) async fn wait_until(
+        &self,
+        handle: &Handle,
+        wait: Duration,
+        wanted: impl Fn(&Snapshot) -> bool,
+    ) -> Result<Arc<Snapshot>, ApiError> {
+        let now = handle.snapshot();
+        if wait.is_zero() || wanted(&now) {
+            return Ok(now);
+        }
+        let _waiting = self.start_waiting()?;
+        let mut published = handle.follow();
+        let mut seen = None;
+        let up = self.clock.sleep_until(after(self.clock.now(), wait));
+        let found = published.wait_for(|snapshot| wanted(snapshot));
+        tokio::select! {
+            snapshot = found => seen = snapshot.ok().map(|snapshot| Arc::clone(&snapshot)),
+            () = up => {}
+            () = self.stop.cancelled() => {}
+        }
+        Ok(seen.unwrap_or_else(|| handle.snapshot()))
+    }
+}

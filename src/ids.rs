@@ -1,0 +1,133 @@
+//! Ids that are shown, and tokens that are shown once.
+
+use jiff::Timestamp;
+use sha2::{Digest, Sha256};
+
+use crate::clock::Entropy;
+
+/// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EpisodeId(String);
+
+impl EpisodeId {
+    /// A new id.
+    #[must_use]
+    pub fn new(now: Timestamp, entropy: &dyn Entropy) -> Self {
+        let mut random = [0; 10];
+        entropy.fill(&mut random);
+        let millis = u64::try_from(now.as_millisecond()).unwrap_or(0);
+        let uuid = uuid::Builder::from_unix_timestamp_millis(millis, &random).into_uuid();
+        Self(format!("ep_{}", uuid.simple()))
+    }
+
+    /// Takes an id as it was stored or sent; whether it exists is another question.
+    #[must_use]
+    pub fn from_text(text: String) -> Self {
+        Self(text)
+    }
+
+    /// The id as it is shown.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl std::fmt::Display for EpisodeId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// What a token stands for; told by its prefix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TokenKind {
+    /// One agent of one episode.
+    Seat,
+    /// Several seats.
+    Swarm,
+}
+
+impl TokenKind {
+    /// How its tokens begin.
+    #[must_use]
+    pub const fn prefix(self) -> &'static str {
+        match self {
+            Self::Seat => "seat_",
+            Self::Swarm => "swarm_",
+        }
+    }
+}
+
+/// A token in clear: a prefix, 192 random bits and a checksum. It is given out once and never
+/// stored; `Debug` does not show it.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Token(String);
+
+/// What is stored of a token.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct TokenHash(pub [u8; 32]);
+
+const RANDOM_BYTES: usize = 24;
+
+impl Token {
+    /// A new token.
+    #[must_use]
+    pub fn new(kind: TokenKind, entropy: &dyn Entropy) -> Self {
+        let mut bytes = [0; RANDOM_BYTES + 4];
+        entropy.fill(&mut bytes[..RANDOM_BYTES]);
+        let checksum = crc32fast::hash(&bytes[..RANDOM_BYTES]);
+        bytes[RANDOM_BYTES..].copy_from_slice(&checksum.to_be_bytes());
+        let body = data_encoding::BASE32_NOPAD.encode(&bytes).to_ascii_lowercase();
+        Self(format!("{}{body}", kind.prefix()))
+    }
+
+    /// Reads a token that was sent. One with a wrong checksum cannot have been given out.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        let body = [TokenKind::Seat, TokenKind::Swarm]
+            .iter()
+            .find_map(|kind| text.strip_prefix(kind.prefix()))?;
+        let bytes =
+            data_encoding::BASE32_NOPAD.decode(body.to_ascii_uppercase().as_bytes()).ok()?;
+        let (random, checksum) = bytes.split_at_checked(RANDOM_BYTES)?;
+        (checksum == crc32fast::hash(random).to_be_bytes()).then(|| Self(text.to_owned()))
+    }
+
+    /// The token in clear, to be sent to its holder.
+    #[must_use]
+    pub fn reveal(&self) -> &str {
+        &self.0
+    }
+
+    /// What is stored of it.
+    #[must_use]
+    pub fn hash(&self) -> TokenHash {
+        TokenHash(Sha256::digest(&self.0).into())
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Token(…)")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::SeededEntropy;
+
+    #[test]
+    fn a_token_with_any_character_changed_is_refused_unseen() {
+        let token = Token::new(TokenKind::Seat, &SeededEntropy::new(1));
+        assert_eq!(Token::parse(token.reveal()), Some(token.clone()));
+        for place in 0..token.reveal().len() {
+            let mut bytes = token.reveal().as_bytes().to_vec();
+            bytes[place] = if bytes[place] == b'a' { b'b' } else { b'a' };
+            let changed = String::from_utf8(bytes).expect("ASCII");
+            assert_eq!(Token::parse(&changed), None, "{changed}");
+        }
+        assert_eq!(format!("{token:?}"), "Token(…)");
+    }
+}

@@ -1,0 +1,225 @@
+//! The journal: what is stored of an episode, and all that is needed to play it again.
+//!
+//! An episode is its journal: the opening (configuration, rules, prompt template), every round's
+//! acts with the digest of the state after them, and the end, in a chain of hashes. States, scores
+//! and observations are recomputed from it.
+
+pub mod chain;
+pub mod record;
+pub mod replay;
+
+use std::sync::Arc;
+
+use futures::future::BoxFuture;
+use jiff::Timestamp;
+use swarmbench_engine::AgentId;
+
+use crate::ids::{EpisodeId, TokenHash};
+use chain::Head;
+use record::{ActRecord, RawRecord};
+
+/// The number of an episode in its journal; short, and never shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EpisodeKey(pub i64);
+
+/// One thing to be kept.
+#[derive(Clone, Debug)]
+pub enum Entry {
+    /// A new episode.
+    Open(Box<OpeningRow>),
+    /// A manual start.
+    Start { episode: EpisodeKey },
+    /// What a seat did in a round, or that its clock ran out.
+    Act(ActRow),
+    /// A resolved round.
+    Round(RoundRow),
+    /// The end of an episode.
+    End(EndRow),
+    /// New tokens in place of all that an episode had.
+    ReplaceTokens { episode: EpisodeKey, tokens: Vec<TokenRow> },
+}
+
+/// A new episode.
+#[derive(Clone, Debug)]
+pub struct OpeningRow {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// The opening record, to the byte.
+    pub record: RawRecord,
+    /// The head of its chain.
+    pub head: Head,
+    /// What lists filter by.
+    pub task: &'static str,
+    /// What lists filter by.
+    pub model: String,
+    /// Who reads it before the end.
+    pub visibility: &'static str,
+    /// Whether it waits for a manual start.
+    pub waiting: bool,
+    /// Whether its rounds have a deadline; those are recovered first.
+    pub clocked: bool,
+    /// When it was created.
+    pub at: Timestamp,
+    /// The key by which a repeated creation finds it, and the hash of the body that came with it.
+    pub idempotency: Option<(String, [u8; 32])>,
+    /// Its tokens.
+    pub tokens: Vec<TokenRow>,
+}
+
+/// A token, as far as it is stored.
+#[derive(Clone, Copy, Debug)]
+pub struct TokenRow {
+    /// The hash of the token.
+    pub hash: TokenHash,
+    /// The seat for which it stands; none for all seats of the episode.
+    pub agent: Option<AgentId>,
+}
+
+/// What a seat did in a round.
+#[derive(Clone, Debug)]
+pub struct ActRow {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// The round.
+    pub round: u32,
+    /// The seat.
+    pub agent: AgentId,
+    /// How many seats the round waited for after this act.
+    pub waiting_for: u32,
+    /// When it came.
+    pub at: Timestamp,
+    /// The record, to the byte.
+    pub record: RawRecord,
+}
+
+/// A resolved round; its acts are rows of their own.
+#[derive(Clone, Debug)]
+pub struct RoundRow {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// The round.
+    pub round: u32,
+    /// The digest of the state after it.
+    pub digest: [u8; 32],
+    /// The score after it.
+    pub score: f64,
+    /// The head of the chain after it.
+    pub head: Head,
+    /// When it was resolved.
+    pub at: Timestamp,
+}
+
+/// The end of an episode.
+#[derive(Clone, Debug)]
+pub struct EndRow {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// `finished`, `aborted` or `abandoned`.
+    pub status: &'static str,
+    /// The end record, to the byte.
+    pub record: RawRecord,
+    /// The head of the whole chain.
+    pub head: Head,
+    /// When it ended.
+    pub at: Timestamp,
+}
+
+/// The journal could not keep or read something: the host's fault, never a player's.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("the journal failed: {0}")]
+pub struct JournalError(pub Arc<str>);
+
+/// Told once entries are durable, or that they will never be.
+pub type Committed = Box<dyn FnOnce(Result<(), JournalError>) + Send>;
+
+/// An episode as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredEpisode {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// The opening record.
+    pub opening: RawRecord,
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+    pub status: String,
+    /// The end record of an episode that has ended.
+    pub end: Option<RawRecord>,
+    /// The head of its chain after the last stored record.
+    pub head: Head,
+    /// How many rounds are resolved.
+    pub rounds: u32,
+    /// The score after them.
+    pub score: f64,
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When the last act came.
+    pub last_act_at: Option<Timestamp>,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+/// Acts of one round, in order of their seats.
+pub type RoundActs = Vec<(AgentId, StoredAct)>;
+
+/// A stored act.
+#[derive(Clone, Debug)]
+pub struct StoredAct {
+    /// The record.
+    pub record: ActRecord,
+    /// The record, to the byte.
+    pub raw: RawRecord,
+    /// How many seats the round waited for after it.
+    pub waiting_for: u32,
+}
+
+/// A resolved round, as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredRound {
+    /// The round.
+    pub round: u32,
+    /// The digest of the state after it.
+    pub digest: [u8; 32],
+    /// The score after it.
+    pub score: f64,
+    /// The head of the chain after it.
+    pub head: Head,
+}
+
+/// What keeps journals. Entries become durable in the order in which they were handed over.
+pub trait Journal: Send + Sync + 'static {
+    /// Keeps entries, all or none, and tells `committed` once they are durable. Never waits.
+    fn append(&self, entries: Vec<Entry>, committed: Committed);
+
+    /// Finds an episode.
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>>;
+
+    /// All episodes that have not ended; those with a round clock first.
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<EpisodeId>, JournalError>>;
+
+    /// The acts of the rounds `from..to` by round, those of an unresolved round too.
+    fn acts(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>>;
+
+    /// What one seat did in one round.
+    fn act(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+        agent: AgentId,
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>>;
+
+    /// The resolved rounds `from..to`.
+    fn rounds(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>>;
+}

@@ -1,0 +1,286 @@
+//! The records of a journal and their bytes.
+//!
+//! A record is a JSON object without line breaks; its bytes are what the chain hashes, so they are
+//! kept and never written anew. In a journal file each line is
+//! `{"hash":"…","record":{…}}` with the head of the chain after the record.
+
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use swarmbench_engine::{Act, Action, AgentId, Config, Message, Settings, SettingErrors};
+
+use super::chain::Head;
+
+/// The version of this format.
+pub const FORMAT: u32 = 1;
+
+/// The bytes of a record.
+#[derive(Clone, Debug)]
+pub struct RawRecord(Box<RawValue>);
+
+impl RawRecord {
+    /// The bytes of a record as it is first written.
+    pub fn write<T: Serialize>(record: &T) -> Self {
+        Self(serde_json::value::to_raw_value(record).expect("records have string keys"))
+    }
+
+    /// Takes bytes that were stored.
+    ///
+    /// # Errors
+    /// Where they are no JSON.
+    pub fn from_stored(text: String) -> Result<Self, serde_json::Error> {
+        RawValue::from_string(text).map(Self)
+    }
+
+    /// The record as text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        self.0.get()
+    }
+
+    /// Reads the record.
+    ///
+    /// # Errors
+    /// Where it is not one of the kind asked for.
+    pub fn read<'a, T: Deserialize<'a>>(&'a self) -> Result<T, serde_json::Error> {
+        serde_json::from_str(self.as_str())
+    }
+
+    /// The line of a journal file for this record.
+    #[must_use]
+    pub fn line(&self, head: Head) -> String {
+        format!("{{\"hash\":\"{head}\",\"record\":{}}}\n", self.as_str())
+    }
+}
+
+/// A record of any kind, told by its field `kind`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Record {
+    /// The first record.
+    Opening(Box<Opening>),
+    /// A resolved round.
+    Round(Round),
+    /// The last record.
+    End(End),
+}
+
+/// What an episode is.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Opening {
+    /// The version of the format.
+    pub format: u32,
+    /// The public id.
+    pub episode: String,
+    /// The revision of the rules by which it is played.
+    pub rules_revision: u32,
+    /// When it was created.
+    pub created_at: jiff::Timestamp,
+    /// All settings.
+    pub config: RecordedConfig,
+    /// Who plays: whatever else the creator told.
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// The text of the prompt template.
+    pub prompt_template: String,
+    /// The digest of the layout, in hexadecimal.
+    pub digest: String,
+}
+
+/// All settings of an episode, under the names that the wire has for them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names are those of the wire, described there")]
+pub struct RecordedConfig {
+    pub task: String,
+    pub rules: String,
+    pub control: String,
+    pub seed: u64,
+    pub num_agents: u16,
+    pub width: i64,
+    pub height: i64,
+    pub view_size: i64,
+    pub memory: i64,
+    pub max_round: u32,
+    pub noise: f64,
+    pub max_delay: i64,
+    pub round_deadline_ms: Option<u64>,
+    pub bank_ms: u64,
+    pub start: String,
+    pub idle_timeout_ms: u64,
+    pub visibility: String,
+    pub model: String,
+    pub custom_template: bool,
+}
+
+impl RecordedConfig {
+    /// The engine's part of the settings, checked.
+    ///
+    /// # Errors
+    /// Where the journal holds settings that are no longer, or never were, allowed.
+    pub fn engine(&self) -> Result<Config, SettingErrors> {
+        Config::check(&Settings {
+            task: self.task.clone(),
+            rules: self.rules.clone(),
+            control: self.control.clone(),
+            seed: i64::try_from(self.seed).unwrap_or(i64::MAX),
+            num_agents: i64::from(self.num_agents),
+            width: self.width,
+            height: self.height,
+            view_size: self.view_size,
+            memory: self.memory,
+            max_round: i64::from(self.max_round),
+            noise: self.noise,
+            max_delay: self.max_delay,
+        })
+    }
+}
+
+/// A resolved round.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Round {
+    /// Its number, from 0.
+    pub round: u32,
+    /// What every living agent did.
+    pub acts: Vec<ActRecord>,
+    /// The digest of the state after it, in hexadecimal.
+    pub digest: String,
+    /// The score after it.
+    pub score: f64,
+}
+
+/// The end of an episode.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct End {
+    /// `finished`, `aborted` or `abandoned`.
+    pub status: String,
+    /// Why: `task_done`, `rounds_played`, `aborted` or `idle`.
+    pub reason: String,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+    /// The final score.
+    pub score: f64,
+    /// Acts of a round that was not resolved any more.
+    pub open_acts: Vec<ActRecord>,
+}
+
+/// Who decided an act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// The player, by a structured action or by the answer of a language model.
+    Player,
+    /// The clock: it ran out, so the agent does nothing.
+    Clock,
+}
+
+/// What a seat did in a round.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActRecord {
+    /// The agent's name.
+    pub agent: String,
+    /// Who decided.
+    pub source: Source,
+    /// The action, if any.
+    pub action: Option<String>,
+    /// The message, if any, as it was sent on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+    /// Whom alone the commander told it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<String>,
+    /// False for a language model's answer that was none.
+    pub valid: bool,
+    /// The language model's answer, where it gave one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<String>,
+    /// What the answer cost.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usage: Option<Usage>,
+    /// Free text, kept for replays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reasoning: Option<String>,
+    /// How much of the seat's bank the act took, in milliseconds.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub bank_spent_ms: u64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(value: &u64) -> bool {
+    *value == 0
+}
+
+/// What a language model's answer cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Usage {
+    /// Tokens of the prompt.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_tokens: Option<u64>,
+    /// Tokens of the answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completion_tokens: Option<u64>,
+    /// How long the answer took, in milliseconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_ms: Option<u64>,
+}
+
+impl ActRecord {
+    /// The record of a seat whose clock ran out.
+    #[must_use]
+    pub fn clock_ran_out(agent: AgentId, bank_spent_ms: u64) -> Self {
+        Self {
+            agent: agent.to_string(),
+            source: Source::Clock,
+            action: None,
+            message: None,
+            to: None,
+            valid: true,
+            response: None,
+            usage: None,
+            reasoning: None,
+            bank_spent_ms,
+        }
+    }
+
+    /// What the engine is told: the act, if the names in it are known.
+    #[must_use]
+    pub fn act(&self, config: &Config) -> Option<Act> {
+        let action = match &self.action {
+            Some(name) => Some(Action::parse(config.task(), name)?),
+            None => None,
+        };
+        let to = match &self.to {
+            Some(name) => Some(AgentId::parse(name)?),
+            None => None,
+        };
+        let message = match &self.message {
+            // It was normalised before it was kept, and doing so again changes nothing.
+            Some(text) => Some(Message::new(text).filter(|message| message.as_str() == text)?),
+            None => None,
+        };
+        Some(Act { action, message, to })
+    }
+}
+
+/// The bytes of a round's record from those of its acts: the same as writing a [`Round`].
+#[must_use]
+pub fn round_record<'a>(
+    round: u32,
+    acts: impl Iterator<Item = &'a RawRecord>,
+    digest: &str,
+    score: f64,
+) -> RawRecord {
+    #[derive(Serialize)]
+    struct Raw<'a> {
+        kind: &'static str,
+        round: u32,
+        acts: Vec<&'a RawValue>,
+        digest: &'a str,
+        score: f64,
+    }
+    let acts = acts.map(|act| &*act.0).collect();
+    RawRecord::write(&Raw { kind: "round", round, acts, digest, score })
+}

@@ -1,0 +1,197 @@
+//! A client of the wire contract, as far as the built-in players need it.
+
+use std::time::Duration;
+
+use backon::{ExponentialBuilder, Retryable};
+use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use serde::de::DeserializeOwned;
+
+use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
+use crate::wire::problem::Problem;
+
+/// How long one request may take beyond what it asked to wait.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A request failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The server did not answer.
+    #[error("{url} does not answer: {source}; does a server run there? `swarmbench serve` starts one")]
+    Transport {
+        /// What was asked.
+        url: Url,
+        /// Why.
+        source: reqwest::Error,
+    },
+    /// The server refused.
+    #[error("{url} answered {status}: {}", problem.detail)]
+    Refused {
+        /// What was asked.
+        url: Url,
+        /// The status.
+        status: StatusCode,
+        /// What it said.
+        problem: Box<Problem>,
+    },
+    /// The server answered something else than the contract says.
+    #[error("{url} answered {status} with something that is not of the contract: {what}")]
+    Strange {
+        /// What was asked.
+        url: Url,
+        /// The status.
+        status: StatusCode,
+        /// What was wrong.
+        what: String,
+    },
+    /// The address is none.
+    #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
+    Address(String),
+}
+
+impl ClientError {
+    /// Whether it may work later.
+    fn is_temporary(&self) -> bool {
+        match self {
+            Self::Transport { source, .. } => !source.is_builder(),
+            Self::Refused { status, .. } => {
+                matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
+            }
+            Self::Strange { .. } | Self::Address(_) => false,
+        }
+    }
+}
+
+/// A client of one server. Cloning shares its connections.
+#[derive(Clone, Debug)]
+pub struct Client {
+    http: reqwest::Client,
+    base: Url,
+}
+
+impl Client {
+    /// A client of the server at `base`, such as `http://127.0.0.1:8080`.
+    ///
+    /// # Errors
+    /// Where that is not an address.
+    pub fn new(base: &str) -> Result<Self, ClientError> {
+        let parsed = Url::parse(base).ok().filter(Url::has_host);
+        let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
+        Ok(Self { http: reqwest::Client::new(), base })
+    }
+
+    /// The address of the server.
+    #[must_use]
+    pub const fn base(&self) -> &Url {
+        &self.base
+    }
+
+    /// Creates an episode. A repeat after a lost answer gives the same one.
+    ///
+    /// # Errors
+    /// Where the server refuses or does not answer; so for all methods.
+    pub async fn create_episode(
+        &self,
+        request: &EpisodeRequest,
+    ) -> Result<CreatedEpisode, ClientError> {
+        let key = uuid_text();
+        self.ask(Method::POST, "/api/v1/episodes", |call| {
+            call.header("Idempotency-Key", &key).json(request)
+        })
+        .await
+    }
+
+    /// Shows an episode.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn episode(&self, id: &str) -> Result<EpisodeSummary, ClientError> {
+        self.ask(Method::GET, &format!("/api/v1/episodes/{id}"), |call| call).await
+    }
+
+    /// The observations that wait for an act and were opened since `after`.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn swarm_obs(
+        &self,
+        token: &str,
+        after: Option<&str>,
+        wait_s: u32,
+    ) -> Result<SwarmObsResponse, ClientError> {
+        self.ask(Method::GET, "/swarm/obs", |call| {
+            let call = call.bearer_auth(token).query(&[("wait", wait_s)]);
+            match after {
+                Some(cursor) => call.query(&[("after", cursor)]),
+                None => call,
+            }
+        })
+        .await
+    }
+
+    /// Acts for several seats.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn swarm_act(
+        &self,
+        token: &str,
+        acts: Vec<SwarmAct>,
+    ) -> Result<SwarmActResponse, ClientError> {
+        let body = SwarmActRequest { acts };
+        self.ask(Method::POST, "/swarm/act", |call| call.bearer_auth(token).json(&body)).await
+    }
+
+    /// Whether the server lives.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn health(&self) -> Result<(), ClientError> {
+        self.once::<serde::de::IgnoredAny>(Method::GET, "/healthz", |call| call).await.map(|_| ())
+    }
+
+    /// Asks, and asks again where it may work later: every request of this client may be repeated.
+    async fn ask<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+    ) -> Result<T, ClientError> {
+        (|| self.once(method.clone(), path, &fill))
+            .retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
+            .when(ClientError::is_temporary)
+            .await
+    }
+
+    async fn once<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+    ) -> Result<T, ClientError> {
+        let mut url = self.base.clone();
+        url.set_path(path);
+        let failed = |source| ClientError::Transport { url: url.clone(), source };
+        let call = self.http.request(method, url.clone()).timeout(PATIENCE * 3);
+        let response = fill(call).send().await.map_err(failed)?;
+        let status = response.status();
+        let body = response.bytes().await.map_err(failed)?;
+        let strange =
+            |what: String| ClientError::Strange { url: url.clone(), status, what };
+        if status.is_success() {
+            return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
+        }
+        match serde_json::from_slice(&body) {
+            Ok(problem) => Err(ClientError::Refused { url, status, problem: Box::new(problem) }),
+            Err(_) => Err(strange(String::from_utf8_lossy(&body).chars().take(200).collect())),
+        }
+    }
+}
+
+/// A name for one creation that nobody else uses.
+fn uuid_text() -> String {
+    use crate::clock::{Entropy, SystemEntropy};
+    let mut bytes = [0; 16];
+    SystemEntropy.fill(&mut bytes);
+    data_encoding::HEXLOWER.encode(&bytes)
+}

@@ -1,0 +1,4 @@
+//! How a player meets a server: over HTTP, like everybody else.
+
+pub mod client;
+pub mod play;

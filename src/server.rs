@@ -1,0 +1,121 @@
+//! The server as a whole: opened, run, stopped. `main` and the tests start the same one.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy};
+use crate::episode::registry::Registry;
+use crate::http::limits::Limits;
+use crate::http::{App, router, serve::serve};
+use crate::journal::{Journal, JournalError};
+use crate::store::{OpenError, Store};
+use crate::telemetry;
+
+/// How often episodes that have ended are let go of.
+const SWEEP: Duration = Duration::from_secs(60);
+
+/// What a server is made of; the defaults are the host's own.
+#[derive(Clone)]
+pub struct Parts {
+    /// Where the time comes from.
+    pub clock: Arc<dyn Clock>,
+    /// Where randomness comes from.
+    pub entropy: Arc<dyn Entropy>,
+    /// What is taken at most.
+    pub limits: Limits,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self {
+            clock: Arc::new(SystemClock),
+            entropy: Arc::new(SystemEntropy),
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// A server could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// Its database could not be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// Its database could not be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// A server over an open database.
+pub struct Server {
+    app: App,
+    limits: Limits,
+}
+
+impl Server {
+    /// Opens the database and gets everything ready to run.
+    ///
+    /// # Errors
+    /// Where the database cannot be opened or read.
+    pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
+        telemetry::metrics();
+        let store = Store::open(database).await?;
+        let last_key = store.last_key().await?;
+        let journal: Arc<dyn Journal> = Arc::new(store.clone());
+        let registry = Registry::new(journal, Arc::clone(&parts.clock), last_key);
+        let stop = CancellationToken::new();
+        let app = App::new(store, registry, parts.clock, parts.entropy, parts.limits, stop);
+        Ok(Self { app, limits: parts.limits })
+    }
+
+    /// Serves until `shutdown` completes; then waits end, open requests are answered, and what was
+    /// handed to the journal is committed.
+    ///
+    /// # Errors
+    /// Where the unfinished episodes cannot be listed.
+    pub async fn run(
+        self,
+        listener: TcpListener,
+        shutdown: impl Future<Output = ()> + Send,
+    ) -> Result<(), StartError> {
+        let Self { app, limits } = self;
+        let stop = app.stop.clone();
+        let recovery = tokio::spawn(take_up(app.clone()));
+        let sweeper = tokio::spawn(sweep(app.clone()));
+        let serving = tokio::spawn(serve(listener, router(app.clone()), limits, stop.clone()));
+        shutdown.await;
+        tracing::info!("stopping");
+        stop.cancel();
+        // A panic in there was logged where it happened.
+        drop(serving.await);
+        recovery.abort();
+        sweeper.abort();
+        app.store.clone().close().await;
+        Ok(())
+    }
+}
+
+/// Takes up what was running before a restart.
+async fn take_up(app: App) {
+    match app.registry.take_up_unfinished().await {
+        Ok(count) => {
+            if count > 0 {
+                tracing::info!(count, "unfinished episodes were taken up");
+            }
+            app.ready.store(true, Ordering::Release);
+        }
+        Err(error) => tracing::error!(%error, "unfinished episodes cannot be taken up"),
+    }
+}
+
+async fn sweep(app: App) {
+    loop {
+        tokio::time::sleep(SWEEP).await;
+        app.registry.let_go();
+    }
+}

@@ -1,0 +1,163 @@
+//! The table `episodes`.
+
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite};
+
+use super::{Store, failure};
+use crate::ids::EpisodeId;
+use crate::journal::chain::Head;
+use crate::journal::record::RawRecord;
+use crate::journal::{EpisodeKey, JournalError, StoredEpisode};
+
+/// What a list of episodes is filtered by.
+#[derive(Clone, Debug, Default)]
+pub struct Filter {
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+    pub status: Option<String>,
+    /// A task's name.
+    pub task: Option<String>,
+    /// A model's name.
+    pub model: Option<String>,
+    /// Only episodes that anyone may read now.
+    pub readable_by_all: bool,
+}
+
+/// Every column that a [`StoredEpisode`] needs.
+const COLUMNS: &str = "
+    SELECT e.key, e.id, e.opening, e.status, e.ending, e.created_at, e.ended_at,
+           CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
+           coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score,
+           (SELECT a.at FROM acts a WHERE a.episode = e.key ORDER BY a.round DESC, a.at DESC LIMIT 1)
+               AS last_act_at
+    FROM episodes e
+    LEFT JOIN rounds r
+        ON r.episode = e.key AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
+    WHERE ";
+
+impl Store {
+    /// Finds an episode by its public id.
+    ///
+    /// # Errors
+    /// Where the database cannot be read; so for all functions here.
+    pub async fn find_episode(
+        &self,
+        id: &EpisodeId,
+    ) -> Result<Option<StoredEpisode>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("e.id = ").push_bind(id.as_str());
+        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        row.map(|row| episode(&row)).transpose()
+    }
+
+    /// Lists episodes, newest first, from the one after `before` on.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn list_episodes(
+        &self,
+        filter: &Filter,
+        before: Option<EpisodeKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredEpisode>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        for (column, value) in
+            [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
+        {
+            if let Some(value) = value {
+                query.push(" AND e.").push(column).push(" = ").push_bind(value);
+            }
+        }
+        if filter.readable_by_all {
+            query.push(" AND (e.visibility = 'public' OR e.ending IS NOT NULL)");
+        }
+        query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(episode).collect()
+    }
+
+    /// The ids of all episodes that have not ended, those with a round clock first.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn unfinished_episodes(&self) -> Result<Vec<EpisodeId>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT id FROM episodes WHERE status IN ('waiting', 'running')
+             ORDER BY clocked DESC, key",
+        )
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        rows.iter()
+            .map(|row| row.try_get(0).map(EpisodeId::from_text).map_err(failure))
+            .collect()
+    }
+
+    /// The number of the newest episode, 0 where there is none.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn last_key(&self) -> Result<i64, JournalError> {
+        sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")
+            .fetch_one(&self.readers)
+            .await
+            .and_then(|row| row.try_get(0))
+            .map_err(failure)
+    }
+
+    /// The episode that was created with an idempotency key, and the hash of the body sent then.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn created_with(
+        &self,
+        key: &str,
+    ) -> Result<Option<(EpisodeId, Vec<u8>)>, JournalError> {
+        let row = sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?")
+            .bind(key)
+            .fetch_optional(&self.readers)
+            .await
+            .map_err(failure)?;
+        let read = |row: SqliteRow| {
+            Ok((EpisodeId::from_text(row.try_get(0)?), row.try_get::<Vec<u8>, _>(1)?))
+        };
+        row.map(read).transpose().map_err(failure)
+    }
+}
+
+fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
+    let read = || -> Result<StoredEpisode, sqlx::Error> {
+        let raw = |text: String| {
+            RawRecord::from_stored(text).map_err(|error| sqlx::Error::Decode(error.into()))
+        };
+        Ok(StoredEpisode {
+            episode: EpisodeKey(row.try_get("key")?),
+            id: EpisodeId::from_text(row.try_get("id")?),
+            opening: raw(row.try_get("opening")?)?,
+            status: row.try_get("status")?,
+            end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,
+            head: head(&row.try_get::<Vec<u8>, _>("head")?)?,
+            rounds: row.try_get("rounds")?,
+            score: row.try_get("score")?,
+            created_at: time(row.try_get("created_at")?)?,
+            last_act_at: row.try_get::<Option<i64>, _>("last_act_at")?.map(time).transpose()?,
+            ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
+        })
+    };
+    read().map_err(failure)
+}
+
+/// A stored hash of 32 bytes.
+pub(super) fn hash(bytes: &[u8]) -> Result<[u8; 32], sqlx::Error> {
+    bytes.try_into().map_err(|_| sqlx::Error::Decode("a hash has 32 bytes".into()))
+}
+
+/// A stored head of a chain.
+pub(super) fn head(bytes: &[u8]) -> Result<Head, sqlx::Error> {
+    hash(bytes).map(Head)
+}
+
+fn time(millis: i64) -> Result<Timestamp, sqlx::Error> {
+    Timestamp::from_millisecond(millis).map_err(|error| sqlx::Error::Decode(error.into()))
+}

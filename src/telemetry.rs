@@ -1,0 +1,69 @@
+//! Logs and metrics.
+
+use std::sync::OnceLock;
+
+use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
+
+/// Buckets of durations, in seconds.
+const SECONDS: [f64; 12] =
+    [0.000_5, 0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 60.0];
+
+/// How logs are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One JSON object a line, for programs.
+    Json,
+}
+
+/// Starts writing logs to the standard error. `RUST_LOG` says which, by default those of level info.
+pub fn start_logs(format: LogFormat) {
+    use tracing_subscriber::{EnvFilter, fmt};
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A second start in one process, as tests do, leaves the first.
+    drop(match format {
+        LogFormat::Text => builder.try_init(),
+        LogFormat::Json => builder.json().flatten_event(true).try_init(),
+    });
+}
+
+/// The metrics of this process, described once.
+pub fn metrics() -> &'static PrometheusHandle {
+    static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
+    HANDLE.get_or_init(|| {
+        let recorder = PrometheusBuilder::new()
+            .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS)
+            .expect("the buckets are not empty")
+            .build_recorder();
+        let handle = recorder.handle();
+        // Another recorder, of a program that embeds this one, would go on counting.
+        drop(metrics::set_global_recorder(recorder));
+        describe();
+        handle
+    })
+}
+
+fn describe() {
+    use metrics::{describe_counter, describe_gauge, describe_histogram};
+    describe_counter!("swarmbench_episodes_created_total", "Episodes created.");
+    describe_counter!("swarmbench_episodes_ended_total", "Episodes ended, by status.");
+    describe_gauge!("swarmbench_episodes_live", "Episodes in memory that have not ended.");
+    describe_counter!("swarmbench_rounds_total", "Rounds resolved, by task.");
+    describe_counter!(
+        "swarmbench_acts_total",
+        "Acts kept, by kind: valid, invalid (a language model's answer that was none), clock (ran out)."
+    );
+    describe_counter!("swarmbench_act_refusals_total", "Acts refused, by code.");
+    describe_gauge!("swarmbench_waits", "Requests that wait for something to happen.");
+    describe_counter!("swarmbench_commits_total", "Transactions committed.");
+    describe_counter!("swarmbench_commit_entries_total", "Journal entries committed.");
+    describe_counter!("swarmbench_commit_failures_total", "Transactions that failed: the host's fault.");
+    describe_histogram!("swarmbench_commit_seconds", "How long a commit takes.");
+    describe_counter!("swarmbench_http_requests_total", "Requests, by route, method and status.");
+    describe_histogram!("swarmbench_http_request_seconds", "How long a request takes, waits included.");
+    describe_gauge!("swarmbench_connections", "Open connections.");
+    describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
+}

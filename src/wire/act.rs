@@ -1,0 +1,179 @@
+//! What an agent decides, and what it is told about that.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::observation::Observation;
+use super::problem::Problem;
+
+/// An act of the token's agent: exactly one of `action` and `response`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"}))]
+pub struct ActRequest {
+    /// The round that it answers.
+    pub round: u32,
+    /// What the agent does: one of the observation's `actions`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action: Option<String>,
+    /// What it says: one line, cut after 120 characters. With `action` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+    /// Whom alone the commander tells it (centralized control only). With `action` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = "Agent_7")]
+    pub to: Option<String>,
+    /// The whole answer of a language model, which holds `ACTION: …` and/or `MSG: …`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<String>,
+    /// What the answer cost.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usage: Option<Usage>,
+    /// Free text, kept for replays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reasoning: Option<String>,
+}
+
+impl ActRequest {
+    /// The names of all fields.
+    pub const FIELDS: &[&str] =
+        &["round", "action", "message", "to", "response", "usage", "reasoning"];
+}
+
+/// An act for one of several seats: exactly one of `action` and `response`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!(
+    {"episode": "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4", "agent": "Agent_3", "round": 12, "action": "UP"}
+))]
+pub struct SwarmAct {
+    /// The episode.
+    pub episode: String,
+    /// The agent's name.
+    pub agent: String,
+    /// As for a single seat.
+    pub round: u32,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action: Option<String>,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<String>,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<String>,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usage: Option<Usage>,
+    /// As for a single seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reasoning: Option<String>,
+}
+
+impl SwarmAct {
+    /// The names of all fields.
+    pub const FIELDS: &[&str] = &[
+        "episode", "agent", "round", "action", "message", "to", "response", "usage", "reasoning",
+    ];
+
+    /// Whose act it is (episode and agent), and the act as for a single seat.
+    #[must_use]
+    pub fn split(self) -> (String, String, ActRequest) {
+        let Self { episode, agent, round, action, message, to, response, usage, reasoning } = self;
+        (episode, agent, ActRequest { round, action, message, to, response, usage, reasoning })
+    }
+
+    /// An act of one seat among several.
+    #[must_use]
+    pub fn of(episode: String, agent: String, act: ActRequest) -> Self {
+        let ActRequest { round, action, message, to, response, usage, reasoning } = act;
+        Self { episode, agent, round, action, message, to, response, usage, reasoning }
+    }
+}
+
+/// Acts for several seats, at most 1,024 of at most 256 KiB each.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SwarmActRequest {
+    /// The acts; each is taken or refused for itself.
+    pub acts: Vec<SwarmAct>,
+}
+
+/// What a language model's answer cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Usage {
+    /// Tokens of the prompt.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_tokens: Option<u64>,
+    /// Tokens of the answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completion_tokens: Option<u64>,
+    /// How long the answer took, in milliseconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_ms: Option<u64>,
+}
+
+/// An act is durable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Receipt {
+    /// The episode.
+    pub episode: String,
+    /// The agent.
+    pub agent: String,
+    /// The round.
+    pub round: u32,
+    /// The action that counts; null where there is none.
+    pub action: Option<String>,
+    /// The message that is sent on; null where there is none.
+    pub message: Option<String>,
+    /// False for an answer of a language model that was none: the agent does nothing this round.
+    pub valid: bool,
+    /// Whether the same act had been sent before.
+    pub duplicate: bool,
+    /// How many seats the round waited for after this act.
+    pub waiting_for: u32,
+}
+
+/// A receipt and, where it was asked for, what comes next.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct ActResponse {
+    /// The receipt.
+    #[serde(flatten)]
+    pub receipt: Receipt,
+    /// With `wait`: the next observation, null if the time was up.
+    #[serde(default)]
+    #[schema(nullable)]
+    pub obs: Option<Observation>,
+}
+
+/// What became of one of several acts.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum SwarmReceipt {
+    /// It is durable.
+    Receipt(Receipt),
+    /// It was refused, with a `status` of its own.
+    Problem(Problem),
+}
+
+/// What became of several acts.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct SwarmActResponse {
+    /// In the order of the acts.
+    pub receipts: Vec<SwarmReceipt>,
+}
+
+/// The observations that wait for an act.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct SwarmObsResponse {
+    /// The oldest first.
+    pub observations: Vec<Observation>,
+    /// With `after`, the next call returns only what was opened since.
+    pub cursor: String,
+    /// Whether all episodes of the token have ended.
+    pub finished: bool,
+}

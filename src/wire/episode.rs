@@ -1,0 +1,328 @@
+//! Episodes: how they are asked for, and how they are shown.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use swarmbench_engine::{AgentState, Spectacle};
+use utoipa::ToSchema;
+
+use super::{Position, Seconds};
+use crate::episode::Status;
+
+/// Where an episode stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum StatusName {
+    /// Created, not started.
+    Waiting,
+    /// Rounds are played.
+    Running,
+    /// Played to its end.
+    Finished,
+    /// Ended by its creator.
+    Aborted,
+    /// Ended because nobody acted any more.
+    Abandoned,
+}
+
+impl From<Status> for StatusName {
+    fn from(status: Status) -> Self {
+        match status {
+            Status::Waiting => Self::Waiting,
+            Status::Running => Self::Running,
+            Status::Finished => Self::Finished,
+            Status::Aborted => Self::Aborted,
+            Status::Abandoned => Self::Abandoned,
+        }
+    }
+}
+
+/// How an episode ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EpisodeResult {
+    /// `task_done`, `rounds_played`, `aborted` or `idle`.
+    #[schema(example = "rounds_played")]
+    pub reason: String,
+    /// The final score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+    /// The head of the journal's chain: whoever has it can prove that a journal is this one.
+    pub journal_head: String,
+}
+
+/// What an episode is to be. Everything but `task` has a default.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"}))]
+pub struct EpisodeRequest {
+    /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
+    #[schema(required)]
+    pub task: Option<String>,
+    /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_i64)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<i64>,
+    /// `paper` or `reference`.
+    #[schema(default = "paper")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rules: Option<String>,
+    /// How many agents play.
+    #[schema(default = 12, minimum = 1, maximum = 1024)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub num_agents: Option<i64>,
+    /// Columns of the map.
+    #[schema(default = 10, minimum = 8, maximum = 256)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width: Option<i64>,
+    /// Rows of the map.
+    #[schema(default = 10, minimum = 8, maximum = 256)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<i64>,
+    /// Rows and columns of an agent's window; odd, 3 to 2 · size + 1.
+    #[schema(default = 5, minimum = 3, maximum = 513)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view_size: Option<i64>,
+    /// How many past rounds an agent remembers.
+    #[schema(default = 5, minimum = 0, maximum = 50)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory: Option<i64>,
+    /// After how many rounds the episode ends.
+    #[schema(default = 100, minimum = 1, maximum = 100_000)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_round: Option<i64>,
+    /// `decentralized` or `centralized`.
+    #[schema(default = "decentralized")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control: Option<String>,
+    /// The probability with which a delivered message is corrupted.
+    #[schema(default = 0.0, minimum = 0, maximum = 1)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
+    /// The most rounds by which a message is late.
+    #[schema(default = 0, minimum = 0, maximum = 100)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_delay: Option<i64>,
+    /// A round's clock in seconds; none by default.
+    #[schema(minimum = 0.05, maximum = 86_400)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub round_deadline_s: Option<f64>,
+    /// What a seat may overspend in all rounds together, in seconds.
+    #[schema(default = 0, minimum = 0, maximum = 604_800)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bank_s: Option<f64>,
+    /// `now` or `manual`.
+    #[schema(default = "now")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<String>,
+    /// After so many seconds without any act it ends as abandoned.
+    #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub idle_timeout_s: Option<f64>,
+    /// `public` or `owner`: who reads state, events and resolved rounds before the end.
+    #[schema(default = "public")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visibility: Option<String>,
+    /// Who plays; at most 200 characters.
+    #[schema(default = "unnamed")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// What else is known of who plays; at most 16 KiB of JSON.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub agent_meta: Option<Map<String, Value>>,
+    /// A prompt template of the episode's own; at most 32 KiB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<String>,
+}
+
+impl EpisodeRequest {
+    /// The names of all fields.
+    pub const FIELDS: &[&str] = &[
+        "task",
+        "seed",
+        "rules",
+        "num_agents",
+        "width",
+        "height",
+        "view_size",
+        "memory",
+        "max_round",
+        "control",
+        "noise",
+        "max_delay",
+        "round_deadline_s",
+        "bank_s",
+        "start",
+        "idle_timeout_s",
+        "visibility",
+        "model",
+        "agent_meta",
+        "prompt_template",
+    ];
+}
+
+/// All settings of an episode, defaults filled in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[expect(missing_docs, reason = "the same as in the request")]
+pub struct EpisodeConfig {
+    pub task: String,
+    /// Null as long as the episode runs and the caller may not know it.
+    pub seed: Option<u64>,
+    pub rules: String,
+    pub num_agents: u16,
+    pub width: i64,
+    pub height: i64,
+    pub view_size: i64,
+    pub memory: i64,
+    pub max_round: u32,
+    pub control: String,
+    pub noise: f64,
+    pub max_delay: i64,
+    pub round_deadline_s: Option<Seconds>,
+    pub bank_s: Seconds,
+    pub start: String,
+    pub idle_timeout_s: Seconds,
+    pub visibility: String,
+    pub model: String,
+    pub agent_meta: Map<String, Value>,
+    /// Null for the built-in template; the journal has the text of either.
+    pub prompt_template: Option<String>,
+}
+
+/// A new episode, with tokens that are shown this once.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct CreatedEpisode {
+    /// Its id.
+    pub id: String,
+    /// Where it stands.
+    pub status: StatusName,
+    /// All its settings.
+    pub config: EpisodeConfig,
+    /// A token for each agent.
+    pub seats: Vec<SeatToken>,
+    /// A token for all of them.
+    pub swarm_token: String,
+}
+
+/// The token of one agent.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct SeatToken {
+    /// The agent's name.
+    pub agent: String,
+    /// Its token.
+    pub token: String,
+}
+
+/// An episode as it is listed.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct EpisodeSummary {
+    /// Its id.
+    pub id: String,
+    /// Where it stands.
+    pub status: StatusName,
+    /// The task.
+    pub task: String,
+    /// Who plays.
+    pub model: String,
+    /// How many rounds were resolved.
+    pub round: u32,
+    /// The score so far.
+    pub score: f64,
+    /// When it was created.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: jiff::Timestamp,
+    /// When it ended.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub ended_at: Option<jiff::Timestamp>,
+    /// How it ended.
+    pub result: Option<EpisodeResult>,
+    /// All its settings.
+    pub config: EpisodeConfig,
+}
+
+/// A page of episodes, newest first.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct EpisodeList {
+    /// The episodes of this page.
+    pub items: Vec<EpisodeSummary>,
+    /// Where the next page begins; null on the last.
+    pub next_cursor: Option<String>,
+}
+
+/// The whole world after some round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct State {
+    /// How many rounds were resolved.
+    pub round: u32,
+    /// The score so far.
+    pub score: f64,
+    /// One character a cell, row by row: `.` `W` `B` `P` `F` `N`, agents `A`.
+    pub grid: Vec<String>,
+    /// All agents.
+    pub agents: Vec<StateAgent>,
+    /// Where the prey is (Pursuit).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prey: Option<Position>,
+    /// The top-left cell of the block's shape (Transport).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub block: Option<Position>,
+    /// The cost of the placement (Flocking).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distance: Option<f64>,
+}
+
+/// An agent as a spectator sees it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StateAgent {
+    /// Its name.
+    pub agent: String,
+    /// Its row; where it went when it escaped.
+    pub i: i32,
+    /// Its column.
+    pub j: i32,
+    /// Whether it is on the map.
+    pub alive: bool,
+    /// Whether its light is on (Synchronization).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_on: Option<bool>,
+    /// Whether it carries food (Foraging).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub carrying_food: Option<bool>,
+}
+
+/// What spectators are told of a resolved round; the grid is in the state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RoundEvent {
+    /// How many rounds were resolved with it.
+    pub round: u32,
+    /// The score after it.
+    pub score: f64,
+    /// All agents after it.
+    pub agents: Vec<StateAgent>,
+}
+
+impl From<AgentState> for StateAgent {
+    fn from(state: AgentState) -> Self {
+        Self {
+            agent: state.agent.to_string(),
+            i: state.at.i,
+            j: state.at.j,
+            alive: state.alive,
+            light_on: state.light_on,
+            carrying_food: state.carrying_food,
+        }
+    }
+}
+
+impl From<Spectacle> for State {
+    fn from(seen: Spectacle) -> Self {
+        Self {
+            round: seen.round,
+            score: seen.score,
+            grid: seen.grid,
+            agents: seen.agents.into_iter().map(Into::into).collect(),
+            prey: seen.prey.map(Into::into),
+            block: seen.block.map(Into::into),
+            distance: seen.distance,
+        }
+    }
+}

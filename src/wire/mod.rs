@@ -1,0 +1,63 @@
+//! The shapes of the JSON that the server and its clients exchange, and nothing else.
+//!
+//! These types are fixed by the wire contract (`docs/protocol.md`); the core's types are others, with
+//! explicit conversions, so that the core can move. The server writes them, the built-in client
+//! reads them.
+
+pub mod act;
+pub mod episode;
+pub mod observation;
+pub mod problem;
+
+use serde::{Deserialize, Serialize};
+use swarmbench_engine::Pos;
+use utoipa::ToSchema;
+
+/// A cell: row `i` grows downward, column `j` to the right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Position {
+    /// The row.
+    pub i: i32,
+    /// The column.
+    pub j: i32,
+}
+
+impl From<Pos> for Position {
+    fn from(at: Pos) -> Self {
+        Self { i: at.i, j: at.j }
+    }
+}
+
+impl From<Position> for Pos {
+    fn from(at: Position) -> Self {
+        Self::new(at.i, at.j)
+    }
+}
+
+/// A duration in seconds; whole numbers are written without a fraction.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Deserialize, ToSchema)]
+#[schema(value_type = f64)]
+pub struct Seconds(pub f64);
+
+impl Seconds {
+    /// The seconds of a duration.
+    #[must_use]
+    pub fn of(duration: std::time::Duration) -> Self {
+        Self(duration.as_secs_f64())
+    }
+}
+
+impl Serialize for Seconds {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "whole, positive, and far below the limit of the type"
+        )]
+        if self.0.fract() == 0.0 && (0.0..1e15).contains(&self.0) {
+            serializer.serialize_u64(self.0 as u64)
+        } else {
+            serializer.serialize_f64(self.0)
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! What an agent is told.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use swarmbench_engine::{self as engine, Action, AgentId, Message, Seen, TaskName};
+use utoipa::ToSchema;
+
+use super::Position;
+use super::episode::{EpisodeResult, StatusName};
+
+/// The current observation of one agent: all that it may know.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Observation {
+    /// What is the same for as long as the round is open.
+    #[serde(flatten)]
+    pub sight: Sight,
+    /// What changes while the round is open.
+    #[serde(flatten)]
+    pub moment: Moment,
+}
+
+/// The part of an observation that stays as long as the round is open.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Sight {
+    /// The episode's id.
+    #[schema(example = "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4")]
+    pub episode: String,
+    /// The agent's name.
+    #[schema(example = "Agent_3")]
+    pub agent: String,
+    /// Where the episode stands.
+    pub status: StatusName,
+    /// The round to be answered: how many rounds were resolved.
+    pub round: u32,
+    /// After how many rounds the episode ends.
+    pub max_round: u32,
+    /// What is to be done.
+    pub task: Task,
+    /// The score of the whole swarm so far.
+    pub score: f64,
+    /// False once the agent has escaped.
+    pub alive: bool,
+    /// Where the agent is; null once it has escaped.
+    pub position: Option<Position>,
+    /// What it sees; null once it has escaped.
+    pub view: Option<View>,
+    /// Whether its light is on (Synchronization only).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_on: Option<bool>,
+    /// Whether it carries food (Foraging only).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub carrying_food: Option<bool>,
+    /// The messages delivered to it, sorted; nothing tells who sent them.
+    pub messages: Vec<String>,
+    /// The actions that the task knows.
+    pub actions: Vec<String>,
+    /// What it did lately, newest first, at most as many rounds as it remembers.
+    pub history: Vec<HistoryEntry>,
+    /// What it saw lately, newest first, at most one fewer than it remembers.
+    pub past_views: Vec<PastView>,
+    /// How the episode ended, once it has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub result: Option<EpisodeResult>,
+}
+
+/// The part of an observation that changes while the round is open.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Moment {
+    /// Whether this seat has answered the round.
+    pub acted: bool,
+    /// When the seat's clock runs out: the opening of the round, its deadline, and the bank. Null
+    /// without a clock.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub deadline: Option<jiff::Timestamp>,
+    /// What is left of the round's own clock. Null without a clock.
+    pub remaining_ms: Option<u64>,
+    /// What is left of the seat's bank, which is used up after that. Null without a clock.
+    pub bank_ms: Option<u64>,
+    /// The text for a language model; only where it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt: Option<String>,
+}
+
+/// A task, as an agent is told of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Task {
+    /// Its name.
+    #[schema(example = "Transport")]
+    pub name: String,
+    /// What is to be done, in words.
+    pub description: String,
+}
+
+/// A rectangle of cells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct View {
+    /// The top-left cell; may lie outside the map.
+    pub origin: Position,
+    /// `cells[a][b]` is the cell `(origin.i + a, origin.j + b)`: `.` empty, `W` wall, `B` block,
+    /// `P` prey, `N` nest, `F` food, `*` outside the map, `Y` the agent itself, other agents by
+    /// number, after a `$` where they bear a mark.
+    pub cells: Vec<Vec<Cell>>,
+}
+
+/// What the agent did in an earlier round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HistoryEntry {
+    /// The round.
+    pub round: u32,
+    /// Its action; null where it took none.
+    pub action: Option<String>,
+    /// Its message; null where it sent none.
+    pub message: Option<String>,
+}
+
+/// What the agent saw in an earlier round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PastView {
+    /// The round.
+    pub round: u32,
+    /// The top-left cell.
+    pub origin: Position,
+    /// The cells, as in a view.
+    pub cells: Vec<Vec<Cell>>,
+}
+
+/// A cell as it is written: a short symbol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
+#[schema(value_type = String, example = "$11")]
+pub struct Cell(pub Seen);
+
+impl Serialize for Cell {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let symbol = match self.0 {
+            Seen::Agent { .. } => return serializer.collect_str(&self.0),
+            Seen::Outside => "*",
+            Seen::Empty => ".",
+            Seen::Wall => "W",
+            Seen::Nest => "N",
+            Seen::Food => "F",
+            Seen::Block => "B",
+            Seen::Prey => "P",
+            Seen::Yourself => "Y",
+        };
+        serializer.serialize_str(symbol)
+    }
+}
+
+impl<'de> Deserialize<'de> for Cell {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let symbol = std::borrow::Cow::<str>::deserialize(deserializer)?;
+        let unknown = || serde::de::Error::custom(format!("an unknown cell {symbol:?}"));
+        Seen::parse(&symbol).map(Self).ok_or_else(unknown)
+    }
+}
+
+impl View {
+    fn of(view: &engine::View) -> Self {
+        Self { origin: view.origin.into(), cells: rows(view) }
+    }
+}
+
+fn rows(view: &engine::View) -> Vec<Vec<Cell>> {
+    view.rows().map(|row| row.iter().copied().map(Cell).collect()).collect()
+}
+
+impl Sight {
+    /// Writes out what the engine lets an agent see.
+    #[must_use]
+    pub fn of(
+        seen: &engine::Observation,
+        episode: String,
+        description: String,
+        status: StatusName,
+        result: Option<EpisodeResult>,
+    ) -> Self {
+        Self {
+            episode,
+            agent: seen.agent.to_string(),
+            status,
+            round: seen.round,
+            max_round: seen.max_round,
+            task: Task { name: seen.task.name().to_owned(), description },
+            score: seen.score,
+            alive: seen.position.is_some(),
+            position: seen.position.map(Into::into),
+            view: seen.view.as_ref().map(View::of),
+            light_on: seen.light_on,
+            carrying_food: seen.carrying_food,
+            messages: if seen.position.is_some() {
+                seen.messages.iter().map(ToString::to_string).collect()
+            } else {
+                Vec::new()
+            },
+            actions: Action::of_task(seen.task).iter().map(|a| a.name().to_owned()).collect(),
+            history: (seen.history.iter())
+                .map(|past| HistoryEntry {
+                    round: past.round,
+                    action: past.act.action.map(|action| action.name().to_owned()),
+                    message: past.act.message.as_ref().map(ToString::to_string),
+                })
+                .collect(),
+            past_views: (seen.past_views.iter())
+                .map(|past| PastView {
+                    round: past.round,
+                    origin: past.view.origin.into(),
+                    cells: rows(&past.view),
+                })
+                .collect(),
+            result,
+        }
+    }
+
+    /// Reads back what a built-in player is shown.
+    #[must_use]
+    pub fn to_engine(&self) -> Option<engine::Observation> {
+        let task = TaskName::parse(&self.task.name)?;
+        let history = self.history.iter().map(|past| {
+            let action = match &past.action {
+                Some(name) => Some(Action::parse(task, name)?),
+                None => None,
+            };
+            let message = past.message.as_deref().and_then(Message::new);
+            let act = engine::Act { action, message, to: None };
+            Some(engine::Remembered { round: past.round, act })
+        });
+        let past_views = self.past_views.iter().map(|past| engine::PastView {
+            round: past.round,
+            view: read_view(past.origin, &past.cells),
+        });
+        Some(engine::Observation {
+            agent: AgentId::parse(&self.agent)?,
+            task,
+            round: self.round,
+            max_round: self.max_round,
+            score: self.score,
+            position: self.position.map(Into::into),
+            view: self.view.as_ref().map(|view| read_view(view.origin, &view.cells)),
+            light_on: self.light_on,
+            carrying_food: self.carrying_food,
+            messages: self.messages.iter().filter_map(|text| Message::new(text)).collect(),
+            history: history.collect::<Option<_>>()?,
+            past_views: past_views.collect(),
+        })
+    }
+}
+
+fn read_view(origin: Position, cells: &[Vec<Cell>]) -> engine::View {
+    engine::View {
+        origin: origin.into(),
+        height: cells.len(),
+        width: cells.first().map_or(0, Vec::len),
+        cells: cells.iter().flatten().map(|cell| cell.0).collect(),
+    }
+}

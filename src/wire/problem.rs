@@ -1,0 +1,57 @@
+//! Errors, as RFC 9457 has them.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What went wrong, and what helps to recover.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// Names the kind of problem; the same as `code`, as a URI.
+    #[schema(example = "urn:swarmbench:problem:round_over")]
+    pub r#type: String,
+    /// The kind of problem, in words.
+    #[schema(example = "The round is over")]
+    pub title: String,
+    /// The HTTP status.
+    #[schema(example = 409)]
+    pub status: u16,
+    /// What happened this time, and what to do.
+    pub detail: String,
+    /// The kind of problem, for programs.
+    #[schema(example = "round_over")]
+    pub code: String,
+    /// The round at which the episode stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub round: Option<u32>,
+    /// After how many milliseconds it is worth trying again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retry_after_ms: Option<u64>,
+    /// The limit that was reached.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<Limit>,
+    /// The fields that were refused.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fields: Vec<FieldProblem>,
+}
+
+/// A limit by its name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Limit {
+    /// Its name; the unit is its last part.
+    #[schema(example = "body_bytes_max")]
+    pub name: String,
+    /// Its value.
+    #[schema(example = 262_144)]
+    pub value: u64,
+}
+
+/// A field that was refused.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FieldProblem {
+    /// Its name.
+    #[schema(example = "width")]
+    pub field: String,
+    /// What is allowed, and what came.
+    #[schema(example = "must be from 8 to 256, is 4")]
+    pub problem: String,
+}
