@@ -99,7 +99,10 @@ pub trait Entropy: Send + Sync + 'static {
 pub struct SystemEntropy;
 
 impl Entropy for SystemEntropy {
-    #[expect(clippy::disallowed_methods, reason = "the one place that asks the host for randomness")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the one place that asks the host for randomness"
+    )]
     fn fill(&self, bytes: &mut [u8]) {
         getrandom::fill(bytes).expect("the host gives random bytes");
     }

@@ -17,7 +17,7 @@ use crate::store::{OpenError, Store};
 use crate::telemetry;
 
 /// How often episodes that have ended are let go of.
-const SWEEP: Duration = Duration::from_secs(60);
+const SWEEP: Duration = Duration::from_mins(1);
 
 /// What a server is made of; the defaults are the host's own.
 #[derive(Clone)]

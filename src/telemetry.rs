@@ -60,10 +60,16 @@ fn describe() {
     describe_gauge!("swarmbench_waits", "Requests that wait for something to happen.");
     describe_counter!("swarmbench_commits_total", "Transactions committed.");
     describe_counter!("swarmbench_commit_entries_total", "Journal entries committed.");
-    describe_counter!("swarmbench_commit_failures_total", "Transactions that failed: the host's fault.");
+    describe_counter!(
+        "swarmbench_commit_failures_total",
+        "Transactions that failed: the host's fault."
+    );
     describe_histogram!("swarmbench_commit_seconds", "How long a commit takes.");
     describe_counter!("swarmbench_http_requests_total", "Requests, by route, method and status.");
-    describe_histogram!("swarmbench_http_request_seconds", "How long a request takes, waits included.");
+    describe_histogram!(
+        "swarmbench_http_request_seconds",
+        "How long a request takes, waits included."
+    );
     describe_gauge!("swarmbench_connections", "Open connections.");
     describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
 }

@@ -90,8 +90,7 @@ async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
 
 /// A database in a directory of its own that nobody else uses.
 fn fresh_database() -> anyhow::Result<PathBuf> {
-    let directory =
-        std::env::temp_dir().join(format!("swarmbench-demo-{}", std::process::id()));
+    let directory = std::env::temp_dir().join(format!("swarmbench-demo-{}", std::process::id()));
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
     let db = directory.join("swarmbench.db");

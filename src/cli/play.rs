@@ -10,8 +10,10 @@ use crate::players::play::play;
 use crate::wire::episode::{EpisodeRequest, EpisodeSummary};
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Built-in players: `random` plays every task; each task has one of its own, \
-    which is used where none is named.")]
+#[command(
+    after_help = "Built-in players: `random` plays every task; each task has one of its own, \
+    which is used where none is named."
+)]
 pub(super) struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]

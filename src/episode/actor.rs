@@ -292,11 +292,7 @@ impl Actor {
         .await;
     }
 
-    async fn submit(
-        &mut self,
-        acts: Vec<(AgentId, Submission)>,
-        reply: oneshot::Sender<Outcomes>,
-    ) {
+    async fn submit(&mut self, acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes>) {
         let mut effects = Vec::new();
         let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
         for (agent, submission) in acts {
@@ -331,6 +327,10 @@ impl Actor {
         if round >= self.world.round() {
             return Ok(None);
         }
+        // The round may still be on its way to the disk: what is found must include it.
+        let (done, kept) = oneshot::channel();
+        self.host.journal.append(Vec::new(), Box::new(move |result| drop(done.send(result))));
+        kept.await.unwrap_or_else(|_| Err(gone()))?;
         let act = self.host.journal.act(self.key, round, agent).await?;
         Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }

@@ -25,6 +25,7 @@ pub struct Submission {
 
 /// What happens.
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one at a time, on the stack")]
 pub enum Event {
     /// The creator starts a waiting episode.
     Start,
@@ -362,8 +363,7 @@ impl Lockstep {
         let given = Given { record, waiting_for };
         self.seats[agent.index()].given = Some(given.clone());
         let receipt = Receipt { round, given: given.clone(), duplicate: false };
-        let mut effects =
-            vec![Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))];
+        let mut effects = vec![Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))];
         self.close_if_complete(&mut effects);
         effects
     }
@@ -397,12 +397,7 @@ impl Lockstep {
         effects
     }
 
-    fn resolved(
-        &mut self,
-        now: Timestamp,
-        alive: &[bool],
-        ending: Option<Ending>,
-    ) -> Vec<Effect> {
+    fn resolved(&mut self, now: Timestamp, alive: &[bool], ending: Option<Ending>) -> Vec<Effect> {
         for (seat, &alive) in self.seats.iter_mut().zip(alive) {
             if let Some(given) = seat.given.take() {
                 let spent = Duration::from_millis(given.record.bank_spent_ms);
@@ -412,12 +407,11 @@ impl Lockstep {
         }
         self.round += 1;
         self.opened_at = now;
-        match ending {
-            Some(ending) => self.end(now, ending),
-            None => {
-                self.phase = Phase::Open;
-                vec![Effect::Publish]
-            }
+        if let Some(ending) = ending {
+            self.end(now, ending)
+        } else {
+            self.phase = Phase::Open;
+            vec![Effect::Publish]
         }
     }
 

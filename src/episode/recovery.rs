@@ -39,10 +39,13 @@ pub(super) async fn recover(
     stored: StoredEpisode,
     now: jiff::Timestamp,
 ) -> Result<Fresh, RecoveryError> {
-    let broken = |problem: String| RecoveryError::Broken { episode: stored.id.to_string(), problem };
+    let broken =
+        |problem: String| RecoveryError::Broken { episode: stored.id.to_string(), problem };
     let opening = match stored.opening.read() {
         Ok(Record::Opening(opening)) => *opening,
-        Ok(Record::Round(_) | Record::End(_)) => return Err(broken("it has no opening".to_owned())),
+        Ok(Record::Round(_) | Record::End(_)) => {
+            return Err(broken("it has no opening".to_owned()));
+        }
         Err(error) => return Err(broken(error.to_string())),
     };
     let spec = Arc::new(Spec::from_opening(&opening).map_err(broken)?);
@@ -72,9 +75,7 @@ pub(super) async fn recover(
         alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
         bank_spent: track.bank_spent,
         given: (open.into_iter().flat_map(|(_, acts)| acts))
-            .map(|(agent, act)| {
-                (agent, Given { record: act.record, waiting_for: act.waiting_for })
-            })
+            .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
         last_act_at: stored.last_act_at.unwrap_or(stored.created_at),
     };
@@ -99,11 +100,7 @@ struct Track {
 }
 
 impl Track {
-    fn play(
-        mut self,
-        acts: &[(u32, RoundActs)],
-        rounds: &[StoredRound],
-    ) -> Result<Self, String> {
+    fn play(mut self, acts: &[(u32, RoundActs)], rounds: &[StoredRound]) -> Result<Self, String> {
         for round in rounds {
             let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
                 Some((_, given)) => given,
@@ -131,11 +128,7 @@ impl Track {
 
 /// The clocks of an episode.
 pub(super) fn clocks(spec: &Spec) -> Clocks {
-    Clocks {
-        round_deadline: spec.round_deadline,
-        bank: spec.bank,
-        idle_timeout: spec.idle_timeout,
-    }
+    Clocks { round_deadline: spec.round_deadline, bank: spec.bank, idle_timeout: spec.idle_timeout }
 }
 
 fn outcome(
@@ -163,9 +156,9 @@ pub async fn state_at(
         let from = world.round();
         let to = round.min(from + CHUNK);
         let acts = journal.acts(handle.key, from, to).await?;
-        world = blocking(move || replay(&world, &acts, to)).await?.map_err(|problem| {
-            RecoveryError::Broken { episode: handle.id.to_string(), problem }
-        })?;
+        world = blocking(move || replay(&world, &acts, to))
+            .await?
+            .map_err(|problem| RecoveryError::Broken { episode: handle.id.to_string(), problem })?;
     }
     Ok(world)
 }

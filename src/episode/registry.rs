@@ -22,7 +22,7 @@ use crate::journal::record::RawRecord;
 use crate::journal::{Entry, EpisodeKey, Journal, JournalError, OpeningRow, TokenRow};
 
 /// How long an episode that has ended stays in memory after it was last asked for.
-const ENDED_STAYS: Duration = Duration::from_secs(300);
+const ENDED_STAYS: Duration = Duration::from_mins(5);
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
@@ -139,6 +139,11 @@ impl Registry {
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let handle = spawn(self.host.clone(), fresh, &self.tracker);
+        if !handle.spec.manual_start && handle.snapshot().world.is_over() {
+            // The layout has solved the task; whoever created the episode is to see that. Where the
+            // end cannot be kept, the next request will tell.
+            drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
+        }
         let cell = Arc::new(OnceCell::new_with(Some(handle.clone())));
         let slot = Slot { handle: cell, used_at: now };
         self.slots.lock().expect("nothing panics while it holds this").insert(id, slot);

@@ -40,13 +40,12 @@ impl FromRequestParts<App> for Caller {
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
         let hash = Token::parse(token.trim()).ok_or_else(unknown)?.hash();
-        let grant = match app.tokens.get(&hash) {
-            Some(grant) => grant,
-            None => {
-                let grant = app.store.find_token(hash).await?.ok_or_else(unknown)?;
-                app.tokens.insert(hash, grant.clone());
-                grant
-            }
+        let grant = if let Some(grant) = app.tokens.get(&hash) {
+            grant
+        } else {
+            let grant = app.store.find_token(hash).await?.ok_or_else(unknown)?;
+            app.tokens.insert(hash, grant.clone());
+            grant
         };
         Ok(match grant.agent {
             Some(agent) => Self::Seat(grant.episode, agent),

@@ -36,7 +36,6 @@ pub enum Code {
     UnsupportedMediaType,
     Invalid,
     TemplateFailed,
-    RateLimited,
     Internal,
     Overloaded,
     Unavailable,
@@ -59,7 +58,6 @@ impl Code {
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
             Self::Invalid => ("invalid", 422, "The request is not allowed"),
             Self::TemplateFailed => ("template_failed", 422, "The prompt template failed"),
-            Self::RateLimited => ("rate_limited", 429, "Too many requests"),
             Self::Internal => ("internal", 500, "The server has a fault"),
             Self::Overloaded => ("overloaded", 503, "The server is busy"),
             Self::Unavailable => ("unavailable", 503, "The journal is not available"),
@@ -170,12 +168,14 @@ impl IntoResponse for ApiError {
         let body = serde_json::to_vec(&problem).expect("a problem has string keys");
         let mut response = (status, body).into_response();
         let headers = response.headers_mut();
-        headers
-            .insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some(after) = self.retry_after {
             // Whole seconds, rounded up: nobody should come back too early.
             let seconds = after.as_millis().div_ceil(1000);
-            headers.insert(header::RETRY_AFTER, HeaderValue::from(u64::try_from(seconds).unwrap_or(60)));
+            headers.insert(
+                header::RETRY_AFTER,
+                HeaderValue::from(u64::try_from(seconds).unwrap_or(60)),
+            );
         }
         if self.code == Code::Unauthorized {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
@@ -187,8 +187,11 @@ impl IntoResponse for ApiError {
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
         tracing::error!(%error, "a request failed");
-        Self::new(Code::Unavailable, "the journal cannot be used; the operator has to look at the log")
-            .retry_after(Duration::from_secs(5))
+        Self::new(
+            Code::Unavailable,
+            "the journal cannot be used; the operator has to look at the log",
+        )
+        .retry_after(Duration::from_secs(5))
     }
 }
 
@@ -208,7 +211,9 @@ impl From<TemplateError> for ApiError {
     fn from(error: TemplateError) -> Self {
         Self::new(
             Code::TemplateFailed,
-            format!("the episode's prompt template fails on this observation: {error}; the round is still open, act without the prompt"),
+            format!(
+                "the episode's prompt template fails on this observation: {error}; the round is still open, act without the prompt"
+            ),
         )
     }
 }

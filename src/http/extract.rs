@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use axum::extract::{FromRequest, FromRequestParts, Query, Request};
+use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use bytes::Bytes;
@@ -56,9 +56,9 @@ pub(super) async fn json_bytes(
     let says_json = is_json(request.headers());
     let body = Limited::new(request.into_body(), limit).collect();
     let patience = Duration::from_secs(app.limits.body_read_s_max);
-    let body = tokio::time::timeout(patience, body).await.map_err(|_| {
-        ApiError::new(Code::Malformed, "the body did not arrive in time")
-    })?;
+    let body = tokio::time::timeout(patience, body)
+        .await
+        .map_err(|_| ApiError::new(Code::Malformed, "the body did not arrive in time"))?;
     let bytes = match body {
         Ok(body) => body.to_bytes(),
         Err(error) if error.is::<LengthLimitError>() => {
@@ -145,6 +145,18 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
             let cause = error.source().map_or_else(|| error.to_string(), ToString::to_string);
             ApiError::new(Code::Malformed, format!("the query cannot be read: {cause}"))
         })
+    }
+}
+
+/// The id in a path. Whatever is no text is no id that is known.
+pub(super) struct Id(pub(super) String);
+
+impl<S: Sync + Send> FromRequestParts<S> for Id {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let id = Path::<String>::from_request_parts(parts, state).await;
+        id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the episode"))
     }
 }
 

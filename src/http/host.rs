@@ -57,8 +57,9 @@ pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health
     app.store.ping().await?;
     if !app.ready.load(Ordering::Acquire) {
         let detail = "unfinished episodes are still being taken up";
-        return Err(ApiError::new(Code::Unavailable, detail)
-            .retry_after(std::time::Duration::from_secs(1)));
+        return Err(
+            ApiError::new(Code::Unavailable, detail).retry_after(std::time::Duration::from_secs(1))
+        );
     }
     Ok(Json(OK))
 }

@@ -1,12 +1,14 @@
 //! Every route on one page.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
 use axum::http::{HeaderName, StatusCode};
 use axum::middleware::{self, Next};
-use axum::response::{IntoResponse, Response};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
@@ -40,7 +42,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, document) = routes().split_for_parts();
-    let docs = SwaggerUi::new("/docs")
+    let docs = SwaggerUi::new(DOCS_FILES)
         .url("/openapi.json", document)
         .config(Config::default().validator_url("none"));
     let request_id = HeaderName::from_static("x-request-id");
@@ -52,10 +54,23 @@ pub fn router(app: App) -> Router {
     router
         .route_layer(middleware::from_fn(measure))
         .merge(docs)
+        .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(layers)
         .with_state(app)
+}
+
+/// Where the files of the documentation page lie; they are part of the binary.
+const DOCS_FILES: &str = "/docs/files";
+
+/// The page that shows the OpenAPI document; it needs no network but this server.
+async fn docs_page() -> Result<Html<String>, ApiError> {
+    let config = Arc::new(Config::from("/openapi.json").validator_url("none"));
+    let page = utoipa_swagger_ui::serve("index.html", config).ok().flatten();
+    let page = page.and_then(|page| String::from_utf8(page.bytes.into_owned()).ok());
+    let page = page.ok_or_else(|| ApiError::new(Code::Internal, "the page is missing"))?;
+    Ok(Html(page.replace("\"./", &format!("\"{DOCS_FILES}/"))))
 }
 
 /// A span for every request, with its id; never with its headers, which hold tokens.
@@ -105,6 +120,7 @@ async fn no_method(request: Request) -> ApiError {
     ApiError::new(Code::MethodNotAllowed, detail)
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the shape that the layer calls")]
 fn panicked(panic: Box<dyn std::any::Any + Send>) -> Response {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");

@@ -28,7 +28,10 @@ pub enum Entry {
     /// A new episode.
     Open(Box<OpeningRow>),
     /// A manual start.
-    Start { episode: EpisodeKey },
+    Start {
+        /// The episode.
+        episode: EpisodeKey,
+    },
     /// What a seat did in a round, or that its clock ran out.
     Act(ActRow),
     /// A resolved round.
@@ -36,7 +39,12 @@ pub enum Entry {
     /// The end of an episode.
     End(EndRow),
     /// New tokens in place of all that an episode had.
-    ReplaceTokens { episode: EpisodeKey, tokens: Vec<TokenRow> },
+    ReplaceTokens {
+        /// The episode.
+        episode: EpisodeKey,
+        /// All its tokens from now on.
+        tokens: Vec<TokenRow>,
+    },
 }
 
 /// A new episode.

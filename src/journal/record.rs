@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
-use swarmbench_engine::{Act, Action, AgentId, Config, Message, Settings, SettingErrors};
+use swarmbench_engine::{Act, Action, AgentId, Config, Message, SettingErrors, Settings};
 
 use super::chain::Head;
 

@@ -80,7 +80,7 @@ pub fn verify(
                 Ok(())
             }
             Record::End(end) => {
-                at = " (the end)".to_owned();
+                at.push_str(" (the end)");
                 played.as_mut().ok_or("the first record is not an opening")?.finish(end)
             }
         });
@@ -195,7 +195,11 @@ impl Player {
     }
 }
 
-fn compare<T: PartialEq + std::fmt::Debug>(what: &str, recorded: &T, played: &T) -> Result<(), String> {
+fn compare<T: PartialEq + std::fmt::Debug>(
+    what: &str,
+    recorded: &T,
+    played: &T,
+) -> Result<(), String> {
     if recorded == played {
         return Ok(());
     }

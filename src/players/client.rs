@@ -17,7 +17,9 @@ const PATIENCE: Duration = Duration::from_secs(30);
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The server did not answer.
-    #[error("{url} does not answer: {source}; does a server run there? `swarmbench serve` starts one")]
+    #[error(
+        "{url} does not answer: {source}; does a server run there? `swarmbench serve` starts one"
+    )]
     Transport {
         /// What was asked.
         url: Url,
@@ -176,8 +178,7 @@ impl Client {
         let response = fill(call).send().await.map_err(failed)?;
         let status = response.status();
         let body = response.bytes().await.map_err(failed)?;
-        let strange =
-            |what: String| ClientError::Strange { url: url.clone(), status, what };
+        let strange = |what: String| ClientError::Strange { url: url.clone(), status, what };
         if status.is_success() {
             return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
         }

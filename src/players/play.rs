@@ -55,13 +55,12 @@ pub async fn play(
         let mut acts = Vec::with_capacity(look.observations.len());
         for observation in &look.observations {
             let name = &observation.sight.agent;
-            let player = match players.get_mut(name) {
-                Some(player) => player,
-                None => {
-                    let seat = seat(&created.config, name, player_seed);
-                    let seat = seat.ok_or(PlayError::Strange(observation.sight.round))?;
-                    players.entry(name.clone()).or_insert(player.make(&seat))
-                }
+            let player = if let Some(player) = players.get_mut(name) {
+                player
+            } else {
+                let seat = seat(&created.config, name, player_seed);
+                let seat = seat.ok_or(PlayError::Strange(observation.sight.round))?;
+                players.entry(name.clone()).or_insert(player.make(&seat))
             };
             acts.push(decide(&mut **player, observation)?);
             progress(observation.sight.round, observation.sight.score);

@@ -61,7 +61,9 @@ impl From<Error> for TemplateError {
 pub fn check(template: &str) -> Result<(), TemplateError> {
     if template.len() > TEMPLATE_BYTES_MAX {
         let is = template.len();
-        return Err(TemplateError(format!("must have at most {TEMPLATE_BYTES_MAX} bytes, has {is}")));
+        return Err(TemplateError(format!(
+            "must have at most {TEMPLATE_BYTES_MAX} bytes, has {is}"
+        )));
     }
     let parsed = minijinja::machinery::parse(template, "prompt", syntax())?;
     check_statement(&parsed)
@@ -252,7 +254,14 @@ impl<'a> Context<'a> {
                 1 => "1 step ago".to_owned(),
                 _ => format!("{ago} steps ago"),
             };
-            ViewContext { round, ago, label, origin, cells: cells.clone(), text: table(origin, cells) }
+            ViewContext {
+                round,
+                ago,
+                label,
+                origin,
+                cells: cells.clone(),
+                text: table(origin, cells),
+            }
         };
         let centralized = config.control() == Control::Centralized;
         let cells = sight.view.as_ref().map(|view| &view.cells);
@@ -270,7 +279,10 @@ impl<'a> Context<'a> {
             history: sight.history.iter().rev().collect(),
             views: now.chain(past).map(view).collect(),
             actions: (Action::of_task(config.task()).iter())
-                .map(|&action| ActionContext { name: action.name(), meaning: tasks::meaning(action) })
+                .map(|&action| ActionContext {
+                    name: action.name(),
+                    meaning: tasks::meaning(action),
+                })
                 .collect(),
             height: cells.map_or(0, Vec::len),
             width: cells.and_then(|rows| rows.first()).map_or(0, Vec::len),

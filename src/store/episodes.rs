@@ -89,9 +89,7 @@ impl Store {
         .fetch_all(&self.readers)
         .await
         .map_err(failure)?;
-        rows.iter()
-            .map(|row| row.try_get(0).map(EpisodeId::from_text).map_err(failure))
-            .collect()
+        rows.iter().map(|row| row.try_get(0).map(EpisodeId::from_text).map_err(failure)).collect()
     }
 
     /// The number of the newest episode, 0 where there is none.
@@ -114,11 +112,12 @@ impl Store {
         &self,
         key: &str,
     ) -> Result<Option<(EpisodeId, Vec<u8>)>, JournalError> {
-        let row = sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?")
-            .bind(key)
-            .fetch_optional(&self.readers)
-            .await
-            .map_err(failure)?;
+        let row =
+            sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?")
+                .bind(key)
+                .fetch_optional(&self.readers)
+                .await
+                .map_err(failure)?;
         let read = |row: SqliteRow| {
             Ok((EpisodeId::from_text(row.try_get(0)?), row.try_get::<Vec<u8>, _>(1)?))
         };

@@ -142,6 +142,7 @@ impl Store {
     }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the shape of map_err")]
 fn failure(error: sqlx::Error) -> JournalError {
     JournalError(error.to_string().into())
 }

@@ -75,9 +75,8 @@ pub struct SwarmAct {
 
 impl SwarmAct {
     /// The names of all fields.
-    pub const FIELDS: &[&str] = &[
-        "episode", "agent", "round", "action", "message", "to", "response", "usage", "reasoning",
-    ];
+    pub const FIELDS: &[&str] =
+        &["episode", "agent", "round", "action", "message", "to", "response", "usage", "reasoning"];
 
     /// Whose act it is (episode and agent), and the act as for a single seat.
     #[must_use]

@@ -71,9 +71,9 @@ pub struct Moment {
     /// without a clock.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub deadline: Option<jiff::Timestamp>,
-    /// What is left of the round's own clock. Null without a clock.
+    /// How long it is until then. Null without a clock.
     pub remaining_ms: Option<u64>,
-    /// What is left of the seat's bank, which is used up after that. Null without a clock.
+    /// What is left of the seat's bank; it is part of that, and used last. Null without a clock.
     pub bank_ms: Option<u64>,
     /// The text for a language model; only where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -228,8 +228,7 @@ impl Config {
             Control::Decentralized => i64::from(self.view_size) * i64::from(self.view_size),
             Control::Centralized => i64::from(self.width) * i64::from(self.height),
         };
-        // The current window is there even where nothing is remembered.
-        let remembered = window * cast::<_, i64>(self.memory).max(1);
+        let remembered = window * cast::<_, i64>(self.memory);
         let (one, all) = (limits::REMEMBERED_CELLS_MAX, limits::REMEMBERED_CELLS_OF_ALL_MAX);
         if remembered > one {
             check.fail(

@@ -302,9 +302,11 @@ fn view(config: &Config, board: &Board, flags: &[bool], agent: AgentId) -> View 
             Kind::Prey => Seen::Prey,
         }
     };
-    let row = |i| (origin.j..origin.j + width).map(move |j| Pos::new(i, j));
-    let cells = (origin.i..origin.i + height).flat_map(row).map(see).collect();
     let length = |cells: i32| usize::try_from(cells).expect("a positive size");
+    let mut cells = Vec::with_capacity(length(height * width));
+    for i in origin.i..origin.i + height {
+        cells.extend((origin.j..origin.j + width).map(|j| see(Pos::new(i, j))));
+    }
     View { origin, height: length(height), width: length(width), cells }
 }
 

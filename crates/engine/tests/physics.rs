@@ -91,7 +91,7 @@ fn search(components: &Components) -> Vec<bool> {
     (0..count).map(|node| holds(best, node)).collect()
 }
 
-/// A failure prints the smallest graph that shows it, and the seed in `proptest-regressions`.
+/// A failure prints the smallest graph that shows it.
 fn cases(cases: u32) -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases) }
 }

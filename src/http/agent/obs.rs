@@ -129,14 +129,14 @@ fn moment(app: &App, handle: &Handle, snapshot: &Snapshot, agent: AgentId) -> Mo
     let acted = snapshot.has_acted(agent);
     let deadline = snapshot.deadline(&handle.spec, agent);
     let Some(deadline) = deadline else { return Moment { acted, ..Moment::default() } };
-    // The round's own clock runs first, then the bank.
     let left = until(app.clock.now(), deadline);
-    let bank = snapshot.banks[agent.index()];
+    // The round's own clock runs first, then the bank.
+    let bank = snapshot.banks[agent.index()].min(left);
     Moment {
         acted,
         deadline: Some(deadline),
-        remaining_ms: Some(millis(left.saturating_sub(bank))),
-        bank_ms: Some(millis(left.min(bank))),
+        remaining_ms: Some(millis(left)),
+        bank_ms: Some(millis(bank)),
         prompt: None,
     }
 }

@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 use std::time::Duration;
 
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Sse;
 use axum::response::sse::{Event, KeepAlive};
@@ -18,7 +18,7 @@ use super::super::App;
 use super::super::agent::obs::result;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::extract::{Id, Params};
 use crate::episode::actor::Handle;
 use crate::episode::recovery::state_at;
 use crate::wire::episode::RoundEvent;
@@ -63,7 +63,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub(in super::super) async fn stream_events(
     State(app): State<App>,
     caller: Caller,
-    Path(id): Path<String>,
+    Id(id): Id,
     headers: HeaderMap,
     Params(params): Params<EventsParams>,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {

@@ -1,7 +1,7 @@
 //! `GET /api/v1/episodes/{id}/journal`: JSON Lines, enough to play the episode again.
 
 use axum::body::Body;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
@@ -10,6 +10,7 @@ use futures::stream;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
+use super::super::extract::Id;
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, round_record};
 use crate::journal::{JournalError, StoredEpisode};
@@ -40,7 +41,7 @@ const CHUNK: u32 = 64;
 pub(in super::super) async fn read_journal(
     State(app): State<App>,
     caller: Caller,
-    Path(id): Path<String>,
+    Id(id): Id,
 ) -> Result<Response, ApiError> {
     let handle = app.readable(&caller, id).await?;
     let is_over = handle.snapshot().status.is_over();

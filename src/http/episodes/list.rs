@@ -96,7 +96,7 @@ pub(in super::super) async fn list_episodes(
     let has_more = stored.len() > limit as usize;
     stored.truncate(limit as usize);
     let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.episode));
-    let items = stored.into_iter().map(|stored| summary(&caller, stored));
+    let items = stored.iter().map(|stored| summary(&caller, stored));
     Ok(Json(EpisodeList { items: items.collect::<Result<_, _>>()?, next_cursor }))
 }
 

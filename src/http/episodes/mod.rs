@@ -19,7 +19,7 @@ use crate::episode::actor::Handle;
 use crate::episode::spec::Spec;
 use crate::ids::EpisodeId;
 use crate::journal::StoredEpisode;
-use crate::journal::record::{End, Opening, Record};
+use crate::journal::record::{End, Record};
 use crate::wire::Seconds;
 use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 
@@ -59,7 +59,7 @@ impl App {
     /// An episode as it is shown, from what is stored of it.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
         let stored = self.store.find_episode(id).await?;
-        summary(caller, stored.ok_or_else(|| ApiError::not_found("the episode"))?)
+        summary(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
     }
 }
 
@@ -69,11 +69,10 @@ fn broken(problem: &str) -> ApiError {
 }
 
 /// The description of a stored episode.
-fn opening(stored: &StoredEpisode) -> Result<(Opening, Spec), ApiError> {
+fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
     match stored.opening.read() {
         Ok(Record::Opening(opening)) => {
-            let spec = Spec::from_opening(&opening).map_err(|problem| broken(&problem))?;
-            Ok((*opening, spec))
+            Spec::from_opening(&opening).map_err(|problem| broken(&problem))
         }
         Ok(Record::Round(_) | Record::End(_)) => Err(broken("no opening")),
         Err(error) => Err(broken(&error.to_string())),
@@ -81,18 +80,15 @@ fn opening(stored: &StoredEpisode) -> Result<(Opening, Spec), ApiError> {
 }
 
 /// A stored episode as it is shown to `caller`.
-fn summary(caller: &Caller, stored: StoredEpisode) -> Result<EpisodeSummary, ApiError> {
-    let (_, spec) = opening(&stored)?;
+fn summary(caller: &Caller, stored: &StoredEpisode) -> Result<EpisodeSummary, ApiError> {
+    let spec = spec(stored)?;
     let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
     let result = match &stored.end {
         None => None,
         Some(end) => match end.read() {
-            Ok(Record::End(End { reason, score, rounds, .. })) => Some(EpisodeResult {
-                reason,
-                score,
-                rounds,
-                journal_head: stored.head.to_string(),
-            }),
+            Ok(Record::End(End { reason, score, rounds, .. })) => {
+                Some(EpisodeResult { reason, score, rounds, journal_head: stored.head.to_string() })
+            }
             _ => return Err(broken("no end")),
         },
     };

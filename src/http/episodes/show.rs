@@ -1,11 +1,12 @@
 //! `GET /api/v1/episodes/{id}`.
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::State;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
+use super::super::extract::Id;
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
 
@@ -26,7 +27,7 @@ use crate::wire::problem::Problem;
 pub(in super::super) async fn show_episode(
     State(app): State<App>,
     caller: Caller,
-    Path(id): Path<String>,
+    Id(id): Id,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.known(&caller, id).await?;
     Ok(Json(app.summary(&caller, &handle.id).await?))

@@ -1,11 +1,12 @@
 //! `POST /api/v1/episodes/{id}/start`.
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::State;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
+use super::super::extract::Id;
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
 
@@ -31,7 +32,7 @@ use crate::wire::problem::Problem;
 pub(in super::super) async fn start_episode(
     State(app): State<App>,
     caller: Caller,
-    Path(id): Path<String>,
+    Id(id): Id,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
     let snapshot = handle.snapshot();

@@ -1,14 +1,14 @@
 //! `GET /api/v1/episodes/{id}/state`.
 
 use axum::Json;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::extract::{Id, Params};
 use crate::episode::recovery::state_at;
 use crate::wire::episode::State as StateBody;
 use crate::wire::problem::Problem;
@@ -41,14 +41,15 @@ pub(in super::super) struct StateParams {
 pub(in super::super) async fn show_state(
     State(app): State<App>,
     caller: Caller,
-    Path(id): Path<String>,
+    Id(id): Id,
     Params(params): Params<StateParams>,
 ) -> Result<Json<StateBody>, ApiError> {
     let handle = app.readable(&caller, id).await?;
     let now = handle.snapshot().world.clone();
     let round = params.round.unwrap_or(now.round());
     if round > now.round() {
-        let detail = format!("the episode stands at round {}; round {round} is not resolved", now.round());
+        let detail =
+            format!("the episode stands at round {}; round {round} is not resolved", now.round());
         return Err(ApiError::new(Code::NotFound, detail).at_round(now.round()));
     }
     let world = if round == now.round() {

@@ -10,7 +10,7 @@ use super::super::App;
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{json_bytes, read};
+use super::super::extract::{Named, json_bytes, read};
 use crate::episode::actor::Handle;
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
@@ -46,7 +46,7 @@ pub(in super::super) async fn post_swarm_act(
     let limit = app.limits.swarm_body_bytes_max;
     let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
-    let acts = envelope(&bytes)?;
+    let Envelope { acts } = read(&bytes)?;
     let most = app.limits.acts_max;
     if acts.len() > most {
         let detail = format!("{} acts came, at most {most} are taken at once", acts.len());
@@ -56,7 +56,7 @@ pub(in super::super) async fn post_swarm_act(
     let mut places = Vec::new();
     let mut submissions = Vec::new();
     for (place, act) in acts.into_iter().enumerate() {
-        match check(&app, &handle, act) {
+        match check(&app, &handle, &act) {
             Ok(submission) => {
                 places.push(place);
                 submissions.push(submission);
@@ -64,11 +64,8 @@ pub(in super::super) async fn post_swarm_act(
             Err(error) => receipts[place] = Some(SwarmReceipt::Problem(error.problem())),
         }
     }
-    let outcomes = if submissions.is_empty() {
-        Vec::new()
-    } else {
-        handle.submit(submissions).await
-    };
+    let outcomes =
+        if submissions.is_empty() { Vec::new() } else { handle.submit(submissions).await };
     for (place, outcome) in places.into_iter().zip(outcomes) {
         receipts[place] = Some(match outcome {
             Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, given)),
@@ -76,28 +73,20 @@ pub(in super::super) async fn post_swarm_act(
         });
     }
     let receipts = receipts.into_iter().collect::<Option<Vec<_>>>();
-    let receipts = receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))?;
+    let receipts =
+        receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))?;
     Ok(axum::Json(SwarmActResponse { receipts }).into_response())
 }
 
-/// The acts of a body, unread.
-fn envelope(bytes: &[u8]) -> Result<Vec<&RawValue>, ApiError> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Envelope<'a> {
-        #[serde(borrow)]
-        acts: Vec<&'a RawValue>,
-    }
-    match serde_json::from_slice::<Envelope<'_>>(bytes) {
-        Ok(envelope) => Ok(envelope.acts),
-        Err(error) if error.is_data() => {
-            let detail = "must be there, alone, and be a list of acts";
-            Err(ApiError::field("acts", detail))
-        }
-        Err(error) => {
-            Err(ApiError::new(Code::Malformed, format!("the body is not JSON: {error}")))
-        }
-    }
+/// The acts of a body, each still to be read for itself.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Envelope {
+    acts: Vec<Box<RawValue>>,
+}
+
+impl Named for Envelope {
+    const FIELDS: &'static [&'static str] = &["acts"];
 }
 
 /// Checks one act.

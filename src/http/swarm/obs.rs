@@ -7,12 +7,12 @@ use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
 use utoipa::IntoParams;
 
+use super::super::App;
 use super::super::agent::act::raw;
 use super::super::agent::obs::observation;
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
-use super::super::App;
 use crate::episode::Snapshot;
 use crate::wire::act::SwarmObsResponse;
 use crate::wire::problem::Problem;

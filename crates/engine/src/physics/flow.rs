@@ -3,7 +3,8 @@
 //! A node with more force than mass has a *surplus*, one with less a *deficit*; force travels along
 //! contacts. The largest set that can move is what remains when two kinds of nodes are dropped:
 //!
-//! 1. those that are fixed, or point (through others) at one that is;
+//! 1. those that are fixed, or point (through others) at one that is; they are dropped first, as they
+//!    pass no force on;
 //! 2. those from which, once as much force as possible has been routed, an unmet deficit can still
 //!    be reached in the residual graph.
 //!
