@@ -456,3 +456,236 @@ fn is_same(kept: &ActRecord, sent: &ActRecord) -> bool {
         && kept.to == sent.to
         && kept.response == sent.response
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const START: Timestamp = Timestamp::UNIX_EPOCH;
+
+    fn clocks(round_s: Option<u64>, bank_s: u64) -> Clocks {
+        Clocks {
+            round_deadline: round_s.map(Duration::from_secs),
+            bank: Duration::from_secs(bank_s),
+            idle_timeout: Duration::from_secs(1000),
+        }
+    }
+
+    fn fresh(agents: usize, clocks: Clocks) -> Lockstep {
+        let standing = Standing {
+            waiting: false,
+            outcome: None,
+            round: 0,
+            alive: vec![true; agents],
+            bank_spent: vec![Duration::ZERO; agents],
+            given: Vec::new(),
+            last_act_at: START,
+        };
+        Lockstep::new(clocks, standing, START)
+    }
+
+    fn record(agent: u16, action: &str) -> ActRecord {
+        ActRecord {
+            action: Some(action.to_owned()),
+            source: Source::Player,
+            ..ActRecord::clock_ran_out(AgentId(agent), 0)
+        }
+    }
+
+    fn at(seconds: u64) -> Timestamp {
+        after(START, Duration::from_secs(seconds))
+    }
+
+    fn submit(
+        machine: &mut Lockstep,
+        now: Timestamp,
+        agent: u16,
+        round: u32,
+        action: &str,
+    ) -> Vec<Effect> {
+        let submission = Submission { round, record: record(agent, action) };
+        machine.apply(now, Event::Submit { agent: AgentId(agent), submission, earlier: None })
+    }
+
+    fn answer(effects: &[Effect]) -> Result<Receipt, Refusal> {
+        let answers = effects.iter().filter_map(|effect| match effect {
+            Effect::Answer(answer) => Some(answer.clone()),
+            _ => None,
+        });
+        let answers: Vec<_> = answers.collect();
+        assert_eq!(answers.len(), 1, "{effects:?}");
+        answers[0].clone()
+    }
+
+    #[test]
+    fn the_last_act_closes_the_round() {
+        let mut machine = fresh(2, clocks(None, 0));
+        let first = submit(&mut machine, at(1), 0, 0, "UP");
+        assert_eq!(answer(&first).expect("taken").given.waiting_for, 1);
+        assert!(!first.contains(&Effect::Resolve));
+        let last = submit(&mut machine, at(2), 1, 0, "DOWN");
+        assert_eq!(last.last(), Some(&Effect::Resolve));
+        assert_eq!(machine.records().count(), 2);
+        let next = machine.apply(at(2), Event::Resolved { alive: vec![true; 2], ending: None });
+        assert_eq!(next, [Effect::Publish]);
+        assert_eq!(machine.records().count(), 0);
+    }
+
+    #[test]
+    fn refusals_come_in_the_order_of_the_contract() {
+        let mut machine = fresh(2, clocks(None, 0));
+        submit(&mut machine, at(1), 0, 0, "UP");
+        let again = answer(&submit(&mut machine, at(2), 0, 0, "UP")).expect("the same act");
+        assert!(again.duplicate);
+        assert_eq!(again.given.waiting_for, 1);
+        let other = answer(&submit(&mut machine, at(2), 0, 0, "DOWN"));
+        assert_eq!(other, Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
+        let ahead = answer(&submit(&mut machine, at(2), 0, 1, "UP"));
+        assert_eq!(ahead, Err(Refusal::RoundAhead { sent: 1, round: 0 }));
+        submit(&mut machine, at(3), 1, 0, "UP");
+        machine.apply(at(3), Event::Resolved { alive: vec![true, false], ending: None });
+        let past = answer(&submit(&mut machine, at(4), 0, 0, "UP"));
+        assert_eq!(past, Err(Refusal::RoundOver { sent: 0, round: 1 }), "nothing is known of it");
+        let escaped = answer(&submit(&mut machine, at(4), 1, 1, "UP"));
+        assert_eq!(escaped, Err(Refusal::EpisodeOver { round: 1, escaped: true }));
+        machine.apply(at(5), Event::Abort);
+        let over = answer(&submit(&mut machine, at(6), 0, 1, "UP"));
+        assert_eq!(over, Err(Refusal::EpisodeOver { round: 1, escaped: false }));
+        let ahead = answer(&submit(&mut machine, at(6), 0, 2, "UP"));
+        assert_eq!(ahead, Err(Refusal::RoundAhead { sent: 2, round: 1 }));
+    }
+
+    #[test]
+    fn acts_for_an_earlier_round_are_answered_from_what_was_kept() {
+        let mut machine = fresh(1, clocks(None, 0));
+        submit(&mut machine, at(1), 0, 0, "UP");
+        machine.apply(at(1), Event::Resolved { alive: vec![true], ending: None });
+        let kept = Given { record: record(0, "UP"), waiting_for: 0 };
+        for (action, expected) in [
+            ("UP", Ok(Receipt { round: 0, given: kept.clone(), duplicate: true })),
+            ("DOWN", Err(Refusal::AlreadyActed { sent: 0, round: 1 })),
+        ] {
+            let submission = Submission { round: 0, record: record(0, action) };
+            let earlier = Some(kept.clone());
+            let event = Event::Submit { agent: AgentId(0), submission, earlier };
+            assert_eq!(answer(&machine.apply(at(2), event)), expected);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_runs_out_counts_for_its_seat_alone() {
+        let mut machine = fresh(2, clocks(Some(10), 5));
+        assert_eq!(machine.wakes_at(), Some(at(15)));
+        let effects = submit(&mut machine, at(12), 0, 0, "UP");
+        assert_eq!(answer(&effects).expect("in the bank's time").given.record.bank_spent_ms, 2000);
+        assert_eq!(machine.apply(at(14), Event::Tick), []);
+        let effects = machine.apply(at(15), Event::Tick);
+        let given = Given { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
+        assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), given }, Effect::Resolve]);
+        machine.apply(at(15), Event::Resolved { alive: vec![true; 2], ending: None });
+        assert_eq!(machine.banks(), [Duration::from_secs(3), Duration::ZERO]);
+        assert_eq!(machine.wakes_at(), Some(at(25)), "the one without a bank is first");
+        let late = submit(&mut machine, at(26), 1, 1, "UP");
+        assert_eq!(
+            answer(&late),
+            Err(Refusal::RoundOver { sent: 1, round: 1 }),
+            "nobody had ticked"
+        );
+        assert!(matches!(late[0], Effect::KeepAct { agent: AgentId(1), .. }));
+    }
+
+    #[test]
+    fn an_episode_without_acts_is_abandoned() {
+        let mut machine = fresh(2, clocks(None, 0));
+        submit(&mut machine, at(100), 0, 0, "UP");
+        assert_eq!(machine.wakes_at(), Some(at(1100)));
+        assert_eq!(machine.apply(at(1099), Event::Tick), []);
+        assert_eq!(machine.apply(at(1100), Event::Tick), [Effect::End(Ending::Idle)]);
+        assert_eq!(machine.status(), Status::Abandoned);
+        assert_eq!(machine.wakes_at(), None);
+    }
+
+    #[derive(Clone, Debug)]
+    enum Move {
+        Submit { agent: u16, behind: u32, action: bool },
+        Pass { seconds: u64 },
+    }
+
+    fn moves() -> impl Strategy<Value = Vec<Move>> {
+        let submit = (0_u16..4, 0_u32..3, any::<bool>())
+            .prop_map(|(agent, behind, action)| Move::Submit { agent, behind, action });
+        let pass = (0_u64..8).prop_map(|seconds| Move::Pass { seconds });
+        prop::collection::vec(prop_oneof![4 => submit, 1 => pass], 1..200)
+    }
+
+    proptest! {
+        /// Whatever comes in whatever order: one act a seat and round is kept, the round closes when
+        /// all living seats have one, and the same act again gets the same receipt.
+        #[test]
+        fn every_order_of_events_keeps_the_barrier(moves in moves(), timed: bool) {
+            let mut machine = fresh(4, clocks(timed.then_some(5), 3));
+            let mut kept: BTreeMap<(u32, u16), Given> = BTreeMap::new();
+            let mut alive = vec![true; 4];
+            let (mut now, mut round) = (START, 0);
+            for step in moves {
+                let event = match step {
+                    Move::Pass { seconds } => {
+                        now = after(now, Duration::from_secs(seconds));
+                        Event::Tick
+                    }
+                    Move::Submit { agent, behind, action } => {
+                        let sent = (round + 1_u32).saturating_sub(behind);
+                        let record = record(agent, if action { "UP" } else { "DOWN" });
+                        let earlier = kept.get(&(sent, agent)).filter(|_| sent < round).cloned();
+                        let submission = Submission { round: sent, record };
+                        Event::Submit { agent: AgentId(agent), submission, earlier }
+                    }
+                };
+                let effects = machine.apply(now, event.clone());
+                for effect in &effects {
+                    match effect {
+                        Effect::KeepAct { agent, given } => {
+                            prop_assert!(alive[agent.index()]);
+                            let before = kept.insert((round, agent.0), given.clone());
+                            prop_assert_eq!(before, None, "one act a seat and round");
+                            let done = (0..4).filter(|a| kept.contains_key(&(round, *a))).count();
+                            let living = alive.iter().filter(|alive| **alive).count();
+                            prop_assert_eq!(given.waiting_for as usize, living - done);
+                        }
+                        Effect::Answer(Ok(receipt)) => {
+                            let Event::Submit { agent, ref submission, .. } = event else {
+                                return Err(TestCaseError::fail("an answer to nobody"));
+                            };
+                            prop_assert_eq!(receipt.round, submission.round);
+                            prop_assert_eq!(&receipt.given, &kept[&(submission.round, agent.0)]);
+                            prop_assert_eq!(&receipt.given.record.action, &submission.record.action);
+                        }
+                        Effect::Answer(Err(_)) => {}
+                        Effect::Resolve => {
+                            for agent in 0..4 {
+                                prop_assert!(!alive[usize::from(agent)] || kept.contains_key(&(round, agent)));
+                            }
+                        }
+                        Effect::KeepStart | Effect::End(_) | Effect::Publish => {
+                            return Err(TestCaseError::fail("nothing started or ended"));
+                        }
+                    }
+                }
+                if effects.contains(&Effect::Resolve) {
+                    // Now and then an agent escapes, but one always stays.
+                    let escaping = round as usize % 7;
+                    if (1..4).contains(&escaping) {
+                        alive[escaping] = false;
+                    }
+                    round += 1;
+                    machine.apply(now, Event::Resolved { alive: alive.clone(), ending: None });
+                    prop_assert_eq!(machine.records().count(), 0);
+                }
+            }
+        }
+    }
+}

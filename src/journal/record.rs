@@ -284,3 +284,36 @@ pub fn round_record<'a>(
     let acts = acts.map(|act| &*act.0).collect();
     RawRecord::write(&Raw { kind: "round", round, acts, digest, score })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rounds are written from the bytes of their acts, and read as a whole: both must agree.
+    #[test]
+    fn a_round_joined_from_its_acts_is_the_round_written_at_once() {
+        let acts = vec![
+            ActRecord {
+                agent: "Agent_0".to_owned(),
+                source: Source::Player,
+                action: Some("UP".to_owned()),
+                message: Some("a \"quoted\" – line".to_owned()),
+                to: None,
+                valid: true,
+                response: Some("x\nACTION: UP".to_owned()),
+                usage: Some(Usage { prompt_tokens: Some(3), ..Usage::default() }),
+                reasoning: None,
+                bank_spent_ms: 12,
+            },
+            ActRecord::clock_ran_out(AgentId(1), 0),
+        ];
+        let raw: Vec<RawRecord> = acts.iter().map(RawRecord::write).collect();
+        let score = 9.950_000_000_000_001;
+        let joined = round_record(7, raw.iter(), "00ff", score);
+        let whole = Record::Round(Round { round: 7, acts, digest: "00ff".to_owned(), score });
+        assert_eq!(joined.as_str(), RawRecord::write(&whole).as_str());
+        let Record::Round(read) = joined.read().expect("a record") else { panic!("not a round") };
+        assert_eq!(read.score.to_bits(), score.to_bits());
+        assert!(!joined.as_str().contains("\"bank_spent_ms\":0"));
+    }
+}

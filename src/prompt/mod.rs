@@ -315,3 +315,169 @@ fn table(origin: Position, cells: &[Vec<Cell>]) -> String {
     text.truncate(text.trim_end().len());
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use swarmbench_engine::{Act, Message, Settings, TaskName, World};
+
+    use super::*;
+    use crate::wire::episode::StatusName;
+
+    fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
+        let config = Config::check(settings).expect("valid settings");
+        let mut world = World::new(Arc::new(config.clone()));
+        for _ in 0..rounds {
+            let act =
+                |n| Act { message: Message::new(&format!("I am {n}")), ..Act::of(Action::Up) };
+            world.step(&(0..config.num_agents()).map(act).collect::<Vec<_>>());
+        }
+        let seen = world.observe(AgentId(agent));
+        let description = tasks::description(&config);
+        let sight = Sight::of(&seen, "ep_1".to_owned(), description, StatusName::Running, None);
+        (sight, config)
+    }
+
+    /// The sections of the paper's Appendix "Prompt Design", in its order.
+    const SECTIONS: [&str; 14] = [
+        "You are Agent_3",
+        "Task description:",
+        "Round: 2",
+        "What you saw in the last 3 steps",
+        "Your current observation:",
+        "Messages you received:",
+        "What you did lately:",
+        "Symbols:",
+        "Actions:",
+        "Physics:",
+        "Messages:\n1.",
+        "Further rules:",
+        "Think it through",
+        "Finish with your choice",
+    ];
+
+    #[test]
+    fn the_built_in_prompt_has_all_sections_in_order() {
+        for task in TaskName::ALL {
+            let (sight, config) = sight(&Settings::standard(task, 27), 2, 3);
+            let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
+            let mut rest = prompt.as_str();
+            for section in SECTIONS {
+                let at = rest.find(section);
+                rest = &rest[at
+                    .unwrap_or_else(|| panic!("{section:?} is not where it belongs: {prompt}"))..];
+            }
+            for action in Action::of_task(task) {
+                assert!(prompt.contains(&format!(". {}: ", action.name())), "{prompt}");
+            }
+            let light = task == TaskName::Synchronization;
+            assert_eq!(prompt.contains("Your light is"), light, "{prompt}");
+            assert_eq!(
+                prompt.contains("You carry no food"),
+                task == TaskName::Foraging,
+                "{prompt}"
+            );
+            assert!(prompt.contains("message \"I am 3\""), "{prompt}");
+        }
+    }
+
+    #[test]
+    fn views_are_tables_with_rows_and_columns_at_their_edges() {
+        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 0, 8);
+        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
+        let table = "\
+            \n     5    6    7    8    9\
+            \n5    0    3    .    10   W\
+            \n6    .    .    .    .    W\
+            \n7    .    4    Y    .    W\
+            \n8    .    .    .    .    W\
+            \n9    W    W    W    W    W\n";
+        assert!(prompt.contains(table), "{prompt}");
+    }
+
+    #[test]
+    fn escaped_and_centralized_agents_have_prompts_too() {
+        let settings = Settings {
+            control: "centralized".to_owned(),
+            ..Settings::standard(TaskName::Pursuit, 1)
+        };
+        let (mut sight, config) = sight(&settings, 1, 0);
+        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
+        assert!(prompt.contains("You are the commander"), "{prompt}");
+        (sight.view, sight.position, sight.alive) = (None, None, false);
+        sight.past_views.clear();
+        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
+        assert!(prompt.contains("no longer on the map"), "{prompt}");
+    }
+
+    #[test]
+    fn the_built_in_template_passes_the_check_that_others_must_pass() {
+        assert_eq!(check(BUILT_IN), Ok(()));
+    }
+
+    #[test]
+    fn templates_may_do_nothing_that_grows() {
+        for refused in [
+            "{% set x = 1 %}",
+            "{% set x %}a{% endset %}",
+            "{% with x = 1 %}{% endwith %}",
+            "{% include 'prompt' %}",
+            "{% import 'prompt' as p %}",
+            "{% extends 'prompt' %}",
+            "{% block a %}{% endblock %}",
+            "{% filter upper %}a{% endfilter %}",
+            "{% autoescape true %}{% endautoescape %}",
+            "{% for a in views recursive %}{% endfor %}",
+            "{% for a in [1, 2] %}{% endfor %}",
+            "{% for a in range(1000000000) %}{% endfor %}",
+            "{{ agent ~ agent }}",
+            "{{ agent * 1000000000 }}",
+            "{{ 10 ** 10 }}",
+            "{{ agent + agent }}",
+            "{{ {'a': 1} }}",
+            "{{ agent[1:] }}",
+            "{{ agent|replace('A', 'AAAA') }}",
+            "{{ messages|join(agent) }}",
+            "{{ agent|center(1000000000) }}",
+            "{{ debug() }}",
+            "{{ agent.upper() }}",
+            "{{ agent is matching('a') }}",
+        ] {
+            assert!(check(refused).is_err(), "{refused}");
+        }
+        assert!(check("{{ unclosed").is_err());
+        assert!(check(&"a".repeat(TEMPLATE_BYTES_MAX)).is_ok());
+        assert!(check(&"a".repeat(TEMPLATE_BYTES_MAX + 1)).is_err());
+    }
+
+    #[test]
+    fn templates_are_bounded_when_they_run() {
+        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 5, 3);
+        let fails = |template: &str| {
+            assert_eq!(check(template), Ok(()), "{template}");
+            render(template, &sight, &config).expect_err(template).to_string()
+        };
+        let views = "{% for a in views[0].cells %}".repeat(12);
+        let ends = "{% endfor %}".repeat(12);
+        let fuel = fails(&format!("{views}{ends}"));
+        assert!(fuel.contains("fuel"), "{fuel}");
+        let (loops, ends) = ("{% for a in views[0].cells %}".repeat(4), "{% endfor %}".repeat(4));
+        let long = fails(&format!("{loops}{}{ends}", "long ".repeat(5000)));
+        assert!(long.contains("bytes"), "{long}");
+        let missing = fails("{{ seed }}");
+        assert!(missing.contains("undefined"), "{missing}");
+    }
+
+    #[test]
+    fn a_template_of_ones_own_sees_the_observation() {
+        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 1, 3);
+        let template = "{{ agent }} {{ round }}/{{ max_round }} ({{ position.i }},{{ position.j }}) \
+            {% for row in views[0].cells %}{% for cell in row %}{{ cell }}{% endfor %}/{% endfor %} \
+            {{ actions|length }} {{ messages|first|default('-') }} {{ views[1].label|upper }}";
+        assert_eq!(check(template), Ok(()));
+        let text = render(template, &sight, &config).expect("it renders");
+        assert!(text.starts_with("Agent_3 1/100 ("), "{text}");
+        assert!(text.ends_with(" 1 STEP AGO"), "{text}");
+    }
+}

@@ -193,18 +193,21 @@ fn audience(config: &Config, board: &Board, sender: AgentId, to: Option<AgentId>
     }
 }
 
-/// The living agents within `reach` rows and columns of a cell: looks through the cells or through
-/// the agents, whichever are fewer.
+/// The living agents within `reach` rows and columns of a cell, in order of their numbers: looks
+/// through the cells or through the agents, whichever are fewer.
 fn neighbours(reach: i32, board: &Board, center: Pos) -> Vec<AgentId> {
     let grid = board.grid();
     let rows = (center.i - reach).max(0)..(center.i + reach + 1).min(grid.height());
     let columns = (center.j - reach).max(0)..(center.j + reach + 1).min(grid.width());
     if rows.len() * columns.len() < board.agents().len() {
-        rows.flat_map(|i| columns.clone().map(move |j| Pos::new(i, j)))
-            .filter_map(|cell| grid.get(cell))
+        let cells = rows.flat_map(|i| columns.clone().map(move |j| Pos::new(i, j)));
+        let bodies = cells.filter_map(|cell| grid.get(cell));
+        let mut near: Vec<AgentId> = bodies
             .filter(|&id| board.body(id).kind() == Kind::Agent)
             .map(|id| AgentId(id.0))
-            .collect()
+            .collect();
+        near.sort_unstable();
+        near
     } else {
         (board.agents().iter().zip(0..))
             .filter(|(agent, _)| !agent.gone && agent.at.is_within(reach, center))

@@ -1,0 +1,182 @@
+//! Who may know whom: the rules of ARCHITECTURE.md, read off the `use` lines and the dependency tree.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What each module of the server may name of the others, beside itself.
+const MAY_NAME: [(&str, &[&str]); 13] = [
+    ("clock", &[]),
+    ("ids", &["clock"]),
+    ("telemetry", &[]),
+    ("journal", &["ids"]),
+    ("store", &["ids", "journal"]),
+    ("episode", &["clock", "ids", "journal"]),
+    ("wire", &["episode"]),
+    ("prompt", &["wire"]),
+    ("http", &["clock", "episode", "ids", "journal", "prompt", "store", "telemetry", "wire"]),
+    ("server", &["clock", "episode", "http", "journal", "store", "telemetry"]),
+    ("players", &["clock", "wire"]),
+    ("cli", &["clock", "http", "journal", "players", "server", "telemetry", "wire"]),
+    ("main", &["cli"]),
+];
+
+/// Crates that only one module may name.
+const ONLY_IN: [(&str, &[&str]); 9] = [
+    ("axum", &["http"]),
+    ("tower_http", &["http"]),
+    ("hyper", &["http"]),
+    ("sqlx", &["store"]),
+    ("minijinja", &["prompt"]),
+    ("reqwest", &["players"]),
+    ("clap", &["cli", "telemetry"]),
+    ("swarmbench_players", &["players", "cli"]),
+    ("indicatif", &["cli"]),
+];
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// All Rust files below a folder, or the file itself.
+fn files(path: &Path) -> Vec<PathBuf> {
+    if path.is_file() {
+        return vec![path.to_owned()];
+    }
+    let entries = fs::read_dir(path).expect("a folder of the repository");
+    entries
+        .flat_map(|entry| files(&entry.expect("an entry").path()))
+        .filter(|file| file.extension().is_some_and(|end| end == "rs"))
+        .collect()
+}
+
+/// The code of a module without its comments and its tests.
+fn code(module: &str) -> String {
+    let source = root().join("src");
+    let file = source.join(format!("{module}.rs"));
+    let path = if file.exists() { file } else { source.join(module) };
+    let texts = files(&path).into_iter().map(|file| {
+        let text = fs::read_to_string(&file).expect("a source file");
+        let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+        let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+        lines.collect::<Vec<_>>().join("\n")
+    });
+    texts.collect::<Vec<_>>().join("\n")
+}
+
+/// The first segments of all paths that begin with `prefix`.
+fn named_after<'a>(code: &'a str, prefix: &str) -> BTreeSet<&'a str> {
+    code.match_indices(prefix)
+        .filter(|(at, _)| !code[..*at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+        .map(|(at, _)| {
+            let rest = &code[at + prefix.len()..];
+            rest.split(|c: char| !(c.is_alphanumeric() || c == '_')).next().unwrap_or_default()
+        })
+        .collect()
+}
+
+#[test]
+fn modules_name_only_those_that_they_may_know() {
+    let mut wrong = Vec::new();
+    for (module, may) in MAY_NAME {
+        let code = code(module);
+        let prefix = if module == "main" { "swarmbench::" } else { "crate::" };
+        for other in named_after(&code, prefix) {
+            if other != module && !may.contains(&other) {
+                wrong.push(format!("{module} names {other}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn every_module_has_its_rule() {
+    let known: BTreeSet<_> = MAY_NAME.iter().map(|(module, _)| (*module).to_owned()).collect();
+    let found: BTreeSet<_> = fs::read_dir(root().join("src"))
+        .expect("the sources")
+        .map(|entry| {
+            let path = entry.expect("an entry").path();
+            path.file_stem().expect("a name").to_string_lossy().into_owned()
+        })
+        .filter(|name| name != "lib")
+        .collect();
+    assert_eq!(found, known);
+}
+
+#[test]
+fn crates_stay_where_they_belong() {
+    let mut wrong = Vec::new();
+    for (name, homes) in ONLY_IN {
+        for (module, _) in MAY_NAME {
+            if homes.contains(&module) {
+                continue;
+            }
+            let code = code(module);
+            for form in [format!("{name}::"), format!("use {name};")] {
+                let whole = code.match_indices(&form).any(|(at, _)| {
+                    !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':')
+                });
+                if whole {
+                    wrong.push(format!("{module} names {name}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn handlers_hold_no_sql_and_no_rules() {
+    let code = code("http");
+    for banned in ["SELECT ", "INSERT ", "UPDATE ", ".step(", ".step_with("] {
+        assert!(!code.contains(banned), "http holds {banned:?}");
+    }
+    for module in ["http", "server", "players", "cli"] {
+        let code = self::code(module);
+        assert!(!code.contains("World::new("), "{module} lays out worlds");
+    }
+}
+
+/// All crates on which one of the workspace depends.
+fn tree(package: &str) -> BTreeSet<String> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--edges", "normal", "--prefix", "none", "--format", "{p}"])
+        .args(["--package", package])
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    text.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_engine_is_pure() {
+    let engine = tree("swarmbench-engine");
+    assert!(engine.contains("petgraph") && engine.contains("good_lp"), "{engine:?}");
+    let banned = ["tokio", "axum", "hyper", "sqlx", "tracing", "serde", "time", "jiff", "chrono"];
+    for name in banned {
+        assert!(!engine.contains(name), "the engine depends on {name}");
+    }
+    for package in ["crates/engine/src", "crates/players/src"] {
+        for file in files(&root().join(package)) {
+            let text = fs::read_to_string(&file).expect("a source file");
+            for banned in ["std::fs", "std::env", "std::net", "std::time", "std::thread", "HashMap"]
+            {
+                assert!(!text.contains(banned), "{} names {banned}", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn players_know_the_engine_alone() {
+    let engine = tree("swarmbench-engine");
+    let own = ["swarmbench-players", "swarmbench-engine"];
+    let beyond: Vec<_> = (tree("swarmbench-players").into_iter())
+        .filter(|name| !engine.contains(name) && !own.contains(&name.as_str()))
+        .collect();
+    assert!(beyond.is_empty(), "{beyond:?}");
+}
