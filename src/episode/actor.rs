@@ -5,6 +5,7 @@
 //! publishes the new state and then sends the receipts, so whoever has a receipt finds the state that
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use swarmbench_engine::{AgentId, Config, TaskName, World};
@@ -51,7 +52,9 @@ pub struct Host {
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// Counts opened rounds.
-    pub opened: Arc<std::sync::atomic::AtomicU64>,
+    pub opened: Arc<AtomicU64>,
+    /// Counts episodes in memory that have not ended.
+    pub live: Arc<AtomicUsize>,
 }
 
 /// An episode as others see it. Cloning shares it.
@@ -138,8 +141,11 @@ pub(super) struct Keyframes {
 impl Keyframes {
     const MAX: usize = 32;
 
+    /// Starts with the layout. Few rounds lie between two states where rounds are heavy; where they
+    /// are light, playing some hundreds again costs less than keeping states of every short game.
     pub(super) fn new(layout: Arc<World>) -> Self {
-        Self { stride: 8, worlds: vec![layout] }
+        let stride = if is_heavy(layout.config()) { 32 } else { 512 };
+        Self { stride, worlds: vec![layout] }
     }
 
     pub(super) fn offer(&mut self, world: &Arc<World>) {
@@ -174,6 +180,9 @@ pub(super) struct Fresh {
 /// Starts the actor of an episode on the current runtime.
 pub(super) fn spawn(host: Host, fresh: Fresh, tracker: &tokio_util::task::TaskTracker) -> Handle {
     let (mailbox, messages) = mpsc::channel(MAILBOX_MAX);
+    if fresh.lockstep.outcome().is_none() {
+        host.live.fetch_add(1, Ordering::Relaxed);
+    }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
     let (publish, published) = watch::channel(snapshot);
@@ -200,7 +209,6 @@ pub(super) fn spawn(host: Host, fresh: Fresh, tracker: &tokio_util::task::TaskTr
 }
 
 fn snapshot(host: &Host, lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot> {
-    use std::sync::atomic::{AtomicBool, Ordering};
     let agents = usize::from(world.config().num_agents());
     let snapshot = Snapshot {
         status: lockstep.status(),
@@ -453,6 +461,7 @@ impl Actor {
 
     /// Writes the record of the end.
     fn end_entry(&mut self, ending: Ending) -> Entry {
+        self.host.live.fetch_sub(1, Ordering::Relaxed);
         let status = ending.status().name();
         let record = RawRecord::write(&Record::End(End {
             status: status.to_owned(),

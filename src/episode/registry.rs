@@ -2,7 +2,7 @@
 //! and lets go of those that have ended.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ impl Registry {
     #[must_use]
     pub fn new(journal: Arc<dyn Journal>, clock: Arc<dyn Clock>, last_key: i64) -> Self {
         Self {
-            host: Host { journal, clock, opened: Arc::new(AtomicU64::new(0)) },
+            host: Host { journal, clock, opened: Arc::default(), live: Arc::default() },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             tracker: TaskTracker::new(),
@@ -72,11 +72,7 @@ impl Registry {
     /// How many episodes are in memory and have not ended.
     #[must_use]
     pub fn live(&self) -> usize {
-        let slots = self.slots.lock().expect("nothing panics while it holds this");
-        let live = |slot: &&Slot| {
-            slot.handle.get().is_none_or(|handle| !handle.snapshot().status.is_over())
-        };
-        slots.values().filter(live).count()
+        self.host.live.load(Ordering::Relaxed)
     }
 
     /// Creates an episode; it is durable when this returns.

@@ -40,13 +40,7 @@ impl FromRequestParts<App> for Caller {
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
         let hash = Token::parse(token.trim()).ok_or_else(unknown)?.hash();
-        let grant = if let Some(grant) = app.tokens.get(&hash) {
-            grant
-        } else {
-            let grant = app.store.find_token(hash).await?.ok_or_else(unknown)?;
-            app.tokens.insert(hash, grant.clone());
-            grant
-        };
+        let grant = app.grant(hash).await?.ok_or_else(unknown)?;
         Ok(match grant.agent {
             Some(agent) => Self::Seat(grant.episode, agent),
             None => Self::Swarm(grant.episode),

@@ -13,9 +13,9 @@ pub struct Limits {
     pub observations_max: usize,
     /// Observations in one answer where nobody says how many.
     pub observations_default: usize,
-    /// Episodes in one page, and how many where nobody says.
+    /// Episodes in one page.
     pub page_items_max: u32,
-    /// See above.
+    /// Episodes in one page where nobody says how many.
     pub page_items_default: u32,
     /// Seconds that a request may wait.
     pub wait_s_max: u32,

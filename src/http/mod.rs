@@ -15,7 +15,7 @@ mod waiting;
 
 use std::ops::Deref;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use quick_cache::sync::Cache;
 use tokio_util::sync::CancellationToken;
@@ -54,6 +54,8 @@ pub struct Shared {
     /// Whether all unfinished episodes were taken up.
     pub ready: AtomicBool,
     tokens: Cache<TokenHash, Grant>,
+    /// How often tokens were revoked.
+    revocations: AtomicU64,
     /// Tells this run of the server from others.
     boot: u64,
     waits: Arc<AtomicUsize>,
@@ -83,10 +85,32 @@ impl App {
             stop,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
+            revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
             creating: tokio::sync::Mutex::new(()),
         }))
+    }
+
+    /// What a token stands for, if it is known.
+    async fn grant(&self, hash: TokenHash) -> Result<Option<Grant>, ApiError> {
+        if let Some(grant) = self.tokens.get(&hash) {
+            return Ok(Some(grant));
+        }
+        let revocations = self.revocations.load(Ordering::Acquire);
+        let Some(grant) = self.store.find_token(hash).await? else { return Ok(None) };
+        self.tokens.insert(hash, grant.clone());
+        if self.revocations.load(Ordering::Acquire) != revocations {
+            // It may have been revoked between being read and being remembered.
+            self.tokens.remove(&hash);
+        }
+        Ok(Some(grant))
+    }
+
+    /// Forgets the tokens of an episode; the store must not know them any more.
+    fn forget_tokens(&self, episode: &EpisodeId) {
+        self.revocations.fetch_add(1, Ordering::AcqRel);
+        self.tokens.retain(|_, grant| grant.episode != *episode);
     }
 
     /// The episode with this id.

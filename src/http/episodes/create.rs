@@ -71,7 +71,7 @@ pub(in super::super) async fn create_episode(
             let tokens = Tokens::new(&app, handle.spec.config.num_agents());
             let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
             app.store.keep(vec![entry]).await?;
-            app.tokens.retain(|_, grant| grant.episode != id);
+            app.forget_tokens(&id);
             Ok(created(&handle, &tokens))
         }
     }
