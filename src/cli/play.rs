@@ -105,10 +105,16 @@ pub(super) async fn play_one(
     bar: &ProgressBar,
 ) -> anyhow::Result<(EpisodeSummary, String)> {
     let created = client.create_episode(request).await?;
-    bar.set_length(created.config.max_round.into());
+    let last = created.config.max_round;
+    bar.set_length(last.into());
+    let mut told = None;
     let summary = play(client, &created, player, player_seed, |round, score| {
         bar.set_position(round.into());
         bar.set_message(format!("score {score:.2}"));
+        // Where there is no terminal a bar shows nothing, so a line does.
+        if bar.is_hidden() && told.replace(round) != Some(round) {
+            eprintln!("{} round {round}/{last} score {score:.2}", bar.prefix());
+        }
     })
     .await?;
     Ok((summary, created.swarm_token))

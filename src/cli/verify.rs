@@ -21,8 +21,8 @@ pub(super) struct Args {
     /// journal only proves to be consistent, with it to be that one.
     #[arg(long)]
     head: Option<String>,
-    /// How physics finds who moves: by the exact flow, or by the integer linear program of the paper
-    /// (slower).
+    /// How physics finds who moves: by the exact flow, by the integer linear program of the paper
+    /// (slower), or by both, which must agree.
     #[arg(long, default_value = "flow")]
     solver: SolverName,
 }
@@ -31,6 +31,7 @@ pub(super) struct Args {
 enum SolverName {
     Flow,
     Ilp,
+    Both,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<()> {
@@ -44,6 +45,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
     let solver = match args.solver {
         SolverName::Flow => Solver::Flow,
         SolverName::Ilp => Solver::Ilp,
+        SolverName::Both => Solver::Both,
     };
     let journal: Box<dyn BufRead> = if args.file.as_os_str() == "-" {
         Box::new(BufReader::new(std::io::stdin()))

@@ -187,7 +187,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh, tracker: &tokio_util::task::TaskTr
     let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
     let (publish, published) = watch::channel(snapshot);
     let handle = Handle {
-        id: fresh.id,
+        id: fresh.id.clone(),
         key: fresh.key,
         spec: fresh.spec,
         created_at: fresh.created_at,
@@ -197,6 +197,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh, tracker: &tokio_util::task::TaskTr
     };
     let actor = Actor {
         host,
+        id: fresh.id,
         key: fresh.key,
         world: fresh.world,
         head: fresh.head,
@@ -229,6 +230,7 @@ fn snapshot(host: &Host, lockstep: &Lockstep, world: &Arc<World>, head: Head) ->
 
 struct Actor {
     host: Host,
+    id: EpisodeId,
     key: EpisodeKey,
     world: Arc<World>,
     head: Head,
@@ -363,7 +365,7 @@ impl Actor {
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
-                        tracing::error!(episode = self.key.0, %error, "a round was not resolved");
+                        tracing::error!(episode = %self.id, %error, "a round was not resolved");
                         then(Err(error));
                         return;
                     }
@@ -472,6 +474,9 @@ impl Actor {
         }));
         self.head = self.head.link(record.as_str().as_bytes());
         metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
+        tracing::info!(
+            episode = %self.id, status, reason = ending.name(), score = self.world.score(), "ended"
+        );
         Entry::End(EndRow {
             episode: self.key,
             status,

@@ -122,6 +122,7 @@ impl Registry {
             given: Vec::new(),
             last_act_at: now,
         };
+        tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
         let fresh = Fresh {
             id: id.clone(),

@@ -42,8 +42,28 @@ pub enum Code {
 }
 
 impl Code {
+    /// All codes, by status.
+    pub const ALL: [Self; 16] = [
+        Self::Malformed,
+        Self::Unauthorized,
+        Self::Forbidden,
+        Self::NotFound,
+        Self::MethodNotAllowed,
+        Self::RoundOver,
+        Self::RoundAhead,
+        Self::AlreadyActed,
+        Self::EpisodeOver,
+        Self::TooLarge,
+        Self::UnsupportedMediaType,
+        Self::Invalid,
+        Self::TemplateFailed,
+        Self::Internal,
+        Self::Overloaded,
+        Self::Unavailable,
+    ];
+
     /// Every code with its status and its title: the whole table of errors.
-    const fn row(self) -> (&'static str, u16, &'static str) {
+    pub(super) const fn row(self) -> (&'static str, u16, &'static str) {
         match self {
             Self::Malformed => ("malformed", 400, "The request cannot be read"),
             Self::Unauthorized => ("unauthorized", 401, "No token, or an unknown one"),

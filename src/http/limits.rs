@@ -65,3 +65,30 @@ impl Default for Limits {
         }
     }
 }
+
+impl Limits {
+    /// All limits by their names.
+    #[must_use]
+    pub fn table(&self) -> [(&'static str, u64); 18] {
+        [
+            ("body_bytes_max", self.body_bytes_max as u64),
+            ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
+            ("acts_max", self.acts_max as u64),
+            ("observations_max", self.observations_max as u64),
+            ("observations_default", self.observations_default as u64),
+            ("page_items_max", self.page_items_max.into()),
+            ("page_items_default", self.page_items_default.into()),
+            ("wait_s_max", self.wait_s_max.into()),
+            ("waits_max", self.waits_max as u64),
+            ("episodes_live_max", self.episodes_live_max as u64),
+            ("backlog_jobs_max", self.backlog_jobs_max as u64),
+            ("connections_max", self.connections_max as u64),
+            ("header_read_s_max", self.header_read_s_max),
+            ("body_read_s_max", self.body_read_s_max),
+            ("model_chars_max", self.model_chars_max as u64),
+            ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
+            ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
+            ("events_pending_max", self.events_pending_max as u64),
+        ]
+    }
+}

@@ -1,7 +1,12 @@
 //! The OpenAPI document: made from the handlers, committed, and compared by a test.
 
+use std::fmt::Write;
+
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
+
+use super::error::Code;
+use super::limits::Limits;
 
 /// What is not said at a handler.
 #[derive(OpenApi)]
@@ -18,14 +23,17 @@ use utoipa::{Modify, OpenApi};
         (name = "host", description = "How the server does."),
     ),
     components(schemas(crate::wire::episode::EpisodeResult)),
-    modifiers(&Tokens)
+    modifiers(&Rest)
 )]
 pub(super) struct Document;
 
-struct Tokens;
+/// What cannot be said in an attribute: the tables of errors and limits, and the tokens.
+struct Rest;
 
-impl Modify for Tokens {
+impl Modify for Rest {
     fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let description = document.info.description.get_or_insert_default();
+        description.push_str(&tables());
         let components = document.components.get_or_insert_default();
         for (name, description) in [
             ("seat", "A seat token: one agent of one episode."),
@@ -36,6 +44,22 @@ impl Modify for Tokens {
             components.add_security_scheme(name, SecurityScheme::Http(scheme));
         }
     }
+}
+
+/// All errors and all limits, in Markdown.
+fn tables() -> String {
+    let mut text = "\n\n## Errors\n\n| status | code | |\n| --- | --- | --- |\n".to_owned();
+    for code in Code::ALL {
+        let (name, status, title) = code.row();
+        writeln!(text, "| {status} | `{name}` | {title} |").expect("a string takes everything");
+    }
+    text.push_str(
+        "\n## Limits\n\nThe unit is part of the name.\n\n| limit | value |\n| --- | ---: |\n",
+    );
+    for (name, value) in Limits::default().table() {
+        writeln!(text, "| `{name}` | {value} |").expect("a string takes everything");
+    }
+    text
 }
 
 /// The document, as it is committed and served.

@@ -70,7 +70,8 @@ async fn docs_page() -> Result<Html<String>, ApiError> {
     let page = utoipa_swagger_ui::serve("index.html", config).ok().flatten();
     let page = page.and_then(|page| String::from_utf8(page.bytes.into_owned()).ok());
     let page = page.ok_or_else(|| ApiError::new(Code::Internal, "the page is missing"))?;
-    Ok(Html(page.replace("\"./", &format!("\"{DOCS_FILES}/"))))
+    // The page names its files relative to itself.
+    Ok(Html(page.replace("<head>", &format!("<head><base href=\"{DOCS_FILES}/\">"))))
 }
 
 /// A span for every request, with its id; never with its headers, which hold tokens.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::act::{Act, AgentId};
 use crate::grid::Direction;
-use crate::physics::{self, Solver, ilp::IlpError};
+use crate::physics::{self, Solver, SolverError};
 use crate::tasks::Stage;
 use crate::world::{Moment, World};
 
@@ -21,11 +21,11 @@ impl World {
     /// The same with a choice of the solver that finds who moves.
     ///
     /// # Errors
-    /// Where the ILP does not prove an optimum; the world is then as it was.
+    /// See [`Solver::movers`]; the world is then as it was.
     ///
     /// # Panics
     /// As [`World::step`].
-    pub fn step_with(&mut self, acts: &[Act], solver: Solver) -> Result<(), IlpError> {
+    pub fn step_with(&mut self, acts: &[Act], solver: Solver) -> Result<(), SolverError> {
         assert!(!self.is_over(), "an episode that is over has no more rounds");
         assert_eq!(acts.len(), self.board.agents().len(), "one act for each agent");
 

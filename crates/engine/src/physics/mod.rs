@@ -22,17 +22,39 @@ pub enum Solver {
     Flow,
     /// By the integer linear program of the paper: the specification, slower.
     Ilp,
+    /// By both, and it is an error where they differ.
+    Both,
+}
+
+/// Who moves was not found.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SolverError {
+    /// The program was not solved.
+    #[error(transparent)]
+    Ilp(#[from] ilp::IlpError),
+    /// The flow and the program disagree: one of them is wrong.
+    #[error("the flow and the integer linear program disagree on who moves: {0:?}")]
+    Disagree(Box<Components>),
 }
 
 impl Solver {
     /// Which nodes move: the largest set that the rules allow, which is unique.
     ///
     /// # Errors
-    /// Only the ILP can fail, where its solver does not prove an optimum; the flow cannot.
-    pub fn movers(self, components: &Components) -> Result<Vec<bool>, ilp::IlpError> {
+    /// The ILP fails where its solver does not prove an optimum, both together where they disagree;
+    /// the flow alone cannot fail.
+    pub fn movers(self, components: &Components) -> Result<Vec<bool>, SolverError> {
         match self {
             Self::Flow => Ok(flow::movers(components)),
-            Self::Ilp => ilp::movers(components),
+            Self::Ilp => Ok(ilp::movers(components)?),
+            Self::Both => {
+                let moves = flow::movers(components);
+                if ilp::movers(components)? == moves {
+                    Ok(moves)
+                } else {
+                    Err(SolverError::Disagree(Box::new(components.clone())))
+                }
+            }
         }
     }
 }
@@ -46,7 +68,7 @@ pub(crate) fn resolve(
     board: &mut Board,
     wishes: &[Option<Direction>],
     solver: Solver,
-) -> Result<(), ilp::IlpError> {
+) -> Result<(), SolverError> {
     for direction in Direction::ALL {
         let contacts = contact::find(board, wishes, direction);
         if contacts.bodies.is_empty() {
