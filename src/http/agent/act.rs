@@ -12,6 +12,7 @@ use super::super::App;
 use super::super::auth::Seat;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Json, Params, wait};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::obs::{is_past, observation};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
@@ -41,14 +42,11 @@ pub(in super::super) struct ActParams {
     security(("seat" = [])),
     responses(
         (status = 200, description = "The act is durable", body = ActResponse),
-        (status = 400, description = "`malformed`: not JSON, not UTF-8, or a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`", body = Problem, content_type = "application/problem+json"),
+        BodyRefusals,
+        QueryRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: not a seat token", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "`round_ahead`, `already_acted`, `episode_over` or `round_over`, with the current `round`", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "`too_large`", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "`unsupported_media_type`", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "`invalid`, naming the `fields`; it costs nothing", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded` or `unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn post_act(

@@ -12,6 +12,7 @@ use super::super::App;
 use super::super::auth::Seat;
 use super::super::error::ApiError;
 use super::super::extract::{Params, wait};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::clock::{millis, until};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
@@ -46,11 +47,10 @@ pub(in super::super) struct ObsParams {
     security(("seat" = [])),
     responses(
         (status = 200, description = "The current observation", body = Observation),
-        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`", body = Problem, content_type = "application/problem+json"),
+        QueryRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: not a seat token", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "`template_failed`: a prompt was asked for and cannot be made", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded`: too many requests wait, or `unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn get_obs(

@@ -7,6 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Id;
+use super::super::openapi::{IdRefusals, TokenRefusals};
 use crate::episode::Status;
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
@@ -23,11 +24,10 @@ use crate::wire::problem::Problem;
     security((), ("swarm" = [])),
     responses(
         (status = 200, description = "The episode is aborted", body = EpisodeSummary),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        IdRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "`episode_over`: it has ended otherwise", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn abort_episode(

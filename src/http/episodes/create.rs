@@ -13,6 +13,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Json;
 use super::super::limits::Limits;
+use super::super::openapi::{BodyRefusals, TokenRefusals};
 use super::{config, duration};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
@@ -36,13 +37,9 @@ use crate::wire::problem::{FieldProblem, Problem};
     request_body(content = EpisodeRequest, description = "At most 256 KiB"),
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
-        (status = 400, description = "`malformed`: not JSON, or not UTF-8", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        BodyRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: a token of an episode creates none", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "`too_large`", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "`unsupported_media_type`", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "`invalid`, naming the `fields` and what is allowed", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded`: too many episodes, or `unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn create_episode(

@@ -19,6 +19,7 @@ use super::super::agent::obs::result;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::recovery::state_at;
 use crate::wire::episode::RoundEvent;
@@ -53,11 +54,10 @@ const PATIENCE: Duration = Duration::from_secs(10);
     ),
     responses(
         (status = 200, description = "Events: `round` with a RoundEvent as data, `finished` with an EpisodeResult", body = RoundEvent, content_type = "text/event-stream"),
-        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: only the creator may read it before the end", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn stream_events(

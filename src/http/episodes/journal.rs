@@ -11,6 +11,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Id;
+use super::super::openapi::{IdRefusals, TokenRefusals};
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, round_record};
 use crate::journal::{JournalError, StoredEpisode};
@@ -32,10 +33,9 @@ const CHUNK: u32 = 64;
     params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        IdRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn read_journal(

@@ -10,12 +10,12 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
+use super::super::openapi::{QueryRefusals, TokenRefusals};
 use super::summary;
 use crate::episode::Status;
 use crate::journal::EpisodeKey;
 use crate::store::episodes::Filter;
 use crate::wire::episode::EpisodeList;
-use crate::wire::problem::Problem;
 
 /// Which episodes to list.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -48,9 +48,8 @@ pub(in super::super) struct ListParams {
     params(ListParams),
     responses(
         (status = 200, description = "A page of episodes", body = EpisodeList),
-        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+        QueryRefusals,
+        TokenRefusals,
     )
 )]
 pub(in super::super) async fn list_episodes(

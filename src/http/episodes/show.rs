@@ -7,8 +7,8 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::Id;
+use super::super::openapi::{IdRefusals, TokenRefusals};
 use crate::wire::episode::EpisodeSummary;
-use crate::wire::problem::Problem;
 
 /// Show an episode.
 #[utoipa::path(
@@ -19,9 +19,8 @@ use crate::wire::problem::Problem;
     params(("id" = String, Path, description = "The episode's id")),
     responses(
         (status = 200, description = "The episode", body = EpisodeSummary),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "`not_found`", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
+        IdRefusals,
+        TokenRefusals,
     )
 )]
 pub(in super::super) async fn show_episode(

@@ -9,6 +9,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::episode::recovery::state_at;
 use crate::wire::episode::State as StateBody;
 use crate::wire::problem::Problem;
@@ -31,11 +32,10 @@ pub(in super::super) struct StateParams {
     params(("id" = String, Path, description = "The episode's id"), StateParams),
     responses(
         (status = 200, description = "The state", body = StateBody),
-        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`: the token that came is unknown", body = Problem, content_type = "application/problem+json"),
+        QueryRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: only the creator may read it before the end", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "`not_found`: no such episode, or the round has not come yet", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn show_state(

@@ -11,6 +11,7 @@ use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Named, json_bytes, read};
+use super::super::openapi::{BodyRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
@@ -29,13 +30,9 @@ use crate::wire::problem::Problem;
     security(("swarm" = [])),
     responses(
         (status = 200, description = "A receipt or a problem for each act", body = SwarmActResponse),
-        (status = 400, description = "`malformed`: not JSON, or not UTF-8", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`", body = Problem, content_type = "application/problem+json"),
+        BodyRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "`too_large`: the body, or too many acts", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "`unsupported_media_type`", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "`invalid`: not an object with a list of acts", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded` or `unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn post_swarm_act(

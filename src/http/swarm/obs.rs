@@ -13,6 +13,7 @@ use super::super::agent::obs::observation;
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::episode::Snapshot;
 use crate::wire::act::SwarmObsResponse;
 use crate::wire::problem::Problem;
@@ -46,11 +47,10 @@ pub(in super::super) struct SwarmObsParams {
     security(("swarm" = [])),
     responses(
         (status = 200, description = "The observations that wait for an act", body = SwarmObsResponse),
-        (status = 400, description = "`malformed`: a bad query", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "`unauthorized`", body = Problem, content_type = "application/problem+json"),
+        QueryRefusals,
+        TokenRefusals,
         (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "`template_failed`: prompts were asked for and cannot be made", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded` or `unavailable`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn get_swarm_obs(
