@@ -1,6 +1,6 @@
 //! The database: SQLite, one file, one process.
 //!
-//! All that is written goes through one task that commits in groups ([`writer`]); readers have
+//! All that is written goes through one task that commits in groups (`writer.rs`); readers have
 //! connections of their own and never wait for it (WAL).
 
 pub mod episodes;
