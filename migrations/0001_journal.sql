@@ -14,6 +14,7 @@ CREATE TABLE episodes (
     head              BLOB    NOT NULL,              -- of the chain after the opening, or the end
     ending            TEXT,                          -- the last record, to the byte
     created_at        INTEGER NOT NULL,              -- all times: milliseconds since 1970
+    started_at        INTEGER,                       -- of a manual start
     ended_at          INTEGER,
     idempotency_key   TEXT UNIQUE,
     idempotency_body  BLOB

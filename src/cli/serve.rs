@@ -19,7 +19,7 @@ pub(super) struct Args {
     db: PathBuf,
     /// Listen on an address that others can reach, though anyone who reaches it may create, watch
     /// and abort episodes.
-    #[arg(long, env = "SWARMBENCH_OPEN")]
+    #[arg(long, env = "SWARMBENCH_OPEN", value_parser = clap::builder::FalseyValueParser::new())]
     open: bool,
     /// How logs are written; `RUST_LOG` says which.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]

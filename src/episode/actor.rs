@@ -358,7 +358,10 @@ impl Actor {
         let mut opens = false;
         for effect in effects {
             match effect {
-                Effect::KeepStart => entries.push(Entry::Start { episode: self.key }),
+                Effect::KeepStart => {
+                    let at = self.host.clock.now();
+                    entries.push(Entry::Start { episode: self.key, at });
+                }
                 Effect::KeepAct { agent, given } => {
                     acted.push(agent);
                     entries.push(self.act_entry(agent, &given));

@@ -148,6 +148,11 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
     }
 }
 
+/// The query of a route that has none.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Nothing {}
+
 /// The id in a path. Whatever is no text is no id that is known.
 pub(super) struct Id(pub(super) String);
 

@@ -52,11 +52,11 @@ pub fn router(app: App) -> Router {
         .layer(PropagateRequestIdLayer::new(request_id))
         .layer(CatchPanicLayer::custom(panicked));
     router
-        .route_layer(middleware::from_fn(measure))
         .merge(docs)
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
+        .layer(middleware::from_fn(measure))
         .layer(layers)
         .with_state(app)
 }
@@ -86,13 +86,13 @@ fn span(request: &Request) -> tracing::Span {
 }
 
 /// Counts and times requests by route, and logs them.
-async fn measure(path: MatchedPath, request: Request, next: Next) -> Response {
+async fn measure(path: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = request.method().as_str().to_owned();
     let response = next.run(request).await;
     let status = response.status();
     let taken = started.elapsed();
-    let route = path.as_str().to_owned();
+    let route = path.as_ref().map_or("none", MatchedPath::as_str).to_owned();
     metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone()).record(taken);
     metrics::counter!(
         "swarmbench_http_requests_total",

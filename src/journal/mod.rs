@@ -31,6 +31,8 @@ pub enum Entry {
     Start {
         /// The episode.
         episode: EpisodeKey,
+        /// When.
+        at: Timestamp,
     },
     /// What a seat did in a round, or that its clock ran out.
     Act(ActRow),
@@ -163,7 +165,7 @@ pub struct StoredEpisode {
     pub score: f64,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When the last act came.
+    /// When the last act of a player came, or else the manual start.
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,

@@ -56,15 +56,18 @@ pub struct Report {
 /// # Errors
 /// The first fault, with its line.
 pub fn verify(
-    journal: impl BufRead,
+    mut journal: impl BufRead,
     expected: Option<Head>,
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
 ) -> Result<Report, Fault> {
     let mut head = Head::START;
     let mut played: Option<Player> = None;
-    for (number, line) in journal.split(b'\n').enumerate() {
-        let line = line?;
+    for number in 1.. {
+        let mut line = Vec::new();
+        if journal.read_until(b'\n', &mut line)? == 0 {
+            break;
+        }
         let mut at = String::new();
         let checked = check_line(&line, &mut head).and_then(|record| match record {
             Record::Opening(opening) if played.is_none() => {
@@ -84,7 +87,7 @@ pub fn verify(
                 played.as_mut().ok_or("the first record is not an opening")?.finish(end)
             }
         });
-        checked.map_err(|problem| Fault::Line { line: number + 1, at, problem })?;
+        checked.map_err(|problem| Fault::Line { line: number, at, problem })?;
     }
     let Some(player) = played else { return Err(Fault::Whole("the journal is empty".to_owned())) };
     if let Some(expected) = expected.filter(|&expected| expected != head) {
@@ -123,8 +126,8 @@ fn check_line(line: &[u8], head: &mut Head) -> Result<Record, String> {
             parsed.hash.chars().take(64).collect::<String>()
         ));
     }
-    if raw.line(linked).trim_end() != text {
-        return Err("changed: there are bytes that no journal has between its fields".to_owned());
+    if raw.line(linked) != text {
+        return Err("changed: there are bytes that no journal has around its records".to_owned());
     }
     *head = linked;
     raw.read().map_err(|error| format!("not a record: {error}"))
@@ -187,8 +190,16 @@ impl Player {
         }
         compare("the number of rounds", &end.rounds, &self.world.round())?;
         compare("the final score", &end.score, &self.world.score())?;
-        if (end.status == "finished") != self.world.is_over() {
-            return Err(format!("it ends as {:?} in round {}", end.status, self.world.round()));
+        let (done, over) = (self.world.is_done(), self.world.is_over());
+        let fits = match (end.status.as_str(), end.reason.as_str()) {
+            ("finished", "task_done") => done,
+            ("finished", "rounds_played") => over && !done,
+            ("aborted", "aborted") | ("abandoned", "idle") => !over,
+            _ => false,
+        };
+        if !fits {
+            let (status, reason) = (end.status, end.reason);
+            return Err(format!("it does not end here as {status:?} by {reason:?}"));
         }
         self.end = Some(end);
         Ok(())

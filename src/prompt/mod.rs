@@ -264,7 +264,8 @@ impl<'a> Context<'a> {
             }
         };
         let centralized = config.control() == Control::Centralized;
-        let cells = sight.view.as_ref().map(|view| &view.cells);
+        let current = sight.view.as_ref().map(|view| &view.cells);
+        let cells = current.or(sight.past_views.first().map(|past| &past.cells));
         Self {
             agent: &sight.agent,
             task: &sight.task,

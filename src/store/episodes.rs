@@ -19,8 +19,8 @@ pub struct Filter {
     pub task: Option<String>,
     /// A model's name.
     pub model: Option<String>,
-    /// Only episodes that anyone may read now.
-    pub readable_by_all: bool,
+    /// Beside the episodes that anyone may read now, this one.
+    pub own: Option<EpisodeId>,
 }
 
 /// Every column that a [`StoredEpisode`] needs.
@@ -28,8 +28,10 @@ const COLUMNS: &str = "
     SELECT e.key, e.id, e.opening, e.status, e.ending, e.created_at, e.ended_at,
            CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
            coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score,
-           (SELECT a.at FROM acts a WHERE a.episode = e.key ORDER BY a.round DESC, a.at DESC LIMIT 1)
-               AS last_act_at
+           coalesce((SELECT a.at FROM acts a
+                     WHERE a.episode = e.key AND json_extract(a.record, '$.source') = 'player'
+                     ORDER BY a.round DESC, a.at DESC LIMIT 1),
+                    e.started_at) AS last_act_at
     FROM episodes e
     LEFT JOIN rounds r
         ON r.episode = e.key AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
@@ -50,7 +52,7 @@ impl Store {
         row.map(|row| episode(&row)).transpose()
     }
 
-    /// Lists episodes, newest first, from the one after `before` on.
+    /// Lists episodes that may be read, newest first, from the one after `before` on.
     ///
     /// # Errors
     /// Where the database cannot be read.
@@ -69,9 +71,8 @@ impl Store {
                 query.push(" AND e.").push(column).push(" = ").push_bind(value);
             }
         }
-        if filter.readable_by_all {
-            query.push(" AND (e.visibility = 'public' OR e.ending IS NOT NULL)");
-        }
+        query.push(" AND (e.visibility = 'public' OR e.ending IS NOT NULL OR e.id = ");
+        query.push_bind(filter.own.as_ref().map_or("", EpisodeId::as_str)).push(")");
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(episode).collect()

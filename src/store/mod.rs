@@ -126,10 +126,11 @@ impl Store {
         self.writer.state()
     }
 
-    /// Commits what was handed over, and closes the file.
+    /// Commits what was handed over, and closes the file. The writer is the last to leave, so that
+    /// SQLite puts everything into the one file.
     pub async fn close(self) {
-        self.writer.stop().await;
         self.readers.close().await;
+        self.writer.stop().await;
     }
 
     /// Whether the database can be read.

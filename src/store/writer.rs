@@ -158,7 +158,7 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
     for entry in entries {
         match entry {
             Entry::Open(row) => open(connection, row).await?,
-            Entry::Start { episode } => start(connection, *episode).await?,
+            Entry::Start { episode, at } => start(connection, *episode, *at).await?,
             Entry::Act(row) => acts.push(row),
             Entry::Round(row) => rounds.push(row),
             Entry::End(row) => end(connection, row).await?,
@@ -200,8 +200,13 @@ async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(),
     insert_tokens(connection, row.episode, &row.tokens).await
 }
 
-async fn start(connection: &mut SqliteConnection, episode: EpisodeKey) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE episodes SET status = 'running' WHERE key = ?")
+async fn start(
+    connection: &mut SqliteConnection,
+    episode: EpisodeKey,
+    at: jiff::Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE episodes SET status = 'running', started_at = ? WHERE key = ?")
+        .bind(at.as_millisecond())
         .bind(episode.0)
         .execute(connection)
         .await?;

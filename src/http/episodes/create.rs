@@ -11,9 +11,9 @@ use swarmbench_engine::{AgentId, Config, Settings};
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::Json;
+use super::super::extract::{Json, Nothing, Params};
 use super::super::limits::Limits;
-use super::super::openapi::{BodyRefusals, TokenRefusals};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::{config, duration};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
@@ -38,6 +38,7 @@ use crate::wire::problem::{FieldProblem, Problem};
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
         BodyRefusals,
+        QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: a token of an episode creates none", body = Problem, content_type = "application/problem+json"),
     )
@@ -45,6 +46,7 @@ use crate::wire::problem::{FieldProblem, Problem};
 pub(in super::super) async fn create_episode(
     State(app): State<App>,
     caller: Caller,
+    _: Params<Nothing>,
     headers: HeaderMap,
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {

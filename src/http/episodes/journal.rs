@@ -10,8 +10,8 @@ use futures::stream;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::Id;
-use super::super::openapi::{IdRefusals, TokenRefusals};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, round_record};
 use crate::journal::{JournalError, StoredEpisode};
@@ -34,6 +34,7 @@ const CHUNK: u32 = 64;
     responses(
         (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
         IdRefusals,
+        QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed", body = Problem, content_type = "application/problem+json"),
     )
@@ -42,6 +43,7 @@ pub(in super::super) async fn read_journal(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
+    _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     let handle = app.readable(&caller, id).await?;
     let is_over = handle.snapshot().status.is_over();

@@ -61,7 +61,8 @@ pub(in super::super) async fn list_episodes(
     let most = app.limits.page_items_max;
     let limit = params.limit.unwrap_or(app.limits.page_items_default);
     if !(1..=most).contains(&limit) {
-        return Err(malformed(format!("limit must be from 1 to {most}, is {limit}")));
+        let detail = format!("limit must be from 1 to {most}, is {limit}");
+        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
     }
     if let Some(status) = &params.status
         && Status::parse(status).is_none()
@@ -89,7 +90,10 @@ pub(in super::super) async fn list_episodes(
         status: params.status,
         task: params.task,
         model: params.model,
-        readable_by_all: true,
+        own: match &caller {
+            Caller::Swarm(own) => Some(own.clone()),
+            Caller::Anonymous | Caller::Seat(..) => None,
+        },
     };
     let mut stored = app.store.list_episodes(&filter, before, limit + 1).await?;
     let has_more = stored.len() > limit as usize;

@@ -6,8 +6,8 @@ use axum::extract::State;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::Id;
-use super::super::openapi::{IdRefusals, TokenRefusals};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::episode::EpisodeSummary;
 
 /// Show an episode.
@@ -20,6 +20,7 @@ use crate::wire::episode::EpisodeSummary;
     responses(
         (status = 200, description = "The episode", body = EpisodeSummary),
         IdRefusals,
+        QueryRefusals,
         TokenRefusals,
     )
 )]
@@ -27,6 +28,7 @@ pub(in super::super) async fn show_episode(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
+    _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.known(&caller, id).await?;
     Ok(Json(app.summary(&caller, &handle.id).await?))

@@ -6,8 +6,8 @@ use axum::extract::State;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::Id;
-use super::super::openapi::{IdRefusals, TokenRefusals};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
 
@@ -24,6 +24,7 @@ use crate::wire::problem::Problem;
     responses(
         (status = 200, description = "The episode runs", body = EpisodeSummary),
         IdRefusals,
+        QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "`episode_over`", body = Problem, content_type = "application/problem+json"),
@@ -33,6 +34,7 @@ pub(in super::super) async fn start_episode(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
+    _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
     let snapshot = handle.snapshot();

@@ -10,8 +10,8 @@ use super::super::App;
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Named, json_bytes, read};
-use super::super::openapi::{BodyRefusals, TokenRefusals};
+use super::super::extract::{Named, Nothing, Params, json_bytes, read};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
@@ -31,6 +31,7 @@ use crate::wire::problem::Problem;
     responses(
         (status = 200, description = "A receipt or a problem for each act", body = SwarmActResponse),
         BodyRefusals,
+        QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
     )
@@ -38,6 +39,7 @@ use crate::wire::problem::Problem;
 pub(in super::super) async fn post_swarm_act(
     State(app): State<App>,
     Swarm { handle }: Swarm,
+    _: Params<Nothing>,
     request: Request,
 ) -> Result<Response, ApiError> {
     let limit = app.limits.swarm_body_bytes_max;
