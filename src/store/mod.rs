@@ -72,7 +72,7 @@ pub struct Store {
     readers: SqlitePool,
     writer: writer::Writer,
     /// Held as long as the database is open.
-    _lock: Arc<File>,
+    lock: Arc<File>,
 }
 
 impl Store {
@@ -101,7 +101,7 @@ impl Store {
             .connect_with(options.read_only(true).create_if_missing(false))
             .await
             .map_err(failed)?;
-        Ok(Self { readers, writer: writer::Writer::spawn(connection), _lock: Arc::new(lock) })
+        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Arc::new(lock) })
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
@@ -127,10 +127,14 @@ impl Store {
     }
 
     /// Commits what was handed over, and closes the file. The writer is the last to leave, so that
-    /// SQLite puts everything into the one file.
+    /// SQLite puts everything into the one file. Then others may have it.
     pub async fn close(self) {
         self.readers.close().await;
         self.writer.stop().await;
+        // Actors that have not noticed the end yet hold clones of the store, and so the lock file.
+        if let Err(error) = self.lock.unlock() {
+            tracing::warn!(%error, "the lock of the database is held until the process ends");
+        }
     }
 
     /// Whether the database can be read.

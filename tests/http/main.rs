@@ -1,0 +1,17 @@
+//! The server through its front door: every route, over real HTTP, by the wire contract.
+//!
+//! [`app`] starts a server on a free port over a database of its own. No test sleeps: where time has
+//! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
+
+mod app;
+
+mod agent;
+mod bad_input;
+mod clocks;
+mod concurrency;
+mod episode;
+mod episodes;
+mod host;
+mod restart;
+mod swarm;
+mod vectors;
