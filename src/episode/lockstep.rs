@@ -325,6 +325,9 @@ impl Lockstep {
         earlier: Option<Given>,
     ) -> Vec<Effect> {
         let Submission { round: sent, mut record } = submission;
+        // Clocks may have run out before the act came, only nobody has ticked since.
+        let is_late = self.wakes_at().is_some_and(|due| due < now);
+        let mut effects = if is_late { self.tick(now) } else { Vec::new() };
         let round = self.round;
         let waiting = self.phase == Phase::Waiting;
         let seat = &self.seats[agent.index()];
@@ -333,7 +336,8 @@ impl Lockstep {
         let refusal = match answered {
             Some(given) if is_same(&given.record, &record) => {
                 let receipt = Receipt { round: sent, given: given.clone(), duplicate: true };
-                return vec![Effect::Answer(Ok(receipt))];
+                effects.push(Effect::Answer(Ok(receipt)));
+                return effects;
             }
             _ if sent > round || (waiting && sent == round) => {
                 Some(Refusal::RoundAhead { sent, round })
@@ -349,12 +353,7 @@ impl Lockstep {
             None => None,
         };
         if let Some(refusal) = refusal {
-            return vec![Effect::Answer(Err(refusal))];
-        }
-        if self.deadline(seat).is_some_and(|deadline| deadline < now) {
-            // The clock ran out before the act came, only nobody has ticked since.
-            let mut effects = self.tick(now);
-            effects.push(Effect::Answer(Err(Refusal::RoundOver { sent, round })));
+            effects.push(Effect::Answer(Err(refusal)));
             return effects;
         }
         record.bank_spent_ms = millis(self.overspent(now).min(seat.bank));
@@ -363,7 +362,7 @@ impl Lockstep {
         let given = Given { record, waiting_for };
         self.seats[agent.index()].given = Some(given.clone());
         let receipt = Receipt { round, given: given.clone(), duplicate: false };
-        let mut effects = vec![Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))];
+        effects.extend([Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))]);
         self.close_if_complete(&mut effects);
         effects
     }

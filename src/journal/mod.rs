@@ -165,7 +165,7 @@ pub struct StoredEpisode {
     pub score: f64,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When the last act of a player came, or else the manual start.
+    /// When the last act of a player came, or else the manual start; not told in lists.
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,

@@ -23,19 +23,29 @@ pub struct Filter {
     pub own: Option<EpisodeId>,
 }
 
-/// Every column that a [`StoredEpisode`] needs.
-const COLUMNS: &str = "
-    SELECT e.key, e.id, e.opening, e.status, e.ending, e.created_at, e.ended_at,
-           CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
-           coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score,
-           coalesce((SELECT a.at FROM acts a
-                     WHERE a.episode = e.key AND json_extract(a.record, '$.source') = 'player'
-                     ORDER BY a.round DESC, a.at DESC LIMIT 1),
-                    e.started_at) AS last_act_at
-    FROM episodes e
-    LEFT JOIN rounds r
-        ON r.episode = e.key AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
-    WHERE ";
+/// Asks for all that a [`StoredEpisode`] has; the caller adds a condition. When the last act came
+/// is asked for one episode alone, as its acts have to be looked through for it.
+fn select(last_act_at: &str) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(
+        "SELECT e.key, e.id, e.opening, e.status, e.ending, e.created_at, e.ended_at,
+                CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
+                coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
+    );
+    query.push(last_act_at).push(
+        " AS last_act_at FROM episodes e
+          LEFT JOIN rounds r ON r.episode = e.key
+              AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
+          WHERE ",
+    );
+    query
+}
+
+/// The last act of a player, or else the manual start: a clock that runs out is no act.
+const LAST_ACT_AT: &str = "
+    coalesce((SELECT a.at FROM acts a
+              WHERE a.episode = e.key AND json_extract(a.record, '$.source') = 'player'
+              ORDER BY a.round DESC, a.at DESC LIMIT 1),
+             e.started_at)";
 
 impl Store {
     /// Finds an episode by its public id.
@@ -46,7 +56,7 @@ impl Store {
         &self,
         id: &EpisodeId,
     ) -> Result<Option<StoredEpisode>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        let mut query = select(LAST_ACT_AT);
         query.push("e.id = ").push_bind(id.as_str());
         let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
         row.map(|row| episode(&row)).transpose()
@@ -62,7 +72,7 @@ impl Store {
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        let mut query = select("NULL");
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         for (column, value) in
             [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
