@@ -53,6 +53,7 @@ pub fn router(app: App) -> Router {
         .layer(CatchPanicLayer::custom(panicked));
     router
         .merge(docs)
+        .route("/", get(front_page))
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
@@ -63,6 +64,11 @@ pub fn router(app: App) -> Router {
 
 /// Where the files of the documentation page lie; they are part of the binary.
 const DOCS_FILES: &str = "/docs/files";
+
+/// The page that a browser sees first.
+async fn front_page() -> Html<&'static str> {
+    Html(include_str!("../../static/index.html"))
+}
 
 /// The page that shows the OpenAPI document; it needs no network but this server.
 async fn docs_page() -> Result<Html<String>, ApiError> {

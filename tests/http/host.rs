@@ -191,3 +191,19 @@ async fn every_answer_has_the_id_of_its_request() {
     let answer = app.get("/healthz").header("x-request-id", "mine-7").send().await;
     assert_eq!(answer.header("x-request-id"), "mine-7");
 }
+
+#[tokio::test]
+async fn the_front_page_needs_no_other_host_and_trusts_no_names() {
+    let app = TestApp::start().await;
+    let page = app.get("/").send().await;
+    assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
+    let page = page.text();
+    for link in page.split("href=\"").skip(1) {
+        let target = link.split('"').next().expect("a value");
+        assert_eq!(app.get(target).send().await.status, 200, "{target}");
+    }
+    // What creators have named is set as text, never as markup.
+    for banned in ["http:", "https:", "innerHTML", "document.write"] {
+        assert!(!page.contains(banned), "{banned}");
+    }
+}
