@@ -80,6 +80,25 @@ impl Registry {
     /// # Errors
     /// Where it could not be kept.
     pub async fn create(&self, creation: Creation) -> Result<Handle, JournalError> {
+        // Whoever learns of the episode once it is durable waits here until its actor runs: an
+        // episode never has two.
+        let cell = self.slot(&creation.id);
+        cell.get_or_try_init(|| self.open(creation)).await.cloned()
+    }
+
+    /// The place of an episode; empty as long as nobody has created it or taken it up.
+    fn slot(&self, id: &EpisodeId) -> Arc<OnceCell<Handle>> {
+        let now = self.host.clock.now();
+        let mut slots = self.slots.lock().expect("nothing panics while it holds this");
+        let slot = slots
+            .entry(id.clone())
+            .or_insert_with(|| Slot { handle: Arc::default(), used_at: now });
+        slot.used_at = now;
+        Arc::clone(&slot.handle)
+    }
+
+    /// Keeps the opening of an episode and starts its actor.
+    async fn open(&self, creation: Creation) -> Result<Handle, JournalError> {
         let Creation { id, spec, tokens, idempotency } = creation;
         let now = self.host.clock.now();
         let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
@@ -141,9 +160,6 @@ impl Registry {
             // end cannot be kept, the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
-        let cell = Arc::new(OnceCell::new_with(Some(handle.clone())));
-        let slot = Slot { handle: cell, used_at: now };
-        self.slots.lock().expect("nothing panics while it holds this").insert(id, slot);
         Ok(handle)
     }
 
@@ -152,35 +168,24 @@ impl Registry {
     /// # Errors
     /// Where its journal cannot be read or played again.
     pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, RecoveryError> {
-        let now = self.host.clock.now();
         let known = {
             let mut slots = self.slots.lock().expect("nothing panics while it holds this");
-            slots.get_mut(id).map(|slot| {
-                slot.used_at = now;
-                Arc::clone(&slot.handle)
+            slots.get_mut(id).and_then(|slot| {
+                slot.used_at = self.host.clock.now();
+                slot.handle.get().cloned()
             })
         };
-        if let Some(handle) = known.as_ref().and_then(|cell| cell.get()) {
-            return Ok(Some(handle.clone()));
+        if known.is_some() {
+            return Ok(known);
         }
         let Some(stored) = self.host.journal.episode(id.clone()).await? else { return Ok(None) };
-        let cell = {
-            let mut slots = self.slots.lock().expect("nothing panics while it holds this");
-            let empty = || Slot { handle: Arc::default(), used_at: now };
-            Arc::clone(&slots.entry(id.clone()).or_insert_with(empty).handle)
-        };
         // Whoever comes first takes it up, the others wait for that.
+        let cell = self.slot(id);
         let take_up = || async {
-            let fresh = recover(&self.host.journal, stored, now).await?;
+            let fresh = recover(&self.host.journal, stored, self.host.clock.now()).await?;
             Ok::<_, RecoveryError>(spawn(self.host.clone(), fresh, &self.tracker))
         };
-        match cell.get_or_try_init(take_up).await {
-            Ok(handle) => Ok(Some(handle.clone())),
-            Err(error) => {
-                self.slots.lock().expect("nothing panics while it holds this").remove(id);
-                Err(error)
-            }
-        }
+        cell.get_or_try_init(take_up).await.cloned().map(Some)
     }
 
     /// Takes up all unfinished episodes, those with clocks first, so that their clocks go on.
@@ -197,13 +202,17 @@ impl Registry {
         Ok(ids.len())
     }
 
-    /// Lets go of episodes that have ended and were not asked for lately.
+    /// Lets go of episodes that have ended and were not asked for lately, and of places that nobody
+    /// is about to fill.
     pub fn let_go(&self) {
         let now = self.host.clock.now();
         let mut slots = self.slots.lock().expect("nothing panics while it holds this");
         slots.retain(|_, slot| {
-            let ended = slot.handle.get().is_some_and(|handle| handle.snapshot().status.is_over());
-            !ended || after(slot.used_at, ENDED_STAYS) > now
+            let idle = match slot.handle.get() {
+                Some(handle) => handle.snapshot().status.is_over(),
+                None => Arc::strong_count(&slot.handle) == 1,
+            };
+            !idle || after(slot.used_at, ENDED_STAYS) > now
         });
     }
 }
