@@ -353,7 +353,7 @@ mod routes {
     #[case("GET", "/api/v1/episodes/ep_0/journal")]
     #[case("POST", "/api/v1/episodes/ep_0/start")]
     #[case("DELETE", "/api/v1/episodes/ep_0")]
-    #[case::no_route("GET", "/")]
+    #[case::no_route("GET", "/nothing")]
     #[case::no_route("GET", "/obs/")]
     #[case::no_route("GET", "/OBS")]
     #[case::no_route("GET", "/api/v2/episodes")]
