@@ -60,6 +60,8 @@ fn task(name: &str) -> Result<TaskName, String> {
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let player = player(args.player.as_deref(), args.task)?;
     let client = Client::new(&args.server)?;
+    // Once a game goes on, a server that is away for a moment is waited for; here it is not.
+    client.health().await?;
     let request = EpisodeRequest {
         seed: args.seed,
         rules: args.rules,
