@@ -71,6 +71,7 @@ impl IntoResponses for TokenRefusals {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
         problems(&[
             (401, "`unauthorized`: a token is needed, or the one that came is unknown"),
+            (500, "`internal`: a fault of the server, which was logged"),
             (503, "`overloaded` or `unavailable`; `Retry-After` says when to come again"),
         ])
     }
