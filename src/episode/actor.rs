@@ -338,9 +338,7 @@ impl Actor {
             return Ok(None);
         }
         // The round may still be on its way to the disk: what is found must include it.
-        let (done, kept) = oneshot::channel();
-        self.host.journal.append(Vec::new(), Box::new(move |result| drop(done.send(result))));
-        kept.await.unwrap_or_else(|_| Err(gone()))?;
+        self.host.journal.keep(Vec::new()).await?;
         let act = self.host.journal.act(self.key, round, agent).await?;
         Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }

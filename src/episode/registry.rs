@@ -127,10 +127,7 @@ impl Registry {
             idempotency,
             tokens,
         };
-        let (done, kept) = tokio::sync::oneshot::channel();
-        let committed = Box::new(move |result| drop(done.send(result)));
-        self.host.journal.append(vec![Entry::Open(Box::new(row))], committed);
-        kept.await.unwrap_or_else(|_| Err(JournalError("the server is stopping".into())))?;
+        self.host.journal.keep(vec![Entry::Open(Box::new(row))]).await?;
         let agents = usize::from(spec.config.num_agents());
         let standing = Standing {
             waiting: spec.manual_start,

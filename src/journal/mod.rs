@@ -203,6 +203,15 @@ pub trait Journal: Send + Sync + 'static {
     /// Keeps entries, all or none, and tells `committed` once they are durable. Never waits.
     fn append(&self, entries: Vec<Entry>, committed: Committed);
 
+    /// Keeps entries and waits until they, and all that was handed over before them, are durable;
+    /// without entries it only waits. They are kept also where nobody waits any more.
+    fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), JournalError>> {
+        let (done, kept) = tokio::sync::oneshot::channel();
+        self.append(entries, Box::new(move |result| drop(done.send(result))));
+        let stopped = || Err(JournalError("the writer has stopped".into()));
+        Box::pin(async move { kept.await.unwrap_or_else(|_| stopped()) })
+    }
+
     /// Finds an episode.
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>>;
 

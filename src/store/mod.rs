@@ -109,17 +109,6 @@ impl Store {
         self.writer.append(entries, committed);
     }
 
-    /// Keeps entries and waits until they are durable.
-    ///
-    /// # Errors
-    /// Where they could not be kept.
-    pub async fn keep(&self, entries: Vec<Entry>) -> Result<(), JournalError> {
-        let (done, kept) = tokio::sync::oneshot::channel();
-        // Who waited may have gone; the entries are kept all the same.
-        self.append(entries, Box::new(move |result| drop(done.send(result))));
-        kept.await.unwrap_or_else(|_| Err(JournalError("the writer has stopped".into())))
-    }
-
     /// How the writer does.
     #[must_use]
     pub fn writer(&self) -> &WriterState {

@@ -19,7 +19,7 @@ use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
 use crate::episode::spec::{Spec, Visibility};
 use crate::ids::{EpisodeId, Token, TokenKind};
-use crate::journal::{Entry, TokenRow};
+use crate::journal::{Entry, Journal, TokenRow};
 use crate::prompt;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
 use crate::wire::problem::{FieldProblem, Problem};
