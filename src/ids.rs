@@ -13,11 +13,7 @@ impl EpisodeId {
     /// A new id.
     #[must_use]
     pub fn new(now: Timestamp, entropy: &dyn Entropy) -> Self {
-        let mut random = [0; 10];
-        entropy.fill(&mut random);
-        let millis = u64::try_from(now.as_millisecond()).unwrap_or(0);
-        let uuid = uuid::Builder::from_unix_timestamp_millis(millis, &random).into_uuid();
-        Self(format!("ep_{}", uuid.simple()))
+        Self(dated_id("ep_", now, entropy))
     }
 
     /// Takes an id as it was stored or sent; whether it exists is another question.
@@ -39,6 +35,15 @@ impl std::fmt::Display for EpisodeId {
     }
 }
 
+/// A prefix and 32 hexadecimal digits that grow with time.
+pub(crate) fn dated_id(prefix: &str, now: Timestamp, entropy: &dyn Entropy) -> String {
+    let mut random = [0; 10];
+    entropy.fill(&mut random);
+    let millis = u64::try_from(now.as_millisecond()).unwrap_or(0);
+    let uuid = uuid::Builder::from_unix_timestamp_millis(millis, &random).into_uuid();
+    format!("{prefix}{}", uuid.simple())
+}
+
 /// What a token stands for; told by its prefix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TokenKind {
@@ -46,15 +51,20 @@ pub enum TokenKind {
     Seat,
     /// Several seats.
     Swarm,
+    /// A person.
+    Key,
 }
 
 impl TokenKind {
+    const ALL: [Self; 3] = [Self::Seat, Self::Swarm, Self::Key];
+
     /// How its tokens begin.
     #[must_use]
     pub const fn prefix(self) -> &'static str {
         match self {
             Self::Seat => "seat_",
             Self::Swarm => "swarm_",
+            Self::Key => "secret_",
         }
     }
 }
@@ -85,13 +95,21 @@ impl Token {
     /// Reads a token that was sent. One with a wrong checksum cannot have been given out.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        let body = [TokenKind::Seat, TokenKind::Swarm]
-            .iter()
-            .find_map(|kind| text.strip_prefix(kind.prefix()))?;
+        let body = text.strip_prefix(Self::kind_of(text)?.prefix())?;
         let bytes =
             data_encoding::BASE32_NOPAD.decode(body.to_ascii_uppercase().as_bytes()).ok()?;
         let (random, checksum) = bytes.split_at_checked(RANDOM_BYTES)?;
         (checksum == crc32fast::hash(random).to_be_bytes()).then(|| Self(text.to_owned()))
+    }
+
+    fn kind_of(text: &str) -> Option<TokenKind> {
+        TokenKind::ALL.into_iter().find(|kind| text.starts_with(kind.prefix()))
+    }
+
+    /// What kind of token it is.
+    #[must_use]
+    pub fn kind(&self) -> TokenKind {
+        Self::kind_of(&self.0).expect("every token has a prefix")
     }
 
     /// The token in clear, to be sent to its holder.

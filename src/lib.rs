@@ -10,14 +10,16 @@
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
 //! - [`players`]: how a player meets a server. [`cli`]: the commands.
-//! - [`clock`], [`ids`], [`telemetry`]: what several of them need.
+//! - [`clock`], [`disk`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub mod cli;
 pub mod clock;
+pub mod disk;
 pub mod episode;
 pub mod http;
 pub mod ids;
 pub mod journal;
+pub mod keys;
 pub mod players;
 pub mod prompt;
 pub mod server;

@@ -8,15 +8,19 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
-use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy};
+use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
+use crate::disk::{Disk, HostDisk};
+use crate::episode::actor::Spawn;
+use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
+use crate::http::auth::Access;
 use crate::http::limits::Limits;
-use crate::http::{App, router, serve::serve};
+use crate::http::{App, Foundation, router, serve::serve};
 use crate::journal::{Journal, JournalError};
 use crate::store::{OpenError, Store};
 use crate::telemetry;
 
-/// How often episodes that have ended are let go of.
+/// How often the server looks after what nobody asks for.
 const SWEEP: Duration = Duration::from_mins(1);
 
 /// What a server is made of; the defaults are the host's own.
@@ -26,8 +30,12 @@ pub struct Parts {
     pub clock: Arc<dyn Clock>,
     /// Where randomness comes from.
     pub entropy: Arc<dyn Entropy>,
+    /// How full the disk of the database is; the host's own where there is none.
+    pub disk: Option<Arc<dyn Disk>>,
     /// What is taken at most.
     pub limits: Limits,
+    /// To whom the server opens.
+    pub access: Access,
 }
 
 impl Default for Parts {
@@ -35,7 +43,9 @@ impl Default for Parts {
         Self {
             clock: Arc::new(SystemClock),
             entropy: Arc::new(SystemEntropy),
+            disk: None,
             limits: Limits::default(),
+            access: Access::default(),
         }
     }
 }
@@ -65,12 +75,37 @@ impl Server {
     pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
         let store = Store::open(database).await?;
+        let Parts { clock, entropy, disk, limits, access } = parts;
         let last_key = store.last_key().await?;
+        let has_keys = store.has_keys().await?;
+        let quotas = Quotas::new(limits.caps());
+        for (owner, bytes) in store.bytes_by_owner().await? {
+            quotas.add_bytes(Some(owner), bytes);
+        }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
-        let registry = Registry::new(journal, Arc::clone(&parts.clock), last_key);
+        let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
+        let registry =
+            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key);
+        let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
-        let app = App::new(store, registry, parts.clock, parts.entropy, parts.limits, stop);
-        Ok(Self { app, limits: parts.limits })
+        let app = App::new(Foundation {
+            store,
+            registry,
+            clock,
+            entropy,
+            disk,
+            limits,
+            access,
+            has_keys,
+            stop,
+        });
+        Ok(Self { app, limits })
+    }
+
+    /// Whether a key was ever made for this server.
+    #[must_use]
+    pub fn has_keys(&self) -> bool {
+        self.app.has_keys()
     }
 
     /// Serves until `shutdown` completes; then waits end, open requests are answered, and what was
@@ -113,9 +148,11 @@ async fn take_up(app: App) {
     }
 }
 
+/// Looks after episodes that are not in memory, and lets go of what nobody asks for.
 async fn sweep(app: App) {
     loop {
-        tokio::time::sleep(SWEEP).await;
-        app.registry.let_go();
+        app.registry.look_after_idle().await;
+        app.tidy();
+        app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
     }
 }

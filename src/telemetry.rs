@@ -52,7 +52,14 @@ fn describe() {
     use metrics::{describe_counter, describe_gauge, describe_histogram};
     describe_counter!("swarmbench_episodes_created_total", "Episodes created.");
     describe_counter!("swarmbench_episodes_ended_total", "Episodes ended, by status.");
-    describe_gauge!("swarmbench_episodes_live", "Episodes in memory that have not ended.");
+    describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
+    describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
+    describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");
+    describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
+    describe_counter!(
+        "swarmbench_rate_limited_total",
+        "Requests refused for their number, by limit."
+    );
     describe_counter!("swarmbench_rounds_total", "Rounds resolved, by task.");
     describe_counter!(
         "swarmbench_acts_total",

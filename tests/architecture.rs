@@ -6,31 +6,52 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each module of the server may name of the others, beside itself.
-const MAY_NAME: [(&str, &[&str]); 13] = [
+const MAY_NAME: [(&str, &[&str]); 15] = [
     ("clock", &[]),
+    ("disk", &[]),
     ("ids", &["clock"]),
+    ("keys", &["clock", "ids"]),
     ("telemetry", &[]),
-    ("journal", &["ids"]),
-    ("store", &["ids", "journal"]),
-    ("episode", &["clock", "ids", "journal"]),
-    ("wire", &["episode"]),
+    ("journal", &["ids", "keys"]),
+    ("store", &["ids", "journal", "keys"]),
+    ("episode", &["clock", "ids", "journal", "keys"]),
+    ("wire", &["episode", "keys"]),
     ("prompt", &["wire"]),
-    ("http", &["clock", "episode", "ids", "journal", "prompt", "store", "telemetry", "wire"]),
-    ("server", &["clock", "episode", "http", "journal", "store", "telemetry"]),
+    (
+        "http",
+        &[
+            "clock",
+            "disk",
+            "episode",
+            "ids",
+            "journal",
+            "keys",
+            "prompt",
+            "store",
+            "telemetry",
+            "wire",
+        ],
+    ),
+    ("server", &["clock", "disk", "episode", "http", "journal", "store", "telemetry"]),
     ("players", &["clock", "wire"]),
-    ("cli", &["clock", "http", "journal", "players", "server", "telemetry", "wire"]),
+    (
+        "cli",
+        &["clock", "http", "journal", "keys", "players", "server", "store", "telemetry", "wire"],
+    ),
     ("main", &["cli"]),
 ];
 
 /// Crates that only one module may name.
-const ONLY_IN: [(&str, &[&str]); 9] = [
+const ONLY_IN: [(&str, &[&str]); 11] = [
     ("axum", &["http"]),
     ("tower_http", &["http"]),
     ("hyper", &["http"]),
     ("sqlx", &["store"]),
+    ("governor", &["http"]),
+    ("rustix", &["disk"]),
     ("minijinja", &["prompt"]),
     ("reqwest", &["players"]),
-    ("clap", &["cli", "telemetry"]),
+    ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "cli"]),
     ("indicatif", &["cli"]),
 ];

@@ -5,13 +5,18 @@
 //! publishes the new state and then sends the receipts, so whoever has a receipt finds the state that
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use futures::future::BoxFuture;
+use jiff::Timestamp;
 use swarmbench_engine::{AgentId, Config, TaskName, World};
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
+use super::quota::Quotas;
+use super::recovery::off_thread;
 use super::spec::Spec;
 use super::{Ending, Snapshot, Status};
 use crate::clock::Clock;
@@ -20,9 +25,10 @@ use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
 use crate::journal::{ActRow, EndRow, Entry, EpisodeKey, Journal, JournalError, RoundRow};
+use crate::keys::OwnerKey;
 
-/// Messages that wait for one episode; whoever sends more waits too.
-const MAILBOX_MAX: usize = 256;
+/// Messages that wait for one episode; who comes when there are more is told to come again.
+pub const MAILBOX_MAX: usize = 4096;
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -30,6 +36,9 @@ pub enum ActError {
     /// By the rules of the barrier.
     #[error(transparent)]
     Refused(#[from] Refusal),
+    /// Too many others wait for the same episode.
+    #[error("{MAILBOX_MAX} requests wait for this episode already")]
+    Busy,
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -44,6 +53,9 @@ enum Message {
     Abort { reply: oneshot::Sender<Result<(), JournalError>> },
 }
 
+/// Starts a task that runs on its own.
+pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
+
 /// What all actors of a server share.
 #[derive(Clone)]
 pub struct Host {
@@ -51,26 +63,43 @@ pub struct Host {
     pub journal: Arc<dyn Journal>,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
+    /// What runs the actors.
+    pub spawn: Spawn,
+    /// What everybody holds.
+    pub quotas: Arc<Quotas>,
     /// Counts opened rounds.
     pub opened: Arc<AtomicU64>,
-    /// Counts episodes in memory that have not ended.
-    pub live: Arc<AtomicUsize>,
 }
 
 /// An episode as others see it. Cloning shares it.
 #[derive(Clone)]
-pub struct Handle {
+pub struct Handle(Arc<Running>);
+
+/// See [`Handle`].
+pub struct Running {
     /// Its public id.
     pub id: EpisodeId,
     /// Its number in the journal.
     pub key: EpisodeKey,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
     /// What it is.
     pub spec: Arc<Spec>,
     /// When it was created.
-    pub created_at: jiff::Timestamp,
+    pub created_at: Timestamp,
     mailbox: mpsc::Sender<Message>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
+    idle_at: Arc<AtomicI64>,
+    gone: CancellationToken,
+}
+
+impl std::ops::Deref for Handle {
+    type Target = Running;
+
+    fn deref(&self) -> &Running {
+        &self.0
+    }
 }
 
 impl Handle {
@@ -90,9 +119,11 @@ impl Handle {
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
         let count = acts.len();
         let (reply, outcomes) = oneshot::channel();
-        // Whether the actor is gone shows when nobody answers.
-        drop(self.mailbox.send(Message::Submit { acts, reply }).await);
-        outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count])
+        match self.mailbox.try_send(Message::Submit { acts, reply }) {
+            Ok(()) => outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count]),
+            Err(mpsc::error::TrySendError::Full(_)) => vec![Err(ActError::Busy); count],
+            Err(mpsc::error::TrySendError::Closed(_)) => vec![Err(gone().into()); count],
+        }
     }
 
     /// Starts a waiting episode; one that has started is left as it is.
@@ -116,6 +147,7 @@ impl Handle {
         message: impl FnOnce(oneshot::Sender<Result<(), JournalError>>) -> Message,
     ) -> Result<(), JournalError> {
         let (reply, done) = oneshot::channel();
+        // Whether the actor is gone shows when nobody answers.
         drop(self.mailbox.send(message(reply)).await);
         done.await.unwrap_or_else(|_| Err(gone()))
     }
@@ -124,6 +156,21 @@ impl Handle {
     #[must_use]
     pub fn keyframe(&self, round: u32) -> Arc<World> {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
+    }
+
+    /// When the episode is abandoned unless somebody acts.
+    pub(super) fn idle_at(&self) -> Timestamp {
+        Timestamp::from_millisecond(self.idle_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
+    }
+
+    /// Cancelled when the actor has ended and hands nothing more to the journal.
+    pub(super) fn gone(&self) -> CancellationToken {
+        self.gone.clone()
+    }
+
+    /// Whether somebody else holds it, too.
+    pub(super) fn is_shared(&self) -> bool {
+        Arc::strong_count(&self.0) > 1
     }
 }
 
@@ -169,43 +216,60 @@ impl Keyframes {
 pub(super) struct Fresh {
     pub(super) id: EpisodeId,
     pub(super) key: EpisodeKey,
+    pub(super) owner: Option<OwnerKey>,
     pub(super) spec: Arc<Spec>,
-    pub(super) created_at: jiff::Timestamp,
+    pub(super) created_at: Timestamp,
     pub(super) world: Arc<World>,
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
     pub(super) keyframes: Keyframes,
+    /// Bytes that its acts take in the journal.
+    pub(super) bytes: u64,
 }
 
-/// Starts the actor of an episode on the current runtime.
-pub(super) fn spawn(host: Host, fresh: Fresh, tracker: &tokio_util::task::TaskTracker) -> Handle {
+/// Starts the actor of an episode.
+pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     let (mailbox, messages) = mpsc::channel(MAILBOX_MAX);
     if fresh.lockstep.outcome().is_none() {
-        host.live.fetch_add(1, Ordering::Relaxed);
+        host.quotas.note(fresh.key, fresh.owner);
     }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
+    let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));
     let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
+    snapshot.set_opened(host.clock.now());
+    let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
-    let handle = Handle {
+    let gone = CancellationToken::new();
+    let handle = Handle(Arc::new(Running {
         id: fresh.id.clone(),
         key: fresh.key,
+        owner: fresh.owner,
         spec: fresh.spec,
         created_at: fresh.created_at,
         mailbox,
         published,
         keyframes: Arc::clone(&keyframes),
-    };
+        idle_at: Arc::clone(&idle_at),
+        gone: gone.clone(),
+    }));
+    let spawn = Arc::clone(&host.spawn);
     let actor = Actor {
         host,
         id: fresh.id,
         key: fresh.key,
+        owner: fresh.owner,
         world: fresh.world,
         head: fresh.head,
         lockstep: fresh.lockstep,
+        bytes: fresh.bytes,
         keyframes,
+        idle_at,
         publish,
+        latest,
+        failed: CancellationToken::new(),
+        _gone: gone.drop_guard(),
     };
-    tracker.spawn(actor.run(messages));
+    spawn(Box::pin(actor.run(messages)));
     handle
 }
 
@@ -216,7 +280,7 @@ fn snapshot(host: &Host, lockstep: &Lockstep, world: &Arc<World>, head: Head) ->
         world: Arc::clone(world),
         head,
         outcome: lockstep.outcome(),
-        opened_at: lockstep.opened_at(),
+        opened_at: std::sync::OnceLock::new(),
         opened: host.opened.fetch_add(1, Ordering::Relaxed) + 1,
         banks: lockstep.banks(),
         acted: (0..agents).map(|_| AtomicBool::new(false)).collect(),
@@ -232,15 +296,25 @@ struct Actor {
     host: Host,
     id: EpisodeId,
     key: EpisodeKey,
+    owner: Option<OwnerKey>,
     world: Arc<World>,
     head: Head,
     lockstep: Lockstep,
+    bytes: u64,
     keyframes: Arc<Mutex<Keyframes>>,
+    idle_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
+    /// The state that is published, or will be once it is durable.
+    latest: Arc<Snapshot>,
+    /// Cancelled once a commit failed: what is in memory is then ahead of the disk for ever.
+    failed: CancellationToken,
+    _gone: DropGuard,
 }
 
 impl Actor {
     async fn run(mut self, mut messages: mpsc::Receiver<Message>) {
+        let mut published = self.publish.subscribe();
+        let failed = self.failed.clone();
         self.take_up().await;
         loop {
             let wake = self.lockstep.wakes_at();
@@ -252,13 +326,35 @@ impl Actor {
                 }
             };
             tokio::select! {
+                biased;
+                () = failed.cancelled() => return,
                 message = messages.recv() => match message {
                     Some(message) => self.take(message).await,
                     None => return,
                 },
+                // A round was opened: its clock runs.
+                _ = published.changed() => self.note_opening(),
                 () = tick => self.happen(Event::Tick, None).await,
             }
         }
+    }
+
+    /// Tells the barrier when the open round was published.
+    fn note_opening(&mut self) {
+        let snapshot = Arc::clone(&self.publish.borrow());
+        if let Some(at) = snapshot.opened_at()
+            && snapshot.world.round() == self.lockstep.round()
+            && snapshot.status == self.lockstep.status()
+        {
+            self.apply(Event::Opened { at });
+        }
+    }
+
+    /// Tells the barrier what happens now.
+    fn apply(&mut self, event: Event) -> Vec<Effect> {
+        let effects = self.lockstep.apply(self.host.clock.now(), event);
+        self.idle_at.store(self.lockstep.idle_at().as_millisecond(), Ordering::Release);
+        effects
     }
 
     /// What is due before the first event: a layout that is solved already, or a round whose acts
@@ -292,7 +388,8 @@ impl Actor {
         event: Event,
         reply: Option<oneshot::Sender<Result<(), JournalError>>>,
     ) {
-        let effects = self.lockstep.apply(self.host.clock.now(), event);
+        self.note_opening();
+        let effects = self.apply(event);
         self.perform(effects, |result| {
             if let Some(reply) = reply {
                 // Whoever asked may have gone.
@@ -303,8 +400,10 @@ impl Actor {
     }
 
     async fn submit(&mut self, acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes>) {
+        self.note_opening();
         let mut effects = Vec::new();
         let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
+        let mut used = self.bytes;
         for (agent, submission) in acts {
             let earlier = match self.earlier(agent, submission.round).await {
                 Ok(earlier) => earlier,
@@ -313,11 +412,16 @@ impl Actor {
                     continue;
                 }
             };
-            let event = Event::Submit { agent, submission, earlier };
-            for effect in self.lockstep.apply(self.host.clock.now(), event) {
+            let text_bytes = submission.record.text_bytes();
+            let room = self.host.quotas.check_act(self.owner, used, text_bytes);
+            for effect in self.apply(Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => outcomes.push(answer.map_err(ActError::from)),
-                    other => effects.push(other),
+                    other => {
+                        used +=
+                            if matches!(other, Effect::KeepAct { .. }) { text_bytes } else { 0 };
+                        effects.push(other);
+                    }
                 }
             }
         }
@@ -350,7 +454,8 @@ impl Actor {
         effects: Vec<Effect>,
         then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
     ) {
-        let open = Arc::clone(&self.publish.borrow());
+        // The acts belong to the latest state, which may still be on its way to be published.
+        let open = Arc::clone(&self.latest);
         let mut entries = Vec::new();
         let mut acted = Vec::new();
         let mut opens = false;
@@ -361,12 +466,13 @@ impl Actor {
                     entries.push(Entry::Start { episode: self.key, at });
                 }
                 Effect::KeepAct { agent, given } => {
-                    acted.push(agent);
+                    acted.push((agent, kind(&given)));
                     entries.push(self.act_entry(agent, &given));
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
                         tracing::error!(episode = %self.id, %error, "a round was not resolved");
+                        self.failed.cancel();
                         then(Err(error));
                         return;
                     }
@@ -381,35 +487,34 @@ impl Actor {
             }
         }
         let next = opens.then(|| snapshot(&self.host, &self.lockstep, &self.world, self.head));
-        let publish = self.publish.clone();
+        if let Some(next) = &next {
+            self.latest = Arc::clone(next);
+        }
+        let kept = Kept { open, acted, next, episode: self.id.clone(), key: self.key };
+        let (host, publish) = (self.host.clone(), self.publish.clone());
+        let failed = self.failed.clone();
         let committed = move |result: Result<(), JournalError>| {
-            if result.is_ok() {
-                for agent in acted {
-                    open.set_acted(agent);
-                }
-                if let Some(next) = next {
-                    publish.send_replace(next);
-                }
+            match &result {
+                Ok(()) => kept.tell(&host, &publish),
+                Err(_) => failed.cancel(),
             }
             then(result);
         };
         self.host.journal.append(entries, Box::new(committed));
     }
 
-    fn act_entry(&self, agent: AgentId, given: &Given) -> Entry {
-        let kind = match (given.record.source, given.record.valid) {
-            (Source::Clock, _) => "clock",
-            (Source::Player, true) => "valid",
-            (Source::Player, false) => "invalid",
-        };
-        metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
+    fn act_entry(&mut self, agent: AgentId, given: &Given) -> Entry {
+        let record = RawRecord::write(&given.record);
+        let bytes = record.as_str().len() as u64;
+        self.bytes += bytes;
+        self.host.quotas.add_bytes(self.owner, bytes);
         Entry::Act(ActRow {
             episode: self.key,
             round: self.world.round(),
             agent,
             waiting_for: given.waiting_for,
             at: self.host.clock.now(),
-            record: RawRecord::write(&given.record),
+            record,
         })
     }
 
@@ -427,18 +532,12 @@ impl Actor {
             let digest = world.digest();
             (Arc::new(world), digest)
         };
-        let (world, digest) = if is_heavy(&config) {
-            let stepped = tokio::task::spawn_blocking(step).await;
-            stepped.map_err(|error| JournalError(error.to_string().into()))?
-        } else {
-            step()
-        };
+        let (world, digest) = off_thread(is_heavy(&config), step).await?;
         let records: Vec<RawRecord> = self.lockstep.records().map(RawRecord::write).collect();
         let record = round_record(round, records.iter(), &digest.to_string(), world.score());
         self.head = self.head.link(record.as_str().as_bytes());
         self.world = world;
         self.keyframes.lock().expect("nothing panics while it holds this").offer(&self.world);
-        metrics::counter!("swarmbench_rounds_total", "task" => config.task().name()).increment(1);
         let now = self.host.clock.now();
         entries.push(Entry::Round(RoundRow {
             episode: self.key,
@@ -464,7 +563,6 @@ impl Actor {
 
     /// Writes the record of the end.
     fn end_entry(&mut self, ending: Ending) -> Entry {
-        self.host.live.fetch_sub(1, Ordering::Relaxed);
         let status = ending.status().name();
         let record = RawRecord::write(&Record::End(End {
             status: status.to_owned(),
@@ -474,17 +572,59 @@ impl Actor {
             open_acts: self.lockstep.records().cloned().collect(),
         }));
         self.head = self.head.link(record.as_str().as_bytes());
-        metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
-        tracing::info!(
-            episode = %self.id, status, reason = ending.name(), score = self.world.score(), "ended"
-        );
         Entry::End(EndRow {
             episode: self.key,
             status,
             record,
             head: self.head,
+            bytes: self.bytes,
             at: self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at),
         })
+    }
+}
+
+/// What a commit held, as far as others are told of it.
+struct Kept {
+    /// The state in which the acts were given.
+    open: Arc<Snapshot>,
+    acted: Vec<(AgentId, &'static str)>,
+    /// The state after them, if a round or the episode ended.
+    next: Option<Arc<Snapshot>>,
+    episode: EpisodeId,
+    key: EpisodeKey,
+}
+
+impl Kept {
+    /// Marks and publishes what is durable now, and counts it.
+    fn tell(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
+        for (agent, kind) in self.acted {
+            self.open.set_acted(agent);
+            metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
+        }
+        let Some(next) = self.next else { return };
+        let task = next.world.config().task().name();
+        let rounds = u64::from(next.world.round() - self.open.world.round());
+        metrics::counter!("swarmbench_rounds_total", "task" => task).increment(rounds);
+        if let Some(outcome) = next.outcome {
+            let status = outcome.ending.status().name();
+            host.quotas.release(self.key);
+            metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
+            tracing::info!(
+                episode = %self.episode, status, reason = outcome.ending.name(),
+                score = next.world.score(), "ended"
+            );
+        }
+        next.set_opened(host.clock.now());
+        publish.send_replace(next);
+    }
+}
+
+/// How an act is counted.
+const fn kind(given: &Given) -> &'static str {
+    match (given.record.source, given.record.valid) {
+        (Source::Clock, _) => "clock",
+        (Source::Player, true) => "valid",
+        (Source::Player, false) => "invalid",
     }
 }
 

@@ -10,6 +10,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
+use super::quota::Full;
 use super::{Ending, Outcome, Status};
 use crate::clock::{after, millis};
 use crate::journal::record::{ActRecord, Source};
@@ -41,9 +42,16 @@ pub enum Event {
         submission: Submission,
         /// What this seat did in that round, if the round is over and it did something.
         earlier: Option<Given>,
+        /// Whether the journal has room for it.
+        room: Result<(), Full>,
     },
     /// Time has passed.
     Tick,
+    /// The open round was published: its clock begins. A slow disk costs no player any time.
+    Opened {
+        /// When it could first be seen.
+        at: Timestamp,
+    },
     /// The round for which a [`Effect::Resolve`] asked was resolved.
     Resolved {
         /// By agent, whether it is still on the map.
@@ -131,6 +139,14 @@ pub enum Refusal {
         /// The open round.
         round: u32,
     },
+    /// The journal takes no more text of this episode, or of its owner.
+    #[error("{full}")]
+    NoRoom {
+        /// The cap that was reached.
+        full: Full,
+        /// The open round.
+        round: u32,
+    },
 }
 
 /// A seat in the open round.
@@ -160,7 +176,8 @@ pub struct Lockstep {
     phase: Phase,
     round: u32,
     seats: Vec<Seat>,
-    opened_at: Timestamp,
+    /// When the open round was published; none as long as nobody can see it.
+    opened_at: Option<Timestamp>,
     last_act_at: Timestamp,
 }
 
@@ -214,7 +231,7 @@ impl Lockstep {
                     given: None,
                 })
                 .collect(),
-            opened_at: now,
+            opened_at: Some(now),
             last_act_at: standing.last_act_at,
         };
         for (agent, given) in standing.given {
@@ -239,10 +256,16 @@ impl Lockstep {
         (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.given.is_some()).map(|(a, _)| a)
     }
 
-    /// When the open round was opened.
+    /// The open round.
     #[must_use]
-    pub const fn opened_at(&self) -> Timestamp {
-        self.opened_at
+    pub const fn round(&self) -> u32 {
+        self.round
+    }
+
+    /// When the episode is abandoned unless somebody acts.
+    #[must_use]
+    pub fn idle_at(&self) -> Timestamp {
+        after(self.last_act_at, self.clocks.idle_timeout)
     }
 
     /// Where the episode stands.
@@ -267,7 +290,7 @@ impl Lockstep {
     /// When [`Event::Tick`] is next to be told.
     #[must_use]
     pub fn wakes_at(&self) -> Option<Timestamp> {
-        let idle = after(self.last_act_at, self.clocks.idle_timeout);
+        let idle = self.idle_at();
         match self.phase {
             Phase::Waiting => Some(idle),
             Phase::Open => {
@@ -285,10 +308,14 @@ impl Lockstep {
             Event::Start => self.start(now),
             Event::Abort => self.stop(now, Ending::Aborted),
             Event::Done => self.stop(now, Ending::TaskDone),
-            Event::Submit { agent, submission, earlier } => {
-                self.submit(now, agent, submission, earlier)
+            Event::Submit { agent, submission, earlier, room } => {
+                self.submit(now, agent, submission, earlier, room)
             }
             Event::Tick => self.tick(now),
+            Event::Opened { at } => {
+                self.opened_at.get_or_insert(at);
+                Vec::new()
+            }
             Event::Resolved { alive, ending } => self.resolved(now, &alive, ending),
         }
     }
@@ -299,7 +326,7 @@ impl Lockstep {
             return Vec::new();
         }
         self.phase = Phase::Open;
-        self.opened_at = now;
+        self.opened_at = None;
         self.last_act_at = now;
         vec![Effect::KeepStart, Effect::Publish]
     }
@@ -323,6 +350,7 @@ impl Lockstep {
         agent: AgentId,
         submission: Submission,
         earlier: Option<Given>,
+        room: Result<(), Full>,
     ) -> Vec<Effect> {
         let Submission { round: sent, mut record } = submission;
         // Clocks may have run out before the act came, only nobody has ticked since.
@@ -350,7 +378,7 @@ impl Lockstep {
             None if sent < round || given.is_some() || self.phase == Phase::Closed => {
                 Some(Refusal::RoundOver { sent, round })
             }
-            None => None,
+            None => room.err().map(|full| Refusal::NoRoom { full, round }),
         };
         if let Some(refusal) = refusal {
             effects.push(Effect::Answer(Err(refusal)));
@@ -373,7 +401,7 @@ impl Lockstep {
             Phase::Waiting | Phase::Open => {}
             Phase::Closed | Phase::Over(_) => return effects,
         }
-        if after(self.last_act_at, self.clocks.idle_timeout) <= now {
+        if self.idle_at() <= now {
             return self.end(now, Ending::Idle);
         }
         if self.phase == Phase::Open {
@@ -405,7 +433,7 @@ impl Lockstep {
             seat.alive = alive;
         }
         self.round += 1;
-        self.opened_at = now;
+        self.opened_at = None;
         if let Some(ending) = ending {
             self.end(now, ending)
         } else {
@@ -439,12 +467,14 @@ impl Lockstep {
 
     /// By how much the open round has passed its deadline.
     fn overspent(&self, now: Timestamp) -> Duration {
-        let deadline = self.clocks.round_deadline.map(|round| after(self.opened_at, round));
+        let deadline = self.opened_at.zip(self.clocks.round_deadline);
+        let deadline = deadline.map(|(opened_at, round)| after(opened_at, round));
         deadline.map_or(Duration::ZERO, |deadline| crate::clock::until(deadline, now))
     }
 
     fn deadline(&self, seat: &Seat) -> Option<Timestamp> {
-        self.clocks.round_deadline.map(|round| after(self.opened_at, round + seat.bank))
+        let (opened_at, round) = self.opened_at.zip(self.clocks.round_deadline)?;
+        Some(after(opened_at, round + seat.bank))
     }
 }
 
@@ -507,7 +537,10 @@ mod tests {
         action: &str,
     ) -> Vec<Effect> {
         let submission = Submission { round, record: record(agent, action) };
-        machine.apply(now, Event::Submit { agent: AgentId(agent), submission, earlier: None })
+        machine.apply(
+            now,
+            Event::Submit { agent: AgentId(agent), submission, earlier: None, room: Ok(()) },
+        )
     }
 
     fn answer(effects: &[Effect]) -> Result<Receipt, Refusal> {
@@ -559,6 +592,24 @@ mod tests {
     }
 
     #[test]
+    fn an_act_without_room_costs_nothing_and_hides_no_other_answer() {
+        let mut machine = fresh(2, clocks(None, 0));
+        submit(&mut machine, at(1), 0, 0, "UP");
+        let full = Full::BytesOfEpisode(10);
+        let mut send = |agent: u16, round: u32, action: &str| {
+            let submission = Submission { round, record: record(agent, action) };
+            let (agent, room) = (AgentId(agent), Err(full));
+            answer(&machine.apply(at(2), Event::Submit { agent, submission, earlier: None, room }))
+        };
+        assert!(send(0, 0, "UP").expect("the same act").duplicate);
+        assert_eq!(send(0, 0, "DOWN"), Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
+        assert_eq!(send(1, 1, "UP"), Err(Refusal::RoundAhead { sent: 1, round: 0 }));
+        assert_eq!(send(1, 0, "UP"), Err(Refusal::NoRoom { full, round: 0 }));
+        let receipt = answer(&submit(&mut machine, at(3), 1, 0, "UP")).expect("the seat is free");
+        assert_eq!(receipt.given.waiting_for, 0);
+    }
+
+    #[test]
     fn acts_for_an_earlier_round_are_answered_from_what_was_kept() {
         let mut machine = fresh(1, clocks(None, 0));
         submit(&mut machine, at(1), 0, 0, "UP");
@@ -570,7 +621,7 @@ mod tests {
         ] {
             let submission = Submission { round: 0, record: record(0, action) };
             let earlier = Some(kept.clone());
-            let event = Event::Submit { agent: AgentId(0), submission, earlier };
+            let event = Event::Submit { agent: AgentId(0), submission, earlier, room: Ok(()) };
             assert_eq!(answer(&machine.apply(at(2), event)), expected);
         }
     }
@@ -587,8 +638,10 @@ mod tests {
         assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), given }, Effect::Resolve]);
         machine.apply(at(15), Event::Resolved { alive: vec![true; 2], ending: None });
         assert_eq!(machine.banks(), [Duration::from_secs(3), Duration::ZERO]);
-        assert_eq!(machine.wakes_at(), Some(at(25)), "the one without a bank is first");
-        let late = submit(&mut machine, at(26), 1, 1, "UP");
+        assert_eq!(machine.wakes_at(), Some(at(1012)), "nobody can see the round yet");
+        machine.apply(at(17), Event::Opened { at: at(16) });
+        assert_eq!(machine.wakes_at(), Some(at(26)), "the one without a bank is first");
+        let late = submit(&mut machine, at(27), 1, 1, "UP");
         assert_eq!(
             answer(&late),
             Err(Refusal::RoundOver { sent: 1, round: 1 }),
@@ -641,7 +694,7 @@ mod tests {
                         let record = record(agent, if action { "UP" } else { "DOWN" });
                         let earlier = kept.get(&(sent, agent)).filter(|_| sent < round).cloned();
                         let submission = Submission { round: sent, record };
-                        Event::Submit { agent: AgentId(agent), submission, earlier }
+                        Event::Submit { agent: AgentId(agent), submission, earlier, room: Ok(()) }
                     }
                 };
                 let effects = machine.apply(now, event.clone());
@@ -682,6 +735,7 @@ mod tests {
                     }
                     round += 1;
                     machine.apply(now, Event::Resolved { alive: alive.clone(), ending: None });
+                    machine.apply(now, Event::Opened { at: now });
                     prop_assert_eq!(machine.records().count(), 0);
                 }
             }

@@ -1,11 +1,13 @@
 //! Running episodes.
 //!
 //! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
-//! performs what it says, one task an episode. [`registry`] finds and starts them; [`recovery`] makes
-//! a running episode of a journal. Readers look at a [`Snapshot`], which never changes.
+//! performs what it says, one task an episode. [`registry`] finds and starts them, and lets go of those
+//! that nobody asks for; [`recovery`] makes a running episode of a journal; [`quota`] counts what
+//! everybody holds. Readers look at a [`Snapshot`], which never changes.
 
 pub mod actor;
 pub mod lockstep;
+pub mod quota;
 pub mod recovery;
 pub mod registry;
 pub mod spec;
@@ -134,8 +136,8 @@ pub struct Snapshot {
     pub head: Head,
     /// How the episode ended, if it has.
     pub outcome: Option<Outcome>,
-    /// When the open round was opened.
-    pub opened_at: Timestamp,
+    /// When this was published: the clock of the open round runs from here. None before that.
+    opened_at: OnceLock<Timestamp>,
     /// The place of the open round among all rounds that this server opened.
     pub opened: u64,
     /// By agent, what is left of its bank at the opening of the round.
@@ -158,6 +160,17 @@ impl Snapshot {
         self.acted[agent.index()].store(true, Ordering::Release);
     }
 
+    /// When this was published, if it was.
+    #[must_use]
+    pub fn opened_at(&self) -> Option<Timestamp> {
+        self.opened_at.get().copied()
+    }
+
+    /// Notes that this is published now.
+    pub(crate) fn set_opened(&self, at: Timestamp) {
+        self.opened_at.get_or_init(|| at);
+    }
+
     /// Whether the open round waits for this agent.
     #[must_use]
     pub fn waits_for(&self, agent: AgentId) -> bool {
@@ -168,7 +181,8 @@ impl Snapshot {
     #[must_use]
     pub fn deadline(&self, spec: &Spec, agent: AgentId) -> Option<Timestamp> {
         let round = spec.round_deadline.filter(|_| self.status == Status::Running)?;
+        let opened_at = self.opened_at()?;
         let bank = self.banks[agent.index()];
-        self.world.is_alive(agent).then(|| after(self.opened_at, round + bank))
+        self.world.is_alive(agent).then(|| after(opened_at, round + bank))
     }
 }

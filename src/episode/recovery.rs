@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Keyframes};
+use super::actor::{Fresh, Keyframes, is_heavy};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
 use super::spec::Spec;
 use super::{Ending, Outcome};
@@ -14,8 +14,8 @@ use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound};
 
-/// Rounds that are read at once.
-const CHUNK: u32 = 256;
+/// Rounds that are read and played at once.
+const CHUNK: u32 = 64;
 
 /// Why an episode cannot be taken up.
 #[derive(Debug, thiserror::Error)]
@@ -39,31 +39,27 @@ pub(super) async fn recover(
     stored: StoredEpisode,
     now: jiff::Timestamp,
 ) -> Result<Fresh, RecoveryError> {
-    let broken =
-        |problem: String| RecoveryError::Broken { episode: stored.id.to_string(), problem };
-    let opening = match stored.opening.read() {
-        Ok(Record::Opening(opening)) => *opening,
-        Ok(Record::Round(_) | Record::End(_)) => {
-            return Err(broken("it has no opening".to_owned()));
-        }
-        Err(error) => return Err(broken(error.to_string())),
-    };
-    let spec = Arc::new(Spec::from_opening(&opening).map_err(broken)?);
+    let broken = |problem: String| broken(&stored, problem);
+    let spec = Arc::new(described(&stored)?);
     let config = Arc::clone(&spec.config);
-    let layout = blocking(move || Arc::new(World::new(config))).await?;
+    let heavy = is_heavy(&config);
+    let layout = off_thread(heavy, move || Arc::new(World::new(config))).await?;
     let mut track = Track {
         keyframes: Keyframes::new(Arc::clone(&layout)),
         world: layout,
         bank_spent: vec![Duration::ZERO; spec.config.num_agents().into()],
+        bytes: 0,
     };
     while track.world.round() < stored.rounds {
         let from = track.world.round();
         let to = stored.rounds.min(from + CHUNK);
         let acts = journal.acts(stored.episode, from, to).await?;
         let rounds = journal.rounds(stored.episode, from, to).await?;
-        track = blocking(move || track.play(&acts, &rounds)).await?.map_err(broken)?;
+        let played = off_thread(heavy, move || track.play(&acts, &rounds)).await?;
+        track = played.map_err(broken)?;
     }
     let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
+    track.bytes += bytes(&open);
     let outcome = match &stored.end {
         None => None,
         Some(end) => Some(outcome(end, stored.ended_at.unwrap_or(now)).map_err(broken)?),
@@ -83,13 +79,32 @@ pub(super) async fn recover(
     Ok(Fresh {
         id: stored.id,
         key: stored.episode,
+        owner: stored.owner,
         spec,
         created_at: stored.created_at,
         world: track.world,
         head: stored.head,
         lockstep: Lockstep::new(clocks, standing, now),
         keyframes: track.keyframes,
+        bytes: track.bytes,
     })
+}
+
+/// The description of a stored episode.
+pub(super) fn described(stored: &StoredEpisode) -> Result<Spec, RecoveryError> {
+    match stored.opening.read() {
+        Ok(Record::Opening(opening)) => {
+            Spec::from_opening(&opening).map_err(|problem| broken(stored, problem))
+        }
+        Ok(Record::Round(_) | Record::End(_)) => {
+            Err(broken(stored, "it has no opening".to_owned()))
+        }
+        Err(error) => Err(broken(stored, error.to_string())),
+    }
+}
+
+fn broken(stored: &StoredEpisode, problem: String) -> RecoveryError {
+    RecoveryError::Broken { episode: stored.id.to_string(), problem }
 }
 
 /// An episode on its way from its layout to where it stands.
@@ -97,10 +112,18 @@ struct Track {
     world: Arc<World>,
     keyframes: Keyframes,
     bank_spent: Vec<Duration>,
+    bytes: u64,
+}
+
+/// Bytes of the records of acts.
+fn bytes(acts: &[(u32, RoundActs)]) -> u64 {
+    let acts = acts.iter().flat_map(|(_, acts)| acts);
+    acts.map(|(_, act)| act.raw.as_str().len() as u64).sum()
 }
 
 impl Track {
     fn play(mut self, acts: &[(u32, RoundActs)], rounds: &[StoredRound]) -> Result<Self, String> {
+        self.bytes += bytes(acts);
         for round in rounds {
             let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
                 Some((_, given)) => given,
@@ -156,7 +179,8 @@ pub async fn state_at(
         let from = world.round();
         let to = round.min(from + CHUNK);
         let acts = journal.acts(handle.key, from, to).await?;
-        world = blocking(move || replay(&world, &acts, to))
+        let heavy = is_heavy(world.config());
+        world = off_thread(heavy, move || replay(&world, &acts, to))
             .await?
             .map_err(|problem| RecoveryError::Broken { episode: handle.id.to_string(), problem })?;
     }
@@ -175,10 +199,14 @@ fn replay(world: &World, acts: &[(u32, RoundActs)], to: u32) -> Result<Arc<World
     Ok(Arc::new(world))
 }
 
-/// Leaves the async threads for work that takes long.
-async fn blocking<T: Send + 'static>(
+/// Does work, off the async threads where it is heavy.
+pub(super) async fn off_thread<T: Send + 'static>(
+    heavy: bool,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, JournalError> {
+    if !heavy {
+        return Ok(work());
+    }
     let done = tokio::task::spawn_blocking(work).await;
     done.map_err(|error| JournalError(error.to_string().into()))
 }

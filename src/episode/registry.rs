@@ -1,33 +1,37 @@
 //! All episodes of a server: creates them, finds them, takes them up from the journal on first use,
-//! and lets go of those that have ended.
+//! and lets go of those that nobody asks for.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench_engine::World;
-use tokio::sync::OnceCell;
-use tokio_util::task::TaskTracker;
+use tokio::sync::{OnceCell, oneshot};
+use tokio_util::sync::CancellationToken;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, is_heavy, spawn};
+use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, spawn};
 use super::lockstep::{Lockstep, Standing};
-use super::recovery::{RecoveryError, clocks, recover};
+use super::quota::{Full, Quotas};
+use super::recovery::{RecoveryError, clocks, described, off_thread, recover};
 use super::spec::Spec;
 use crate::clock::{Clock, after};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{Entry, EpisodeKey, Journal, JournalError, OpeningRow, TokenRow};
+use crate::journal::{Entry, EpisodeKey, Journal, JournalError, OpeningRow, TokenRow, Unfinished};
+use crate::keys::OwnerKey;
 
-/// How long an episode that has ended stays in memory after it was last asked for.
-const ENDED_STAYS: Duration = Duration::from_mins(5);
+/// How long an episode that nobody asks for stays in memory.
+const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
     /// Its public id.
     pub id: EpisodeId,
+    /// The key with which it is created, if any.
+    pub owner: Option<OwnerKey>,
     /// What it is.
     pub spec: Spec,
     /// Its tokens.
@@ -36,30 +40,63 @@ pub struct Creation {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
+/// Why an episode was not created.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum CreateError {
+    /// There are as many as there may be.
+    #[error(transparent)]
+    Full(#[from] Full),
+    /// It could not be kept.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
 /// All episodes of a server. Cloning shares them.
 #[derive(Clone)]
 pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
-    tracker: TaskTracker,
 }
 
-#[derive(Clone)]
+/// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
 struct Slot {
+    /// Empty as long as the episode is not in memory.
     handle: Arc<OnceCell<Handle>>,
     used_at: Timestamp,
+    /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
+    /// for it earlier: then it is abandoned.
+    idle_at: Option<Timestamp>,
+    /// The actor that was let go of. It may still have something to do, and an episode never has
+    /// two of them.
+    leaving: Option<CancellationToken>,
+}
+
+impl Slot {
+    fn empty(now: Timestamp) -> Self {
+        Self { handle: Arc::default(), used_at: now, idle_at: None, leaving: None }
+    }
+
+    /// Whether anybody holds the episode, or is about to.
+    fn is_held(&self) -> bool {
+        Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
+    }
 }
 
 impl Registry {
     /// The registry over a journal whose newest episode has the number `last_key`.
     #[must_use]
-    pub fn new(journal: Arc<dyn Journal>, clock: Arc<dyn Clock>, last_key: i64) -> Self {
+    pub fn new(
+        journal: Arc<dyn Journal>,
+        clock: Arc<dyn Clock>,
+        quotas: Arc<Quotas>,
+        spawn: Spawn,
+        last_key: i64,
+    ) -> Self {
         Self {
-            host: Host { journal, clock, opened: Arc::default(), live: Arc::default() },
+            host: Host { journal, clock, spawn, quotas, opened: Arc::default() },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
-            tracker: TaskTracker::new(),
         }
     }
 
@@ -69,53 +106,68 @@ impl Registry {
         &self.host.journal
     }
 
-    /// How many episodes are in memory and have not ended.
+    /// How many episodes have not ended.
     #[must_use]
-    pub fn live(&self) -> usize {
-        self.host.live.load(Ordering::Relaxed)
+    pub fn unfinished(&self) -> usize {
+        self.host.quotas.unfinished()
+    }
+
+    /// How many episodes are in memory.
+    #[must_use]
+    pub fn in_memory(&self) -> usize {
+        self.slots().values().filter(|slot| slot.handle.initialized()).count()
+    }
+
+    fn slots(&self) -> MutexGuard<'_, HashMap<EpisodeId, Slot>> {
+        self.slots.lock().expect("nothing panics while it holds this")
     }
 
     /// Creates an episode; it is durable when this returns.
     ///
     /// # Errors
-    /// Where it could not be kept.
-    pub async fn create(&self, creation: Creation) -> Result<Handle, JournalError> {
-        // Whoever learns of the episode once it is durable waits here until its actor runs: an
-        // episode never has two.
-        let cell = self.slot(&creation.id);
-        cell.get_or_try_init(|| self.open(creation)).await.cloned()
+    /// Where there are too many, or it could not be kept.
+    pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
+        // In a task of its own: whoever asked may go half-way, and what was begun is ended.
+        let (done, created) = oneshot::channel();
+        let registry = self.clone();
+        (self.host.spawn)(Box::pin(async move {
+            drop(done.send(registry.create_now(creation).await));
+        }));
+        let stopping = || Err(JournalError("the server is stopping".into()).into());
+        created.await.unwrap_or_else(|_| stopping())
     }
 
-    /// The place of an episode; empty as long as nobody has created it or taken it up.
-    fn slot(&self, id: &EpisodeId) -> Arc<OnceCell<Handle>> {
+    async fn create_now(&self, creation: Creation) -> Result<Handle, CreateError> {
+        let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
+        self.host.quotas.admit(key, creation.owner)?;
+        let id = creation.id.clone();
         let now = self.host.clock.now();
-        let mut slots = self.slots.lock().expect("nothing panics while it holds this");
-        let slot = slots
-            .entry(id.clone())
-            .or_insert_with(|| Slot { handle: Arc::default(), used_at: now });
-        slot.used_at = now;
-        Arc::clone(&slot.handle)
+        // Whoever learns of the episode once it is durable waits here until its actor runs: an
+        // episode never has two.
+        let cell = {
+            let mut slots = self.slots();
+            Arc::clone(&slots.entry(id).or_insert_with(|| Slot::empty(now)).handle)
+        };
+        let created = cell.get_or_try_init(|| self.open(key, creation)).await.cloned();
+        if created.is_err() {
+            self.host.quotas.release(key);
+        }
+        Ok(created?)
     }
 
     /// Keeps the opening of an episode and starts its actor.
-    async fn open(&self, creation: Creation) -> Result<Handle, JournalError> {
-        let Creation { id, spec, tokens, idempotency } = creation;
+    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, JournalError> {
+        let Creation { id, owner, spec, tokens, idempotency } = creation;
         let now = self.host.clock.now();
-        let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
         let config = Arc::clone(&spec.config);
-        let world = if is_heavy(&config) {
-            tokio::task::spawn_blocking(move || World::new(config))
-                .await
-                .map_err(|error| JournalError(error.to_string().into()))?
-        } else {
-            World::new(config)
-        };
+        let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
         let world = Arc::new(world);
         let record = RawRecord::write(&spec.opening(&id, now, &world));
         let head = Head::START.link(record.as_str().as_bytes());
         let row = OpeningRow {
             episode: key,
             id: id.clone(),
+            owner,
             record,
             head,
             task: spec.config.task().name(),
@@ -141,20 +193,22 @@ impl Registry {
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
         let fresh = Fresh {
-            id: id.clone(),
+            id,
             key,
+            owner,
             created_at: now,
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
             spec,
             world,
             head,
+            bytes: 0,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let handle = spawn(self.host.clone(), fresh, &self.tracker);
+        let handle = spawn(self.host.clone(), fresh);
         if !handle.spec.manual_start && handle.snapshot().world.is_over() {
             // The layout has solved the task; whoever created the episode is to see that. Where the
-            // end cannot be kept, the next request will tell.
+            // end cannot be kept, the actor goes, and the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         Ok(handle)
@@ -165,51 +219,126 @@ impl Registry {
     /// # Errors
     /// Where its journal cannot be read or played again.
     pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, RecoveryError> {
-        let known = {
-            let mut slots = self.slots.lock().expect("nothing panics while it holds this");
-            slots.get_mut(id).and_then(|slot| {
-                slot.used_at = self.host.clock.now();
-                slot.handle.get().cloned()
-            })
+        let now = self.host.clock.now();
+        let known = self.slots().get_mut(id).map(|slot| {
+            slot.used_at = now;
+            Arc::clone(&slot.handle)
+        });
+        let cell = match known {
+            Some(cell) => cell,
+            // Only episodes that exist get a place.
+            None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
+            None => {
+                let mut slots = self.slots();
+                Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
+            }
         };
-        if known.is_some() {
-            return Ok(known);
-        }
-        let Some(stored) = self.host.journal.episode(id.clone()).await? else { return Ok(None) };
         // Whoever comes first takes it up, the others wait for that.
-        let cell = self.slot(id);
-        let take_up = || async {
-            let fresh = recover(&self.host.journal, stored, self.host.clock.now()).await?;
-            Ok::<_, RecoveryError>(spawn(self.host.clone(), fresh, &self.tracker))
-        };
-        cell.get_or_try_init(take_up).await.cloned().map(Some)
+        match cell.get_or_try_init(|| self.take_up(id)).await {
+            Ok(handle) => Ok(Some(handle.clone())),
+            Err(None) => Ok(None),
+            Err(Some(error)) => Err(error),
+        }
     }
 
-    /// Takes up all unfinished episodes, those with clocks first, so that their clocks go on.
+    /// Takes an episode up from the journal; an error without a reason says that there is none.
+    async fn take_up(&self, id: &EpisodeId) -> Result<Handle, Option<RecoveryError>> {
+        let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
+        if let Some(leaving) = leaving {
+            leaving.cancelled().await;
+        }
+        // What an earlier actor handed over may still be on its way to the disk.
+        let kept = self.host.journal.keep(Vec::new()).await;
+        kept.map_err(|error| Some(error.into()))?;
+        let stored = self.host.journal.episode(id.clone()).await;
+        let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        let fresh = recover(&self.host.journal, stored, self.host.clock.now()).await?;
+        let handle = spawn(self.host.clone(), fresh);
+        if let Some(slot) = self.slots().get_mut(id) {
+            slot.idle_at = None;
+            // Whoever takes it up now may go before it is found.
+            slot.leaving = Some(handle.gone());
+        }
+        if !handle.snapshot().status.is_over() && handle.idle_at() <= self.host.clock.now() {
+            // It was abandoned while it was not in memory; nobody is to find it running.
+            drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
+        }
+        Ok(handle)
+    }
+
+    /// After a start: takes up the unfinished episodes that have clocks, so that these go on, and
+    /// gives all others a place. Returns how many there are.
     ///
     /// # Errors
     /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
     pub async fn take_up_unfinished(&self) -> Result<usize, JournalError> {
-        let ids = self.host.journal.unfinished().await?;
-        for id in &ids {
-            if let Err(error) = self.find(id).await {
-                tracing::error!(%error, "an episode cannot be taken up");
+        let all = self.host.journal.unfinished().await?;
+        let now = self.host.clock.now();
+        for Unfinished { episode, id, owner, clocked } in &all {
+            self.host.quotas.note(*episode, *owner);
+            if !clocked {
+                let mut slots = self.slots();
+                slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).idle_at = Some(now);
             }
         }
-        Ok(ids.len())
+        for Unfinished { id, .. } in all.iter().filter(|episode| episode.clocked) {
+            self.look_after(id).await;
+        }
+        Ok(all.len())
     }
 
-    /// Lets go of episodes that have ended and were not asked for lately, and of places that nobody
-    /// is about to fill.
+    async fn look_after(&self, id: &EpisodeId) {
+        if let Err(error) = self.find(id).await {
+            tracing::error!(%error, "an episode cannot be taken up");
+        }
+    }
+
+    /// Takes up the episodes that are not in memory and would have been abandoned by now, or of
+    /// which that is not known.
+    pub async fn look_after_idle(&self) {
+        let now = self.host.clock.now();
+        let is_due = |slot: &Slot| slot.idle_at.is_some_and(|at| at <= now);
+        let due: Vec<EpisodeId> = {
+            let slots = self.slots();
+            slots.iter().filter(|(_, slot)| is_due(slot)).map(|(id, _)| id.clone()).collect()
+        };
+        for id in due {
+            match self.idle_at(&id).await {
+                Ok(Some(at)) if at > now => {
+                    if let Some(slot) = self.slots().get_mut(&id) {
+                        slot.idle_at = slot.idle_at.map(|_| at);
+                    }
+                }
+                _ => self.look_after(&id).await,
+            }
+        }
+    }
+
+    /// When an episode that is not in memory is abandoned unless somebody acts.
+    async fn idle_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
+        let Some(stored) = self.host.journal.episode(id.clone()).await? else { return Ok(None) };
+        let timeout = described(&stored)?.idle_timeout;
+        Ok(Some(after(stored.last_act_at.unwrap_or(stored.created_at), timeout)))
+    }
+
+    /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
+    /// their place, those with a running clock stay.
     pub fn let_go(&self) {
         let now = self.host.clock.now();
-        let mut slots = self.slots.lock().expect("nothing panics while it holds this");
-        slots.retain(|_, slot| {
-            let idle = match slot.handle.get() {
-                Some(handle) => handle.snapshot().status.is_over(),
-                None => Arc::strong_count(&slot.handle) == 1,
-            };
-            !idle || after(slot.used_at, ENDED_STAYS) > now
+        self.slots().retain(|_, slot| {
+            if slot.is_held() || after(slot.used_at, UNUSED_STAYS) > now {
+                return true;
+            }
+            let Some(handle) = slot.handle.get() else { return slot.idle_at.is_some() };
+            if handle.snapshot().status.is_over() {
+                return false;
+            }
+            if handle.spec.round_deadline.is_none() {
+                slot.idle_at = Some(handle.idle_at());
+                slot.leaving = Some(handle.gone());
+                slot.handle = Arc::default();
+            }
+            true
         });
     }
 }

@@ -1,25 +1,69 @@
 //! Who asks, and what they may.
+//!
+//! Whoever holds a token of an episode's seats, or the key with which it was created, is told apart
+//! from everybody else here, and only here: handlers ask [`Caller`].
 
 use axum::extract::FromRequestParts;
 use axum::http::header;
 use axum::http::request::Parts;
+use ipnet::IpNet;
 use swarmbench_engine::AgentId;
 
 use super::App;
+use super::client::Client;
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::episode::spec::Visibility;
 use crate::ids::{EpisodeId, Token};
+use crate::keys::{Key, OwnerKey, Role};
+use crate::store::episodes::Readable;
+use crate::store::tokens::Grant;
+
+/// To whom a server opens.
+#[derive(Clone, Debug, Default)]
+pub struct Access {
+    /// As long as there are no keys everybody may create episodes, not only programs on this machine.
+    pub open: bool,
+    /// Without a key, or a token of the episode, nobody reads anything.
+    pub private: bool,
+    /// Whose word about the address of a client counts.
+    pub trusted_proxies: Vec<IpNet>,
+}
 
 /// Whoever sent a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Caller {
-    /// Nobody known. As long as the server has no keys, anyone may create episodes.
-    Anonymous,
+    /// Nobody known.
+    Anonymous {
+        /// Whether the server has no keys and lets this caller create episodes.
+        may_create: bool,
+    },
     /// One agent of one episode.
     Seat(EpisodeId, AgentId),
-    /// All seats of an episode: whoever created it.
+    /// All seats of an episode; they were given to whoever created it.
     Swarm(EpisodeId),
+    /// The holder of a key.
+    Key(Key),
+}
+
+/// What decides who may do what with an episode.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Subject<'a> {
+    pub(super) id: &'a EpisodeId,
+    pub(super) owner: Option<OwnerKey>,
+    pub(super) visibility: Visibility,
+    pub(super) is_over: bool,
+}
+
+impl<'a> Subject<'a> {
+    pub(super) fn of(handle: &'a Handle) -> Self {
+        Self {
+            id: &handle.id,
+            owner: handle.owner,
+            visibility: handle.spec.visibility,
+            is_over: handle.snapshot().status.is_over(),
+        }
+    }
 }
 
 impl FromRequestParts<App> for Caller {
@@ -27,10 +71,12 @@ impl FromRequestParts<App> for Caller {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let Some(value) = parts.headers.get(header::AUTHORIZATION) else {
-            return Ok(Self::Anonymous);
+            let is_local = parts.extensions.get::<Client>().is_some_and(|client| client.is_local);
+            let may_create = !app.has_keys() && (app.access.open || is_local);
+            return Ok(Self::Anonymous { may_create });
         };
         let unknown = || {
-            let detail = "the token is unknown, or was replaced by a newer one";
+            let detail = "the token is unknown, was replaced or revoked, or has expired";
             ApiError::new(Code::Unauthorized, detail)
         };
         let (scheme, token) =
@@ -39,37 +85,103 @@ impl FromRequestParts<App> for Caller {
             let detail = "send the token as `Authorization: Bearer TOKEN`";
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
-        let hash = Token::parse(token.trim()).ok_or_else(unknown)?.hash();
-        let grant = app.grant(hash).await?.ok_or_else(unknown)?;
-        Ok(match grant.agent {
-            Some(agent) => Self::Seat(grant.episode, agent),
-            None => Self::Swarm(grant.episode),
-        })
+        let token = Token::parse(token.trim()).ok_or_else(unknown)?;
+        match app.grant(&token).await?.ok_or_else(unknown)? {
+            Grant::Seats { episode, owner, agent } => {
+                if let Some(owner) = owner {
+                    app.rates.check_key(owner, &app.limits)?;
+                }
+                Ok(match agent {
+                    Some(agent) => Self::Seat(episode, agent),
+                    None => Self::Swarm(episode),
+                })
+            }
+            Grant::Key(key) if key.is_good(app.clock.now()) => {
+                if let Some(number) = key.number {
+                    app.rates.check_key(number, &app.limits)?;
+                }
+                Ok(Self::Key(key))
+            }
+            Grant::Key(_) => Err(unknown()),
+        }
     }
 }
 
 impl Caller {
+    /// Whether the caller runs the server.
+    pub(super) fn is_organizer(&self) -> bool {
+        matches!(self, Self::Key(key) if key.role == Role::Organizer)
+    }
+
     /// Whether the caller stands where the creator of the episode does.
-    pub(super) fn owns(&self, id: &EpisodeId, visibility: Visibility) -> bool {
+    pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         match self {
-            Self::Swarm(own) => own == id,
-            Self::Anonymous => visibility == Visibility::Public,
+            Self::Swarm(own) => own == episode.id,
+            Self::Key(key) => {
+                self.is_organizer() || (key.number.is_some() && key.number == episode.owner)
+            }
+            // As long as there are no keys nobody can show that they created an episode.
+            Self::Anonymous { may_create } => {
+                *may_create && episode.owner.is_none() && episode.visibility == Visibility::Public
+            }
             Self::Seat(..) => false,
         }
     }
 
+    /// Whether the caller holds anything of the episode, or is known to the server.
+    fn is_known(&self, episode: &EpisodeId) -> bool {
+        match self {
+            Self::Seat(own, _) | Self::Swarm(own) => own == episode,
+            Self::Key(_) => true,
+            Self::Anonymous { .. } => false,
+        }
+    }
+
     /// Whether the caller may read state, events and resolved rounds now.
-    pub(super) fn may_read(&self, id: &EpisodeId, visibility: Visibility, is_over: bool) -> bool {
-        is_over
-            || match visibility {
-                Visibility::Public => true,
-                Visibility::Owner => self.owns(id, visibility),
-            }
+    pub(super) fn may_read(&self, access: &Access, episode: Subject<'_>) -> bool {
+        if self.owns(episode) {
+            return true;
+        }
+        let anyone = match episode.visibility {
+            Visibility::Public => true,
+            Visibility::Owner => episode.is_over,
+        };
+        anyone && (!access.private || self.is_known(episode.id))
     }
 
     /// Whether the caller may know that the episode exists.
-    pub(super) fn may_know(&self, id: &EpisodeId, visibility: Visibility, is_over: bool) -> bool {
-        self.may_read(id, visibility, is_over) || matches!(self, Self::Seat(own, _) if own == id)
+    pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
+        self.may_read(access, episode) || matches!(self, Self::Seat(own, _) if own == episode.id)
+    }
+
+    /// Which episodes the caller finds in lists.
+    pub(super) fn readable(&self, access: &Access) -> Readable {
+        match self {
+            Self::Key(_) if self.is_organizer() => Readable::All,
+            Self::Key(key) => key.number.map_or(Readable::Public, Readable::AndOf),
+            Self::Swarm(own) if access.private => Readable::Only(own.clone()),
+            Self::Swarm(own) => Readable::And(own.clone()),
+            Self::Seat(..) | Self::Anonymous { .. } if access.private => Readable::Nothing,
+            Self::Seat(..) | Self::Anonymous { .. } => Readable::Public,
+        }
+    }
+
+    /// The key to which a new episode belongs, where the caller may create one.
+    pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
+        match self {
+            Self::Key(key) => Ok(key.number),
+            Self::Anonymous { may_create: true } => Ok(None),
+            Self::Anonymous { may_create: false } if app.has_keys() => Err(needs_token("a key")),
+            Self::Anonymous { may_create: false } => Err(ApiError::new(
+                Code::Forbidden,
+                "this server has no keys and is open to programs on its own machine only, that ask for localhost themselves; \
+                 its operator can make a key with `swarmbench key create`",
+            )),
+            Self::Seat(..) | Self::Swarm(_) => {
+                let detail = "a token of an episode creates no other; send a key, or nothing where there are none";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
+        }
     }
 }
 
@@ -83,16 +195,17 @@ impl FromRequestParts<App> for Seat {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
-        match Caller::from_request_parts(parts, app).await? {
-            Caller::Anonymous => Err(needs_token("a seat token")),
-            Caller::Swarm(_) => Err(ApiError::new(
-                Code::Forbidden,
-                "this is a swarm token; use /swarm/obs and /swarm/act, or a seat token here",
-            )),
+        let detail = match Caller::from_request_parts(parts, app).await? {
             Caller::Seat(episode, agent) => {
-                Ok(Self { handle: app.episode(&episode).await?, agent })
+                return Ok(Self { handle: app.episode(&episode).await?, agent });
             }
-        }
+            Caller::Anonymous { .. } => return Err(needs_token("a seat token")),
+            Caller::Swarm(_) => {
+                "this is a swarm token; use /swarm/obs and /swarm/act, or a seat token here"
+            }
+            Caller::Key(_) => "a key holds no seat; send the seat token that came with the episode",
+        };
+        Err(ApiError::new(Code::Forbidden, detail))
     }
 }
 
@@ -105,13 +218,29 @@ impl FromRequestParts<App> for Swarm {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
+        let detail = match Caller::from_request_parts(parts, app).await? {
+            Caller::Swarm(episode) => return Ok(Self { handle: app.episode(&episode).await? }),
+            Caller::Anonymous { .. } => return Err(needs_token("a swarm token")),
+            Caller::Seat(..) => "this is a seat token; use /obs and /act, or a swarm token here",
+            Caller::Key(_) => {
+                "a key holds no seats; send the swarm token that came with the episode"
+            }
+        };
+        Err(ApiError::new(Code::Forbidden, detail))
+    }
+}
+
+/// Whoever runs the server; nobody else gets past this.
+pub(super) struct Organizer;
+
+impl FromRequestParts<App> for Organizer {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         match Caller::from_request_parts(parts, app).await? {
-            Caller::Anonymous => Err(needs_token("a swarm token")),
-            Caller::Seat(..) => Err(ApiError::new(
-                Code::Forbidden,
-                "this is a seat token; use /obs and /act, or a swarm token here",
-            )),
-            Caller::Swarm(episode) => Ok(Self { handle: app.episode(&episode).await? }),
+            Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
+            caller if caller.is_organizer() => Ok(Self),
+            _ => Err(ApiError::new(Code::Forbidden, "this takes an organizer's key")),
         }
     }
 }

@@ -12,9 +12,11 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use crate::clock::millis;
-use crate::episode::actor::ActError;
+use crate::episode::actor::{ActError, MAILBOX_MAX};
 use crate::episode::lockstep::Refusal;
+use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
+use crate::episode::registry::CreateError;
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
@@ -36,6 +38,7 @@ pub enum Code {
     UnsupportedMediaType,
     Invalid,
     TemplateFailed,
+    RateLimited,
     Internal,
     Overloaded,
     Unavailable,
@@ -43,7 +46,7 @@ pub enum Code {
 
 impl Code {
     /// All codes, by status.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Malformed,
         Self::Unauthorized,
         Self::Forbidden,
@@ -57,6 +60,7 @@ impl Code {
         Self::UnsupportedMediaType,
         Self::Invalid,
         Self::TemplateFailed,
+        Self::RateLimited,
         Self::Internal,
         Self::Overloaded,
         Self::Unavailable,
@@ -78,6 +82,7 @@ impl Code {
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
             Self::Invalid => ("invalid", 422, "The request is not allowed"),
             Self::TemplateFailed => ("template_failed", 422, "The prompt template failed"),
+            Self::RateLimited => ("rate_limited", 429, "Too many requests"),
             Self::Internal => ("internal", 500, "The server has a fault"),
             Self::Overloaded => ("overloaded", 503, "The server is busy"),
             Self::Unavailable => ("unavailable", 503, "The journal is not available"),
@@ -140,6 +145,12 @@ impl ApiError {
     pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
         let limit = Limit { name: name.to_owned(), value: value as u64 };
         Self { limit: Some(limit), ..Self::new(code, detail) }
+    }
+
+    /// With the cap that was reached.
+    fn with_limit(self, full: Full) -> Self {
+        let (name, value) = full.limit();
+        Self { limit: Some(Limit { name: name.to_owned(), value }), ..self }
     }
 
     /// With the round at which the episode stands.
@@ -245,9 +256,14 @@ impl From<Refusal> for ApiError {
             Refusal::AlreadyActed { round, .. } => (Code::AlreadyActed, round),
             Refusal::EpisodeOver { round, .. } => (Code::EpisodeOver, round),
             Refusal::RoundOver { round, .. } => (Code::RoundOver, round),
+            Refusal::NoRoom { round, .. } => (Code::TooLarge, round),
         };
         metrics::counter!("swarmbench_act_refusals_total", "code" => code.name()).increment(1);
-        Self::new(code, refusal.to_string()).at_round(round)
+        let error = Self::new(code, refusal.to_string()).at_round(round);
+        match refusal {
+            Refusal::NoRoom { full, .. } => error.with_limit(full),
+            _ => error,
+        }
     }
 }
 
@@ -255,7 +271,26 @@ impl From<ActError> for ApiError {
     fn from(error: ActError) -> Self {
         match error {
             ActError::Refused(refusal) => refusal.into(),
+            ActError::Busy => {
+                let detail = format!("{error}; send the same act again later");
+                Self::limit(Code::Overloaded, "mailbox_max", MAILBOX_MAX, detail)
+                    .retry_after(Duration::from_secs(1))
+            }
             ActError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<CreateError> for ApiError {
+    fn from(error: CreateError) -> Self {
+        match error {
+            CreateError::Full(full @ Full::BytesOfKey(_)) => {
+                Self::new(Code::Forbidden, full.to_string()).with_limit(full)
+            }
+            CreateError::Full(full) => Self::new(Code::Overloaded, full.to_string())
+                .with_limit(full)
+                .retry_after(Duration::from_secs(10)),
+            CreateError::Journal(error) => error.into(),
         }
     }
 }

@@ -13,6 +13,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::episode::EpisodeRequest;
+use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
 
 /// A body that knows the names of its fields.
@@ -26,6 +27,10 @@ impl Named for ActRequest {
 }
 
 impl Named for SwarmAct {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for KeyRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -161,7 +166,7 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let id = Path::<String>::from_request_parts(parts, state).await;
-        id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the episode"))
+        id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the id"))
     }
 }
 

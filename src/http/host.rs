@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{ApiError, Code};
+use super::openapi::RateRefusals;
 use crate::telemetry;
 use crate::wire::problem::Problem;
 
@@ -31,7 +32,7 @@ const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
     path = "/healthz",
     operation_id = "show_health",
     tag = "host",
-    responses((status = 200, description = "It does", body = Health))
+    responses((status = 200, description = "It does", body = Health), RateRefusals)
 )]
 pub(super) async fn show_health() -> Json<Health> {
     Json(OK)
@@ -46,7 +47,8 @@ pub(super) async fn show_health() -> Json<Health> {
     tag = "host",
     responses(
         (status = 200, description = "It can", body = Health),
-        (status = 503, description = "`unavailable`: not yet, or not any more", body = Problem, content_type = "application/problem+json"),
+        RateRefusals,
+        (status = 503, description = "`unavailable`: not yet, or not any more; `overloaded`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
@@ -70,11 +72,21 @@ pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health
     path = "/metrics",
     operation_id = "show_metrics",
     tag = "host",
-    responses((status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"))
+    responses(
+        (status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"),
+        RateRefusals,
+    )
 )]
 pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
-    metrics::gauge!("swarmbench_episodes_live").set(app.registry.live() as f64);
+    {
+        metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);
+        metrics::gauge!("swarmbench_episodes_in_memory").set(app.registry.in_memory() as f64);
+        metrics::gauge!("swarmbench_backlog_jobs").set(app.store.writer().backlog() as f64);
+    }
+    if let Some(free) = app.disk.free_percent() {
+        metrics::gauge!("swarmbench_disk_free_percent").set(free);
+    }
     let text = telemetry::metrics().render();
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
 }

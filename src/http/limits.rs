@@ -1,5 +1,7 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use crate::episode::quota::Caps;
+
 /// What the server takes at most. An error that comes from a limit names it.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
@@ -22,7 +24,20 @@ pub struct Limits {
     /// Requests that wait at once.
     pub waits_max: usize,
     /// Episodes that have not ended.
-    pub episodes_live_max: usize,
+    pub episodes_unfinished_max: usize,
+    /// Episodes of one key that have not ended.
+    pub episodes_per_key_max: usize,
+    /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond it.
+    pub journal_bytes_per_episode_max: u64,
+    /// Bytes that the acts of all episodes of a key may take in the journal.
+    pub journal_bytes_per_key_max: u64,
+    /// How much of the disk must be free for anything new, in percent.
+    pub disk_free_percent_min: u32,
+    /// Requests a second from one address, on average; none where it is 0. Twice as many may come
+    /// at once. Programs on this machine are not limited.
+    pub address_requests_per_s_max: u32,
+    /// Requests a second with one key and the tokens of its episodes; none where it is 0.
+    pub key_requests_per_s_max: u32,
     /// Jobs that are queued for the writer before acts are refused.
     pub backlog_jobs_max: usize,
     /// Connections at once.
@@ -53,7 +68,13 @@ impl Default for Limits {
             page_items_default: 50,
             wait_s_max: 60,
             waits_max: 20_000,
-            episodes_live_max: 20_000,
+            episodes_unfinished_max: 20_000,
+            episodes_per_key_max: 5_000,
+            journal_bytes_per_episode_max: 64 * 1024 * 1024,
+            journal_bytes_per_key_max: 16 * 1024 * 1024 * 1024,
+            disk_free_percent_min: 5,
+            address_requests_per_s_max: 2_000,
+            key_requests_per_s_max: 10_000,
             backlog_jobs_max: 50_000,
             connections_max: 16_000,
             header_read_s_max: 10,
@@ -67,9 +88,20 @@ impl Default for Limits {
 }
 
 impl Limits {
+    /// What everybody may hold.
+    #[must_use]
+    pub const fn caps(&self) -> Caps {
+        Caps {
+            episodes_unfinished_max: self.episodes_unfinished_max,
+            episodes_per_key_max: self.episodes_per_key_max,
+            journal_bytes_per_episode_max: self.journal_bytes_per_episode_max,
+            journal_bytes_per_key_max: self.journal_bytes_per_key_max,
+        }
+    }
+
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 18] {
+    pub fn table(&self) -> [(&'static str, u64); 24] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -80,7 +112,13 @@ impl Limits {
             ("page_items_default", self.page_items_default.into()),
             ("wait_s_max", self.wait_s_max.into()),
             ("waits_max", self.waits_max as u64),
-            ("episodes_live_max", self.episodes_live_max as u64),
+            ("episodes_unfinished_max", self.episodes_unfinished_max as u64),
+            ("episodes_per_key_max", self.episodes_per_key_max as u64),
+            ("journal_bytes_per_episode_max", self.journal_bytes_per_episode_max),
+            ("journal_bytes_per_key_max", self.journal_bytes_per_key_max),
+            ("disk_free_percent_min", self.disk_free_percent_min.into()),
+            ("address_requests_per_s_max", self.address_requests_per_s_max.into()),
+            ("key_requests_per_s_max", self.key_requests_per_s_max.into()),
             ("backlog_jobs_max", self.backlog_jobs_max as u64),
             ("connections_max", self.connections_max as u64),
             ("header_read_s_max", self.header_read_s_max),

@@ -1,11 +1,13 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
 mod agent;
-mod auth;
+pub mod auth;
+mod client;
 mod episodes;
 pub mod error;
 mod extract;
 mod host;
+mod keys;
 pub mod limits;
 pub mod openapi;
 mod router;
@@ -16,22 +18,36 @@ mod waiting;
 use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
 
 use quick_cache::sync::Cache;
+use tokio::sync::{Mutex, MutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::{Clock, Entropy};
+use crate::disk::Disk;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
-use crate::ids::{EpisodeId, TokenHash};
+use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::store::Store;
 use crate::store::tokens::Grant;
-use error::ApiError;
+use auth::Access;
+use client::Rates;
+use error::{ApiError, Code};
 use limits::Limits;
 pub use router::router;
 
 /// Tokens that are remembered, so that most requests ask no database.
 const TOKENS_CACHED: usize = 100_000;
+
+/// Locks of creations that may be repeated: those with the same key have the same one.
+const CREATION_LOCKS: usize = 64;
+
+/// Texts for language models that are made at once; each keeps a core busy.
+const RENDERS_MAX: usize = 8;
+
+/// How long a request waits for its turn to have a text made.
+const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What all handlers share. Cloning shares it.
 #[derive(Clone)]
@@ -47,58 +63,118 @@ pub struct Shared {
     pub clock: Arc<dyn Clock>,
     /// Where randomness comes from.
     pub entropy: Arc<dyn Entropy>,
+    /// Where the database lies.
+    pub disk: Arc<dyn Disk>,
     /// What is taken at most.
     pub limits: Limits,
+    /// To whom the server opens.
+    pub access: Access,
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
     /// Whether all unfinished episodes were taken up.
     pub ready: AtomicBool,
+    /// Whether a key was ever made.
+    has_keys: AtomicBool,
+    rates: Rates,
     tokens: Cache<TokenHash, Grant>,
     /// How often tokens were revoked.
     revocations: AtomicU64,
     /// Tells this run of the server from others.
     boot: u64,
     waits: Arc<AtomicUsize>,
-    /// Creations with an idempotency key go one by one.
-    creating: tokio::sync::Mutex<()>,
+    renders: Semaphore,
+    creating: [Mutex<()>; CREATION_LOCKS],
+}
+
+/// What an [`App`] is made of.
+#[expect(missing_docs, reason = "the fields are those of Shared, described there")]
+pub struct Foundation {
+    pub store: Store,
+    pub registry: Registry,
+    pub clock: Arc<dyn Clock>,
+    pub entropy: Arc<dyn Entropy>,
+    pub disk: Arc<dyn Disk>,
+    pub limits: Limits,
+    pub access: Access,
+    pub has_keys: bool,
+    pub stop: CancellationToken,
 }
 
 impl App {
-    /// What handlers share over a store.
+    /// What handlers share.
     #[must_use]
-    pub fn new(
-        store: Store,
-        registry: Registry,
-        clock: Arc<dyn Clock>,
-        entropy: Arc<dyn Entropy>,
-        limits: Limits,
-        stop: CancellationToken,
-    ) -> Self {
+    pub fn new(foundation: Foundation) -> Self {
+        let Foundation { store, registry, clock, entropy, disk, limits, access, has_keys, stop } =
+            foundation;
         let mut boot = [0; 8];
         entropy.fill(&mut boot);
         Self(Arc::new(Shared {
             store,
             registry,
+            rates: Rates::new(&limits, Arc::clone(&clock)),
             clock,
             entropy,
+            disk,
             limits,
+            access,
             stop,
             ready: AtomicBool::new(false),
+            has_keys: AtomicBool::new(has_keys),
             tokens: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
-            creating: tokio::sync::Mutex::new(()),
+            renders: Semaphore::new(RENDERS_MAX),
+            creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
 
+    /// Whether a key was ever made. From then on nobody creates anything without one, whatever
+    /// became of the key.
+    #[must_use]
+    pub fn has_keys(&self) -> bool {
+        self.has_keys.load(Ordering::Acquire)
+    }
+
+    /// Forgets what is not needed any more; to be called now and then.
+    pub fn tidy(&self) {
+        self.registry.let_go();
+        self.rates.forget_idle();
+    }
+
+    /// One creation with the same idempotency key goes on at a time.
+    async fn one_by_one(&self, key: &str) -> MutexGuard<'_, ()> {
+        let lock = crc32fast::hash(key.as_bytes()) as usize % CREATION_LOCKS;
+        self.creating[lock].lock().await
+    }
+
+    /// Does work that keeps a core busy for milliseconds, off the async threads.
+    async fn render<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
+        else {
+            let detail = "too many prompts are asked for; ask again later, or without `prompt`";
+            return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
+                .retry_after(Duration::from_secs(1)));
+        };
+        let done = tokio::task::spawn_blocking(work).await;
+        done.map_err(|error| ApiError::new(Code::Internal, error.to_string()))
+    }
+
     /// What a token stands for, if it is known.
-    async fn grant(&self, hash: TokenHash) -> Result<Option<Grant>, ApiError> {
+    async fn grant(&self, token: &Token) -> Result<Option<Grant>, ApiError> {
+        let hash = token.hash();
         if let Some(grant) = self.tokens.get(&hash) {
             return Ok(Some(grant));
         }
         let revocations = self.revocations.load(Ordering::Acquire);
-        let Some(grant) = self.store.find_token(hash).await? else { return Ok(None) };
+        let grant = match token.kind() {
+            TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
+            TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
+        };
+        let Some(grant) = grant else { return Ok(None) };
         self.tokens.insert(hash, grant.clone());
         if self.revocations.load(Ordering::Acquire) != revocations {
             // It may have been revoked between being read and being remembered.
@@ -107,10 +183,10 @@ impl App {
         Ok(Some(grant))
     }
 
-    /// Forgets the tokens of an episode; the store must not know them any more.
-    fn forget_tokens(&self, episode: &EpisodeId) {
+    /// Forgets tokens; the store must not know them any more as they were.
+    fn forget_tokens(&self, is_old: impl Fn(&Grant) -> bool) {
         self.revocations.fetch_add(1, Ordering::AcqRel);
-        self.tokens.retain(|_, grant| grant.episode != *episode);
+        self.tokens.retain(|_, grant| !is_old(grant));
     }
 
     /// The episode with this id.

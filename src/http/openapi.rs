@@ -22,6 +22,7 @@ use super::limits::Limits;
         (name = "agent", description = "One agent of one episode: two calls and a seat token."),
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),
     components(schemas(crate::wire::episode::EpisodeResult, crate::wire::problem::Problem)),
@@ -39,7 +40,14 @@ impl Modify for Rest {
         let components = document.components.get_or_insert_default();
         for (name, description) in [
             ("seat", "A seat token: one agent of one episode."),
-            ("swarm", "A swarm token: all seats of an episode; its holder is the creator."),
+            (
+                "swarm",
+                "A swarm token: all seats of an episode; its holder stands where the creator does.",
+            ),
+            (
+                "key",
+                "The key of a person: the episodes created with it are the holder's. An organizer's key opens everything.",
+            ),
         ] {
             let mut scheme = Http::new(HttpAuthScheme::Bearer);
             scheme.description = Some(description.to_owned());
@@ -71,7 +79,20 @@ impl IntoResponses for TokenRefusals {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
         problems(&[
             (401, "`unauthorized`: a token is needed, or the one that came is unknown"),
+            (429, "`rate_limited`, naming the `limit`; `Retry-After` says when to come again"),
             (500, "`internal`: a fault of the server, which was logged"),
+            (503, "`overloaded` or `unavailable`; `Retry-After` says when to come again"),
+        ])
+    }
+}
+
+/// What every route may answer, token or not.
+pub(super) struct RateRefusals;
+
+impl IntoResponses for RateRefusals {
+    fn responses() -> BTreeMap<String, RefOr<Response>> {
+        problems(&[
+            (429, "`rate_limited`, naming the `limit`; `Retry-After` says when to come again"),
             (503, "`overloaded` or `unavailable`; `Retry-After` says when to come again"),
         ])
     }

@@ -19,7 +19,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, episodes, host, openapi, swarm};
+use super::{App, agent, client, episodes, host, keys, openapi, swarm};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -34,6 +34,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(keys::create::create_key, keys::list::list_keys))
+        .routes(routes!(keys::revoke::revoke_key))
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))
@@ -57,6 +59,7 @@ pub fn router(app: App) -> Router {
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
+        .layer(middleware::from_fn_with_state(app.clone(), client::admit))
         .layer(middleware::from_fn(measure))
         .layer(layers)
         .with_state(app)

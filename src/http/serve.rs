@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Router;
+use axum::{Extension, Router};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
@@ -15,6 +15,10 @@ use super::limits::Limits;
 
 /// How long open requests may take to end after the server was told to stop.
 const DRAIN: Duration = Duration::from_secs(8);
+
+/// The address at the other end of a connection; every request has it as an extension.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Peer(pub(super) std::net::IpAddr);
 
 /// Serves until `stop` is cancelled, then lets open requests end.
 pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: CancellationToken) {
@@ -28,7 +32,7 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: 
         };
         let stream = tokio::select! {
             accepted = listener.accept() => match accepted {
-                Ok((stream, _)) => stream,
+                Ok((stream, peer)) => (stream, peer.ip()),
                 Err(error) => {
                     // Too many open files, say: others may close theirs meanwhile.
                     tracing::warn!(%error, "a connection was not accepted");
@@ -38,7 +42,9 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: 
             },
             () = stop.cancelled() => break,
         };
-        connections.spawn(connection(stream, place, router.clone(), limits, stop.clone()));
+        let (stream, peer) = stream;
+        let router = router.clone().layer(Extension(Peer(peer)));
+        connections.spawn(connection(stream, place, router, limits, stop.clone()));
     }
     drop(listener);
     connections.close();

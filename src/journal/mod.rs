@@ -15,6 +15,7 @@ use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use crate::ids::{EpisodeId, TokenHash};
+use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
 use record::{ActRecord, RawRecord};
 
@@ -47,6 +48,15 @@ pub enum Entry {
         /// All its tokens from now on.
         tokens: Vec<TokenRow>,
     },
+    /// A new key for somebody.
+    AddKey(Box<KeyRow>),
+    /// A key is worth nothing any more.
+    RevokeKey {
+        /// The public id of the key.
+        id: String,
+        /// When.
+        at: Timestamp,
+    },
 }
 
 /// A new episode.
@@ -56,6 +66,8 @@ pub struct OpeningRow {
     pub episode: EpisodeKey,
     /// Its public id.
     pub id: EpisodeId,
+    /// The key with which it is created; none where nobody had to show one.
+    pub owner: Option<OwnerKey>,
     /// The opening record, to the byte.
     pub record: RawRecord,
     /// The head of its chain.
@@ -132,6 +144,8 @@ pub struct EndRow {
     pub record: RawRecord,
     /// The head of the whole chain.
     pub head: Head,
+    /// Bytes that its acts take.
+    pub bytes: u64,
     /// When it ended.
     pub at: Timestamp,
 }
@@ -151,6 +165,8 @@ pub struct StoredEpisode {
     pub episode: EpisodeKey,
     /// Its public id.
     pub id: EpisodeId,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
     /// The opening record.
     pub opening: RawRecord,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
@@ -169,6 +185,19 @@ pub struct StoredEpisode {
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
+}
+
+/// An episode that has not ended.
+#[derive(Clone, Debug)]
+pub struct Unfinished {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
+    /// Whether its rounds have a deadline.
+    pub clocked: bool,
 }
 
 /// Acts of one round, in order of their seats.
@@ -216,7 +245,7 @@ pub trait Journal: Send + Sync + 'static {
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>>;
 
     /// All episodes that have not ended; those with a round clock first.
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<EpisodeId>, JournalError>>;
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>>;
 
     /// The acts of the rounds `from..to` by round, those of an unresolved round too.
     fn acts(

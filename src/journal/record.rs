@@ -245,6 +245,13 @@ impl ActRecord {
         }
     }
 
+    /// Bytes of the texts that a player sent with it.
+    #[must_use]
+    pub fn text_bytes(&self) -> u64 {
+        let texts = [&self.message, &self.response, &self.reasoning];
+        texts.into_iter().flatten().map(|text| text.len() as u64).sum()
+    }
+
     /// What the engine is told: the act, if the names in it are known.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {

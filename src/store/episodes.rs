@@ -8,7 +8,8 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{EpisodeKey, JournalError, StoredEpisode};
+use crate::journal::{EpisodeKey, JournalError, StoredEpisode, Unfinished};
+use crate::keys::OwnerKey;
 
 /// What a list of episodes is filtered by.
 #[derive(Clone, Debug, Default)]
@@ -19,15 +20,33 @@ pub struct Filter {
     pub task: Option<String>,
     /// A model's name.
     pub model: Option<String>,
-    /// Beside the episodes that anyone may read now, this one.
-    pub own: Option<EpisodeId>,
+    /// Which of them the caller may read.
+    pub readable: Readable,
+}
+
+/// Which episodes somebody may read.
+#[derive(Clone, Debug, Default)]
+pub enum Readable {
+    /// All.
+    All,
+    /// Those that anyone may read now.
+    #[default]
+    Public,
+    /// Those that anyone may read now, and this one.
+    And(EpisodeId),
+    /// Those that anyone may read now, and those that were created with this key.
+    AndOf(OwnerKey),
+    /// This one alone.
+    Only(EpisodeId),
+    /// None.
+    Nothing,
 }
 
 /// Asks for all that a [`StoredEpisode`] has; the caller adds a condition. When the last act came
 /// is asked for one episode alone, as its acts have to be looked through for it.
 fn select(last_act_at: &str) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.opening, e.status, e.ending, e.created_at, e.ended_at,
+        "SELECT e.key, e.id, e.owner, e.opening, e.status, e.ending, e.created_at, e.ended_at,
                 CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
@@ -81,26 +100,70 @@ impl Store {
                 query.push(" AND e.").push(column).push(" = ").push_bind(value);
             }
         }
-        query.push(" AND (e.visibility = 'public' OR e.ending IS NOT NULL OR e.id = ");
-        query.push_bind(filter.own.as_ref().map_or("", EpisodeId::as_str)).push(")");
+        let public = "(e.visibility = 'public' OR e.ending IS NOT NULL)";
+        match &filter.readable {
+            Readable::All => &mut query,
+            Readable::Public => query.push(" AND ").push(public),
+            Readable::And(id) => {
+                query.push(" AND (").push(public).push(" OR e.id = ");
+                query.push_bind(id.as_str()).push(")")
+            }
+            Readable::AndOf(owner) => {
+                query.push(" AND (").push(public).push(" OR e.owner = ");
+                query.push_bind(owner.0).push(")")
+            }
+            Readable::Only(id) => query.push(" AND e.id = ").push_bind(id.as_str()),
+            Readable::Nothing => query.push(" AND 0"),
+        };
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(episode).collect()
     }
 
-    /// The ids of all episodes that have not ended, those with a round clock first.
+    /// All episodes that have not ended, those with a round clock first.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn unfinished_episodes(&self) -> Result<Vec<EpisodeId>, JournalError> {
+    pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, JournalError> {
         let rows = sqlx::query(
-            "SELECT id FROM episodes WHERE status IN ('waiting', 'running')
+            "SELECT key, id, owner, clocked FROM episodes WHERE status IN ('waiting', 'running')
              ORDER BY clocked DESC, key",
         )
         .fetch_all(&self.readers)
         .await
         .map_err(failure)?;
-        rows.iter().map(|row| row.try_get(0).map(EpisodeId::from_text).map_err(failure)).collect()
+        let read = |row: &SqliteRow| {
+            Ok(Unfinished {
+                episode: EpisodeKey(row.try_get(0)?),
+                id: EpisodeId::from_text(row.try_get(1)?),
+                owner: row.try_get::<Option<i64>, _>(2)?.map(OwnerKey),
+                clocked: row.try_get(3)?,
+            })
+        };
+        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// How many bytes the acts of all episodes of each key take.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT owner, sum(bytes) FROM (
+                 SELECT owner, bytes FROM episodes WHERE owner IS NOT NULL AND bytes IS NOT NULL
+                 UNION ALL
+                 SELECT e.owner, octet_length(a.record) FROM episodes e JOIN acts a ON a.episode = e.key
+                 WHERE e.status IN ('waiting', 'running') AND e.owner IS NOT NULL)
+             GROUP BY owner",
+        )
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read = |row: &SqliteRow| {
+            let bytes: i64 = row.try_get(1)?;
+            Ok((OwnerKey(row.try_get(0)?), u64::try_from(bytes).unwrap_or(0)))
+        };
+        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
     }
 
     /// The number of the newest episode, 0 where there is none.
@@ -144,6 +207,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
         Ok(StoredEpisode {
             episode: EpisodeKey(row.try_get("key")?),
             id: EpisodeId::from_text(row.try_get("id")?),
+            owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
             opening: raw(row.try_get("opening")?)?,
             status: row.try_get("status")?,
             end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,
@@ -168,6 +232,7 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, sqlx::Error> {
     hash(bytes).map(Head)
 }
 
-fn time(millis: i64) -> Result<Timestamp, sqlx::Error> {
+/// A stored time.
+pub(super) fn time(millis: i64) -> Result<Timestamp, sqlx::Error> {
     Timestamp::from_millisecond(millis).map_err(|error| sqlx::Error::Decode(error.into()))
 }

@@ -4,6 +4,7 @@
 //! connections of their own and never wait for it (WAL).
 
 pub mod episodes;
+pub mod keys;
 pub mod records;
 pub mod tokens;
 mod writer;

@@ -12,7 +12,7 @@ use crate::ids::EpisodeId;
 use crate::journal::record::RawRecord;
 use crate::journal::{
     Committed, Entry, EpisodeKey, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
-    StoredRound,
+    StoredRound, Unfinished,
 };
 
 impl Store {
@@ -110,7 +110,7 @@ impl Journal for Store {
         async move { self.find_episode(&id).await }.boxed()
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<EpisodeId>, JournalError>> {
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
         self.unfinished_episodes().boxed()
     }
 

@@ -1,4 +1,4 @@
-//! The table `tokens`.
+//! What tokens stand for: the table `tokens`, and keys.
 
 use sqlx::Row;
 use swarmbench_engine::AgentId;
@@ -6,14 +6,22 @@ use swarmbench_engine::AgentId;
 use super::{Store, failure};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::JournalError;
+use crate::keys::{Key, OwnerKey};
 
 /// What a token stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Grant {
-    /// The episode.
-    pub episode: EpisodeId,
-    /// The seat; none for all seats.
-    pub agent: Option<AgentId>,
+pub enum Grant {
+    /// Seats of an episode.
+    Seats {
+        /// The episode.
+        episode: EpisodeId,
+        /// The key with which it was created, if any.
+        owner: Option<OwnerKey>,
+        /// The seat; none for all seats.
+        agent: Option<AgentId>,
+    },
+    /// A person.
+    Key(Key),
 }
 
 impl Store {
@@ -23,7 +31,7 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, JournalError> {
         let row = sqlx::query(
-            "SELECT e.id, t.agent FROM tokens t JOIN episodes e ON e.key = t.episode
+            "SELECT e.id, e.owner, t.agent FROM tokens t JOIN episodes e ON e.key = t.episode
              WHERE t.hash = ?",
         )
         .bind(&hash.0[..])
@@ -31,9 +39,10 @@ impl Store {
         .await
         .map_err(failure)?;
         row.map(|row| {
-            Ok(Grant {
+            Ok(Grant::Seats {
                 episode: EpisodeId::from_text(row.try_get(0)?),
-                agent: row.try_get::<Option<u16>, _>(1)?.map(AgentId),
+                owner: row.try_get::<Option<i64>, _>(1)?.map(OwnerKey),
+                agent: row.try_get::<Option<u16>, _>(2)?.map(AgentId),
             })
         })
         .transpose()

@@ -16,6 +16,7 @@ use tokio::task::JoinHandle;
 use crate::journal::{
     ActRow, Committed, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, TokenRow,
 };
+use crate::keys::KeyRow;
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
@@ -169,6 +170,8 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
                     .await?;
                 insert_tokens(connection, *episode, tokens).await?;
             }
+            Entry::AddKey(row) => add_key(connection, row).await?,
+            Entry::RevokeKey { id, at } => revoke_key(connection, id, *at).await?,
         }
     }
     insert_acts(connection, &acts).await?;
@@ -179,12 +182,13 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
 
 async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO episodes (key, id, opening, task, model, visibility, status, clocked, head,
-                               created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO episodes (key, id, owner, opening, task, model, visibility, status, clocked,
+                               head, created_at, idempotency_key, idempotency_body)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
+    .bind(row.owner.map(|owner| owner.0))
     .bind(row.record.as_str())
     .bind(row.task)
     .bind(&row.model)
@@ -214,12 +218,45 @@ async fn start(
 }
 
 async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx::Error> {
-    sqlx::query("UPDATE episodes SET status = ?, ending = ?, head = ?, ended_at = ? WHERE key = ?")
-        .bind(row.status)
-        .bind(row.record.as_str())
-        .bind(&row.head.0[..])
-        .bind(row.at.as_millisecond())
-        .bind(row.episode.0)
+    sqlx::query(
+        "UPDATE episodes SET status = ?, ending = ?, head = ?, bytes = ?, ended_at = ? WHERE key = ?",
+    )
+    .bind(row.status)
+    .bind(row.record.as_str())
+    .bind(&row.head.0[..])
+    .bind(i64::try_from(row.bytes).unwrap_or(i64::MAX))
+    .bind(row.at.as_millisecond())
+    .bind(row.episode.0)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+async fn add_key(connection: &mut SqliteConnection, row: &KeyRow) -> Result<(), sqlx::Error> {
+    let key = &row.key;
+    sqlx::query(
+        "INSERT INTO keys (id, hash, role, name, created_at, expires_at) VALUES (?, ?, ?, ?, ?, ?)",
+    )
+    .bind(&key.id)
+    .bind(&row.hash.0[..])
+    .bind(key.role.name())
+    .bind(&key.name)
+    .bind(key.created_at.as_millisecond())
+    .bind(key.expires_at.map(jiff::Timestamp::as_millisecond))
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Revokes a key; one that was revoked keeps its time.
+async fn revoke_key(
+    connection: &mut SqliteConnection,
+    id: &str,
+    at: jiff::Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE keys SET revoked_at = coalesce(revoked_at, ?) WHERE id = ?")
+        .bind(at.as_millisecond())
+        .bind(id)
         .execute(connection)
         .await?;
     Ok(())

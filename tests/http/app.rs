@@ -7,6 +7,8 @@ use std::time::Duration;
 use reqwest::{Client, Method, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
 use swarmbench::clock::{ManualClock, SeededEntropy, SystemClock};
+use swarmbench::disk::ManualDisk;
+use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
 use swarmbench::server::{Parts, Server, StartError};
 use tempfile::TempDir;
@@ -22,6 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(100);
 pub(crate) struct Builder {
     clock: Option<Arc<ManualClock>>,
     limits: Limits,
+    access: Access,
 }
 
 impl Builder {
@@ -38,12 +41,20 @@ impl Builder {
         self
     }
 
+    /// Opened to others.
+    pub(crate) fn access(mut self, change: impl FnOnce(&mut Access)) -> Self {
+        change(&mut self.access);
+        self
+    }
+
     /// Starts it.
     pub(crate) async fn start(self) -> TestApp {
         let mut app = TestApp {
             directory: TempDir::new().expect("a directory"),
             clock: self.clock,
+            disk: Arc::new(ManualDisk::new(50)),
             limits: self.limits,
+            access: self.access,
             starts: 0,
             client: Client::builder().timeout(PATIENCE).build().expect("a client"),
             running: None,
@@ -57,7 +68,9 @@ impl Builder {
 pub(crate) struct TestApp {
     directory: TempDir,
     clock: Option<Arc<ManualClock>>,
+    pub(crate) disk: Arc<ManualDisk>,
     limits: Limits,
+    access: Access,
     starts: u64,
     client: Client,
     running: Option<Running>,
@@ -110,7 +123,9 @@ impl TestApp {
         Parts {
             clock: clock.map_or_else(|| Arc::new(SystemClock) as _, |clock| clock as _),
             entropy: Arc::new(SeededEntropy::new(self.starts << 32)),
+            disk: Some(Arc::clone(&self.disk) as _),
             limits: self.limits,
+            access: self.access.clone(),
         }
     }
 
@@ -119,7 +134,9 @@ impl TestApp {
         let mut app = Self {
             directory: TempDir::new().expect("a directory"),
             clock: self.clock.clone(),
+            disk: Arc::clone(&self.disk),
             limits: self.limits,
+            access: self.access.clone(),
             starts: self.starts + 100,
             client: self.client.clone(),
             running: None,

@@ -58,7 +58,7 @@ async fn metrics_count_what_happens() {
         let grown = total(&after, name).unwrap_or(0.0) - total(&before, name).unwrap_or(0.0);
         assert!(grown >= least, "{name} grew by {grown}, not by {least} or more");
     }
-    for gauge in ["swarmbench_episodes_live", "swarmbench_connections"] {
+    for gauge in ["swarmbench_episodes_unfinished", "swarmbench_connections"] {
         assert!(total(&after, gauge).is_some(), "{gauge}");
     }
     for kind in ["valid", "invalid"] {

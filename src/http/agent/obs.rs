@@ -88,10 +88,7 @@ pub(in super::super) async fn observation(
         let sight = sight(handle, snapshot, agent);
         let spec = std::sync::Arc::clone(&handle.spec);
         let work = move || prompt::render(&spec.prompt_template, &sight, &spec.config);
-        let text = tokio::task::spawn_blocking(work).await;
-        moment.prompt = Some(text.map_err(|error| {
-            ApiError::new(super::super::error::Code::Internal, error.to_string())
-        })??);
+        moment.prompt = Some(app.render(work).await??);
     }
     let sight = snapshot.written[agent.index()].get_or_init(|| {
         Bytes::from(serde_json::to_vec(&sight(handle, snapshot, agent)).expect("string keys"))

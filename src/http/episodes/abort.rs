@@ -21,7 +21,7 @@ use crate::wire::problem::Problem;
     operation_id = "abort_episode",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("swarm" = [])),
+    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The episode is aborted", body = EpisodeSummary),
         IdRefusals,

@@ -20,7 +20,9 @@ use crate::episode::registry::Creation;
 use crate::episode::spec::{Spec, Visibility};
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
+use crate::keys::OwnerKey;
 use crate::prompt;
+use crate::store::tokens::Grant;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
 use crate::wire::problem::{FieldProblem, Problem};
 
@@ -35,12 +37,13 @@ use crate::wire::problem::{FieldProblem, Problem};
     tag = "episodes",
     params(("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation")),
     request_body(content = EpisodeRequest, description = "At most 256 KiB"),
+    security((), ("key" = [])),
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
         BodyRefusals,
         QueryRefusals,
         TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode creates none", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn create_episode(
@@ -50,17 +53,19 @@ pub(in super::super) async fn create_episode(
     headers: HeaderMap,
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {
-    if caller != Caller::Anonymous {
-        let detail = "a token of an episode creates no other; send none";
-        return Err(ApiError::new(Code::Forbidden, detail));
-    }
+    let owner = caller.creator(&app)?;
     let key = idempotency_key(&headers, &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
-    let Some(key) = key else { return new_episode(&app, spec, None).await };
-    let _one_by_one = app.creating.lock().await;
+    let Some(key) = key else { return new_episode(&app, owner, spec, None).await };
+    // Everybody has names of their own.
+    let key = match owner {
+        Some(OwnerKey(number)) => format!("{number}/{key}"),
+        None => format!("/{key}"),
+    };
+    let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
-        None => new_episode(&app, spec, Some((key, body))).await,
+        None => new_episode(&app, owner, spec, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::new(
             Code::Invalid,
             "this Idempotency-Key was used with another body; send that body, or another key",
@@ -70,7 +75,9 @@ pub(in super::super) async fn create_episode(
             let tokens = Tokens::new(&app, handle.spec.config.num_agents());
             let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
             app.store.keep(vec![entry]).await?;
-            app.forget_tokens(&id);
+            app.forget_tokens(
+                |grant| matches!(grant, Grant::Seats { episode, .. } if *episode == id),
+            );
             Ok(created(&handle, &tokens))
         }
     }
@@ -78,18 +85,26 @@ pub(in super::super) async fn create_episode(
 
 async fn new_episode(
     app: &App,
+    owner: Option<OwnerKey>,
     spec: Spec,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
-    let most = app.limits.episodes_live_max;
-    if app.registry.live() >= most {
-        let detail = format!("{most} episodes are played already; wait until some have ended");
-        return Err(ApiError::limit(Code::Overloaded, "episodes_live_max", most, detail)
-            .retry_after(std::time::Duration::from_secs(10)));
+    let least = app.limits.disk_free_percent_min;
+    if app.disk.free_percent().is_some_and(|free| free < f64::from(least)) {
+        let detail = format!(
+            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
+        );
+        return Err(ApiError::limit(
+            Code::Overloaded,
+            "disk_free_percent_min",
+            least as usize,
+            detail,
+        )
+        .retry_after(std::time::Duration::from_mins(1)));
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
     let tokens = Tokens::new(app, spec.config.num_agents());
-    let creation = Creation { id, spec, tokens: tokens.rows(), idempotency };
+    let creation = Creation { id, owner, spec, tokens: tokens.rows(), idempotency };
     let handle = app.registry.create(creation).await?;
     Ok(created(&handle, &tokens))
 }
@@ -200,7 +215,8 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     if !["now", "manual"].contains(&start) {
         refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
     }
-    let visibility = request.visibility.as_deref().unwrap_or(Visibility::Public.name());
+    let usual = if app.has_keys() { Visibility::Owner } else { Visibility::Public };
+    let visibility = request.visibility.as_deref().unwrap_or(usual.name());
     let found = Visibility::ALL.into_iter().find(|known| known.name() == visibility);
     if visibility == "sealed" {
         refuse("visibility", "sealed is set by competitions only; use public or owner".to_owned());

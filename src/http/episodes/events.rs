@@ -52,6 +52,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
         ("Last-Event-ID" = Option<u32>, Header, description = "The last event that was received"),
         EventsParams,
     ),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "Events: `round` with a RoundEvent as data, `finished` with an EpisodeResult", body = RoundEvent, content_type = "text/event-stream"),
         IdRefusals,

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use futures::stream;
 
 use super::super::App;
-use super::super::auth::Caller;
+use super::super::auth::{Caller, Subject};
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
@@ -31,6 +31,7 @@ const CHUNK: u32 = 64;
     operation_id = "read_journal",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
         IdRefusals,
@@ -46,8 +47,8 @@ pub(in super::super) async fn read_journal(
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     let handle = app.readable(&caller, id).await?;
-    let is_over = handle.snapshot().status.is_over();
-    if !is_over && !caller.owns(&handle.id, handle.spec.visibility) {
+    let subject = Subject::of(&handle);
+    if !subject.is_over && !caller.owns(subject) {
         let detail = "a journal holds the seed: until the end only the creator may read it";
         return Err(ApiError::new(Code::Forbidden, detail));
     }

@@ -11,7 +11,6 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
 use super::super::openapi::{QueryRefusals, TokenRefusals};
-use super::summary;
 use crate::episode::Status;
 use crate::journal::EpisodeKey;
 use crate::store::episodes::Filter;
@@ -46,6 +45,7 @@ pub(in super::super) struct ListParams {
     operation_id = "list_episodes",
     tag = "episodes",
     params(ListParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "A page of episodes", body = EpisodeList),
         QueryRefusals,
@@ -90,16 +90,13 @@ pub(in super::super) async fn list_episodes(
         status: params.status,
         task: params.task,
         model: params.model,
-        own: match &caller {
-            Caller::Swarm(own) => Some(own.clone()),
-            Caller::Anonymous | Caller::Seat(..) => None,
-        },
+        readable: caller.readable(&app.access),
     };
     let mut stored = app.store.list_episodes(&filter, before, limit + 1).await?;
     let has_more = stored.len() > limit as usize;
     stored.truncate(limit as usize);
     let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.episode));
-    let items = stored.iter().map(|stored| summary(&caller, stored));
+    let items = stored.iter().map(|stored| app.summary_of(&caller, stored));
     Ok(Json(EpisodeList { items: items.collect::<Result<_, _>>()?, next_cursor }))
 }
 

@@ -12,7 +12,7 @@ pub(super) mod state;
 use std::time::Duration;
 
 use super::App;
-use super::auth::Caller;
+use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::Status;
 use crate::episode::actor::Handle;
@@ -27,8 +27,7 @@ impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
         let handle = self.known(caller, id).await?;
-        let is_over = handle.snapshot().status.is_over();
-        if !caller.may_read(&handle.id, handle.spec.visibility, is_over) {
+        if !caller.may_read(&self.access, Subject::of(&handle)) {
             let detail = "until the end of this episode only its creator may read this";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
@@ -38,8 +37,8 @@ impl App {
     /// An episode that the caller created.
     async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
         let handle = self.known(caller, id).await?;
-        if !caller.owns(&handle.id, handle.spec.visibility) {
-            let detail = "only the creator of an episode may do this: send its swarm token";
+        if !caller.owns(Subject::of(&handle)) {
+            let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
         Ok(handle)
@@ -48,8 +47,7 @@ impl App {
     /// An episode of which the caller may know.
     async fn known(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
         let handle = self.episode(&EpisodeId::from_text(id)).await?;
-        let is_over = handle.snapshot().status.is_over();
-        if caller.may_know(&handle.id, handle.spec.visibility, is_over) {
+        if caller.may_know(&self.access, Subject::of(&handle)) {
             Ok(handle)
         } else {
             Err(ApiError::not_found("the episode"))
@@ -59,7 +57,50 @@ impl App {
     /// An episode as it is shown, from what is stored of it.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
         let stored = self.store.find_episode(id).await?;
-        summary(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
+        self.summary_of(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
+    }
+
+    /// A stored episode as it is shown to `caller`.
+    fn summary_of(
+        &self,
+        caller: &Caller,
+        stored: &StoredEpisode,
+    ) -> Result<EpisodeSummary, ApiError> {
+        let spec = spec(stored)?;
+        let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
+        let result = match &stored.end {
+            None => None,
+            Some(end) => match end.read() {
+                Ok(Record::End(End { reason, score, rounds, .. })) => Some(EpisodeResult {
+                    reason,
+                    score,
+                    rounds,
+                    journal_head: stored.head.to_string(),
+                }),
+                _ => return Err(broken("no end")),
+            },
+        };
+        let subject = Subject {
+            id: &stored.id,
+            owner: stored.owner,
+            visibility: spec.visibility,
+            is_over: status.is_over(),
+        };
+        let may_read = caller.may_read(&self.access, subject);
+        let may_know_seed = caller.owns(subject) || (may_read && subject.is_over);
+        Ok(EpisodeSummary {
+            id: stored.id.to_string(),
+            status: status.into(),
+            task: spec.config.task().name().to_owned(),
+            model: spec.model.clone(),
+            round: stored.rounds,
+            // Where rounds are private, a seat learns the score from its own observations.
+            score: if may_read { stored.score } else { 0.0 },
+            created_at: stored.created_at,
+            ended_at: stored.ended_at,
+            result,
+            config: config(&spec, may_know_seed),
+        })
     }
 }
 
@@ -77,36 +118,6 @@ fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
         Ok(Record::Round(_) | Record::End(_)) => Err(broken("no opening")),
         Err(error) => Err(broken(&error.to_string())),
     }
-}
-
-/// A stored episode as it is shown to `caller`.
-fn summary(caller: &Caller, stored: &StoredEpisode) -> Result<EpisodeSummary, ApiError> {
-    let spec = spec(stored)?;
-    let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
-    let result = match &stored.end {
-        None => None,
-        Some(end) => match end.read() {
-            Ok(Record::End(End { reason, score, rounds, .. })) => {
-                Some(EpisodeResult { reason, score, rounds, journal_head: stored.head.to_string() })
-            }
-            _ => return Err(broken("no end")),
-        },
-    };
-    let may_read = caller.may_read(&stored.id, spec.visibility, status.is_over());
-    let may_know_seed = caller.owns(&stored.id, spec.visibility) || status.is_over();
-    Ok(EpisodeSummary {
-        id: stored.id.to_string(),
-        status: status.into(),
-        task: spec.config.task().name().to_owned(),
-        model: spec.model.clone(),
-        round: stored.rounds,
-        // Where rounds are private, a seat learns the score from its own observations.
-        score: if may_read { stored.score } else { 0.0 },
-        created_at: stored.created_at,
-        ended_at: stored.ended_at,
-        result,
-        config: config(&spec, may_know_seed),
-    })
 }
 
 /// All settings of an episode as they are shown.

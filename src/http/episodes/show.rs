@@ -17,6 +17,7 @@ use crate::wire::episode::EpisodeSummary;
     operation_id = "show_episode",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The episode", body = EpisodeSummary),
         IdRefusals,

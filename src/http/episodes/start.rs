@@ -20,7 +20,7 @@ use crate::wire::problem::Problem;
     operation_id = "start_episode",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
-    security((), ("swarm" = [])),
+    security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The episode runs", body = EpisodeSummary),
         IdRefusals,

@@ -30,6 +30,7 @@ pub(in super::super) struct StateParams {
     operation_id = "show_state",
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id"), StateParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
         QueryRefusals,

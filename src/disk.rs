@@ -1,0 +1,54 @@
+//! How much room the disk of the database has, as an argument.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// The disk on which the database lies.
+pub trait Disk: Send + Sync + 'static {
+    /// How much of it is free, in percent; none where the host does not tell.
+    fn free_percent(&self) -> Option<f64>;
+}
+
+/// The host's disk that holds a directory.
+#[derive(Clone, Debug)]
+pub struct HostDisk(PathBuf);
+
+impl HostDisk {
+    /// The disk with the file `database`.
+    #[must_use]
+    pub fn of(database: &std::path::Path) -> Self {
+        let folder = database.parent().filter(|folder| !folder.as_os_str().is_empty());
+        Self(folder.map_or_else(|| PathBuf::from("."), PathBuf::from))
+    }
+}
+
+impl Disk for HostDisk {
+    fn free_percent(&self) -> Option<f64> {
+        let told = rustix::fs::statvfs(&self.0).ok().filter(|told| told.f_blocks > 0)?;
+        #[expect(clippy::cast_precision_loss, reason = "a share needs no more than 53 bits")]
+        Some(told.f_bavail as f64 * 100.0 / told.f_blocks as f64)
+    }
+}
+
+/// A disk of which a test says how full it is.
+#[derive(Debug)]
+pub struct ManualDisk(AtomicU8);
+
+impl ManualDisk {
+    /// A disk with so much free.
+    #[must_use]
+    pub const fn new(free_percent: u8) -> Self {
+        Self(AtomicU8::new(free_percent))
+    }
+
+    /// From now on so much is free.
+    pub fn set(&self, free_percent: u8) {
+        self.0.store(free_percent, Ordering::Relaxed);
+    }
+}
+
+impl Disk for ManualDisk {
+    fn free_percent(&self) -> Option<f64> {
+        Some(f64::from(self.0.load(Ordering::Relaxed)))
+    }
+}

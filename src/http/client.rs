@@ -1,0 +1,276 @@
+//! Who is at the other end of a connection, and how much they ask for.
+//!
+//! An address counts against the rate limit; whether a request comes from a program on this machine
+//! decides what a server without keys lets it do.
+
+use std::net::IpAddr;
+use std::num::NonZeroU32;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderName, Uri, header};
+use axum::middleware::Next;
+use axum::response::Response;
+use governor::clock::Clock as _;
+use governor::middleware::NoOpMiddleware;
+use governor::nanos::Nanos;
+use governor::state::keyed::DashMapStateStore;
+use governor::{Quota, RateLimiter};
+use ipnet::IpNet;
+
+use super::App;
+use super::error::{ApiError, Code};
+use super::limits::Limits;
+use super::serve::Peer;
+use crate::clock::Clock;
+use crate::keys::OwnerKey;
+
+/// Whoever sent a request, as far as the connection tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Client {
+    /// The address, that which a trusted proxy names where there is one.
+    pub(super) address: IpAddr,
+    /// Whether it is a program on this machine: not a proxy that forwards others, and no page of
+    /// another site in a browser.
+    pub(super) is_local: bool,
+}
+
+/// The headers by which proxies say that they are some.
+const FORWARDED: [HeaderName; 5] = [
+    HeaderName::from_static("forwarded"),
+    HeaderName::from_static("x-forwarded-for"),
+    HeaderName::from_static("x-forwarded-host"),
+    HeaderName::from_static("x-real-ip"),
+    HeaderName::from_static("via"),
+];
+
+impl Client {
+    /// Reads the client off a connection and its headers.
+    fn of(peer: IpAddr, headers: &HeaderMap, uri: &Uri, trusted: &[IpNet]) -> Self {
+        let peer = peer.to_canonical();
+        let is_trusted = |address: &IpAddr| trusted.iter().any(|net| net.contains(address));
+        let address = if is_trusted(&peer) { forwarded(headers, is_trusted) } else { None };
+        let address = address.unwrap_or(peer);
+        let is_forwarded = FORWARDED.iter().any(|name| headers.contains_key(name));
+        let is_local = address.is_loopback()
+            && !is_forwarded
+            && names_loopback(host(headers, uri))
+            && headers.get(header::ORIGIN).is_none_or(|origin| {
+                names_loopback(origin.to_str().ok().and_then(|origin| origin.split("://").nth(1)))
+            });
+        Self { address, is_local }
+    }
+}
+
+/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that stands before
+/// it may have been made up.
+fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Option<IpAddr> {
+    let lines = headers.get_all("x-forwarded-for").iter().rev();
+    let entries = lines.flat_map(|line| line.to_str().unwrap_or("?").rsplit(','));
+    let mut nearest = None;
+    for entry in entries {
+        let Ok(address) = entry.trim().parse::<IpAddr>() else { break };
+        let address = address.to_canonical();
+        nearest = Some(address);
+        if !is_trusted(&address) {
+            break;
+        }
+    }
+    nearest
+}
+
+/// The host that the request asks for, with its port.
+fn host<'a>(headers: &'a HeaderMap, uri: &'a Uri) -> Option<&'a str> {
+    match uri.authority() {
+        Some(authority) => Some(authority.as_str()),
+        None => headers.get(header::HOST).and_then(|host| host.to_str().ok()),
+    }
+}
+
+/// Whether `host` or `host:port` names this machine for itself.
+fn names_loopback(host: Option<&str>) -> bool {
+    let Some(host) = host else { return false };
+    let (name, port) = match host.rsplit_once(':') {
+        Some((name, port)) if !host.ends_with(']') => (name, Some(port)),
+        _ => (host, None),
+    };
+    if port.is_some_and(|port| port.parse::<u16>().is_err()) {
+        return false;
+    }
+    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
+    name.eq_ignore_ascii_case("localhost")
+        || bare.parse::<IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
+}
+
+/// Time for rate limits, from the server's clock.
+#[derive(Clone)]
+struct RateClock(Arc<dyn Clock>);
+
+impl governor::clock::Clock for RateClock {
+    type Instant = Nanos;
+
+    fn now(&self) -> Nanos {
+        let millis = u64::try_from(self.0.now().as_millisecond()).unwrap_or(0);
+        Nanos::from(Duration::from_millis(millis))
+    }
+}
+
+type Keyed<K> = RateLimiter<K, DashMapStateStore<K>, RateClock, NoOpMiddleware<Nanos>>;
+
+/// How many requests came lately, by address and by key.
+pub(super) struct Rates {
+    clock: RateClock,
+    by_address: Option<Keyed<IpAddr>>,
+    by_key: Option<Keyed<OwnerKey>>,
+}
+
+impl Rates {
+    pub(super) fn new(limits: &Limits, clock: Arc<dyn Clock>) -> Self {
+        fn keyed<K: std::hash::Hash + Eq + Clone>(
+            per_s: u32,
+            clock: &RateClock,
+        ) -> Option<Keyed<K>> {
+            let per_s = NonZeroU32::new(per_s)?;
+            let burst = per_s.saturating_add(per_s.get());
+            let quota = Quota::per_second(per_s).allow_burst(burst);
+            Some(RateLimiter::new(quota, DashMapStateStore::default(), clock.clone()))
+        }
+        let clock = RateClock(clock);
+        Self {
+            by_address: keyed(limits.address_requests_per_s_max, &clock),
+            by_key: keyed(limits.key_requests_per_s_max, &clock),
+            clock,
+        }
+    }
+
+    /// Counts a request of an address. Those of this machine itself are not limited.
+    fn check_address(&self, address: IpAddr, limits: &Limits) -> Result<(), ApiError> {
+        let Some(rates) = self.by_address.as_ref().filter(|_| !address.is_loopback()) else {
+            return Ok(());
+        };
+        let most = limits.address_requests_per_s_max;
+        rates.check_key(&bucket(address)).map_err(|until| {
+            let wait = until.wait_time_from(self.clock.now());
+            limited("address_requests_per_s_max", most, "this address", wait)
+        })
+    }
+
+    /// Counts a request that was made with a key, or with a token of an episode of it.
+    pub(super) fn check_key(&self, key: OwnerKey, limits: &Limits) -> Result<(), ApiError> {
+        let Some(rates) = &self.by_key else { return Ok(()) };
+        let most = limits.key_requests_per_s_max;
+        rates.check_key(&key).map_err(|until| {
+            let wait = until.wait_time_from(self.clock.now());
+            limited("key_requests_per_s_max", most, "this key", wait)
+        })
+    }
+
+    /// Forgets whoever has not asked for a while.
+    pub(super) fn forget_idle(&self) {
+        if let Some(rates) = &self.by_address {
+            rates.retain_recent();
+        }
+        if let Some(rates) = &self.by_key {
+            rates.retain_recent();
+        }
+    }
+}
+
+fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {
+    metrics::counter!("swarmbench_rate_limited_total", "limit" => name.to_owned()).increment(1);
+    let detail = format!("more than {most} requests a second come from {whose}; come again later");
+    ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
+}
+
+/// Addresses that count as one: a single host has all of a /64 of IPv6.
+fn bucket(address: IpAddr) -> IpAddr {
+    match address {
+        IpAddr::V4(_) => address,
+        IpAddr::V6(address) => IpAddr::V6((address.to_bits() & !u128::from(u64::MAX)).into()),
+    }
+}
+
+/// Finds out who asks, and counts it.
+pub(super) async fn admit(
+    State(app): State<App>,
+    mut request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let peer = request.extensions().get::<Peer>().map(|Peer(peer)| *peer);
+    let peer = peer.ok_or_else(|| ApiError::new(Code::Internal, "the peer is not known"))?;
+    let trusted = &app.access.trusted_proxies;
+    let client = Client::of(peer, request.headers(), request.uri(), trusted);
+    app.rates.check_address(client.address, &app.limits)?;
+    request.extensions_mut().insert(client);
+    Ok(next.run(request).await)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn client(peer: &str, headers: &[(&str, &str)]) -> Client {
+        let mut map = HeaderMap::new();
+        for (name, value) in headers {
+            let name: HeaderName = name.parse().expect("a name");
+            map.append(name, value.parse().expect("a value"));
+        }
+        let trusted =
+            ["127.0.0.1/32".parse().expect("a net"), "10.0.0.0/8".parse().expect("a net")];
+        let peer = peer.parse().expect("an address");
+        Client::of(peer, &map, &Uri::from_static("/obs"), &trusted)
+    }
+
+    #[test]
+    fn only_trusted_proxies_say_whom_they_forward() {
+        for (peer, forwarded, expected) in [
+            ("203.0.113.9", "198.51.100.1", "203.0.113.9"),
+            ("127.0.0.1", "198.51.100.1", "198.51.100.1"),
+            ("127.0.0.1", "6.6.6.6, 198.51.100.1", "198.51.100.1"),
+            ("127.0.0.1", "6.6.6.6, 198.51.100.1, 10.1.2.3", "198.51.100.1"),
+            ("127.0.0.1", "10.1.2.3", "10.1.2.3"),
+            ("127.0.0.1", "nonsense", "127.0.0.1"),
+            ("127.0.0.1", "198.51.100.1, nonsense", "127.0.0.1"),
+            ("::ffff:127.0.0.1", "2001:db8::1", "2001:db8::1"),
+        ] {
+            let seen = client(peer, &[("x-forwarded-for", forwarded), ("host", "localhost")]);
+            assert_eq!(seen.address.to_string(), expected, "{peer} {forwarded}");
+            assert!(!seen.is_local, "what is forwarded is not from here");
+        }
+        // Several headers are one list.
+        let lines = [("x-forwarded-for", "6.6.6.6"), ("x-forwarded-for", "198.51.100.1")];
+        assert_eq!(client("127.0.0.1", &lines).address.to_string(), "198.51.100.1");
+    }
+
+    #[test]
+    fn a_program_on_this_machine_is_told_from_proxies_and_pages() {
+        for (peer, headers, expected) in [
+            ("127.0.0.1", &[("host", "127.0.0.1:8080")][..], true),
+            ("127.0.0.1", &[("host", "LocalHost")], true),
+            ("::1", &[("host", "[::1]:8080")], true),
+            ("127.9.9.9", &[("host", "127.9.9.9")], true),
+            ("127.0.0.1", &[], false),
+            ("127.0.0.1", &[("host", "evil.example:8080")], false),
+            ("127.0.0.1", &[("host", "localhost.evil.example")], false),
+            ("127.0.0.1", &[("host", "localhost:evil")], false),
+            ("127.0.0.1", &[("host", "127.0.0.1@evil.example")], false),
+            ("192.0.2.1", &[("host", "localhost")], false),
+            ("127.0.0.1", &[("host", "localhost"), ("x-real-ip", "192.0.2.1")], false),
+            ("127.0.0.1", &[("host", "localhost"), ("via", "1.1 proxy")], false),
+            ("127.0.0.1", &[("host", "localhost"), ("origin", "https://evil.example")], false),
+            ("127.0.0.1", &[("host", "localhost"), ("origin", "null")], false),
+            ("127.0.0.1", &[("host", "localhost"), ("origin", "http://localhost:3000")], true),
+        ] {
+            assert_eq!(client(peer, headers).is_local, expected, "{peer} {headers:?}");
+        }
+    }
+
+    #[test]
+    fn one_host_has_many_addresses_of_ipv6() {
+        let bucket = |text: &str| bucket(text.parse().expect("an address"));
+        assert_eq!(bucket("2001:db8::1"), bucket("2001:db8::ffff:1"));
+        assert_ne!(bucket("2001:db8::1"), bucket("2001:db8:0:1::1"));
+        assert_ne!(bucket("192.0.2.1"), bucket("192.0.2.2"));
+    }
+}

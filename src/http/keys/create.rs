@@ -1,0 +1,61 @@
+//! `POST /api/v1/keys`.
+
+use axum::Json as JsonBody;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::super::App;
+use super::super::auth::Organizer;
+use super::super::error::ApiError;
+use super::super::extract::{Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use crate::journal::{Entry, Journal};
+use crate::keys::{Key, KeyRow, Role};
+use crate::wire::key::{CreatedKey, KeyRequest, KeySummary};
+use crate::wire::problem::Problem;
+
+/// Make a key for somebody.
+///
+/// The key is shown this once. The first key of a server is made on its machine, with
+/// `swarmbench key create`.
+#[utoipa::path(
+    post,
+    path = "/api/v1/keys",
+    operation_id = "create_key",
+    tag = "keys",
+    request_body(content = KeyRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The key", body = CreatedKey),
+        BodyRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_key(
+    State(app): State<App>,
+    _: Organizer,
+    _: Params<Nothing>,
+    Json(request, _): Json<KeyRequest>,
+) -> Result<Response, ApiError> {
+    let role = request.role.as_deref().unwrap_or(Role::Member.name());
+    let role = Role::parse(role).ok_or_else(|| {
+        let names = Role::ALL.map(Role::name).join(", ");
+        ApiError::field("role", format!("must be one of {names}"))
+    })?;
+    let now = app.clock.now();
+    if request.expires_at.is_some_and(|at| at <= now) {
+        return Err(ApiError::field("expires_at", "must be in the future"));
+    }
+    let (key, token) = Key::new(role, &request.name, request.expires_at, now, &*app.entropy)
+        .map_err(|problem| ApiError::field("name", problem))?;
+    let created = CreatedKey { key: KeySummary::of(&key, now), secret: token.reveal().to_owned() };
+    let row = KeyRow { key, hash: token.hash() };
+    app.store.keep(vec![Entry::AddKey(Box::new(row))]).await?;
+    let mut response = (StatusCode::CREATED, JsonBody(created)).into_response();
+    // Keys must not lie in caches on the way.
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    Ok(response)
+}

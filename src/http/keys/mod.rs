@@ -1,0 +1,5 @@
+//! Keys for people: made, listed and revoked by organizers.
+
+pub(super) mod create;
+pub(super) mod list;
+pub(super) mod revoke;

@@ -1,0 +1,48 @@
+//! `DELETE /api/v1/keys/{id}`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Organizer;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::journal::{Entry, Journal};
+use crate::store::tokens::Grant;
+use crate::wire::key::KeySummary;
+use crate::wire::problem::Problem;
+
+/// Revoke a key: from now on it opens nothing.
+///
+/// Episodes that were created with it go on, and so do their tokens; an organizer may abort them.
+/// Revoking a key again changes nothing.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/keys/{id}",
+    operation_id = "revoke_key",
+    tag = "keys",
+    params(("id" = String, Path, description = "The key's id")),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The key is revoked", body = KeySummary),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn revoke_key(
+    State(app): State<App>,
+    _: Organizer,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<KeySummary>, ApiError> {
+    let now = app.clock.now();
+    app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
+    app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
+    let keys = app.store.keys().await?;
+    let key = keys.iter().find(|key| key.id == id);
+    let key = key.ok_or_else(|| ApiError::not_found("the key"))?;
+    Ok(Json(KeySummary::of(key, now)))
+}
