@@ -108,6 +108,11 @@ impl Server {
         self.app.has_keys()
     }
 
+    /// Closes the database again without serving.
+    pub async fn close(self) {
+        self.app.store.clone().close().await;
+    }
+
     /// Serves until `shutdown` completes; then waits end, open requests are answered, and what was
     /// handed to the journal is committed.
     ///

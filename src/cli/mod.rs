@@ -2,6 +2,7 @@
 
 mod demo;
 mod healthcheck;
+mod key;
 mod openapi;
 mod play;
 mod serve;
@@ -33,6 +34,8 @@ enum Command {
     Demo(demo::Args),
     /// Run the server.
     Serve(serve::Args),
+    /// Make, list and revoke the keys of people.
+    Key(key::Args),
     /// Create an episode on a server and play it with a built-in player.
     Play(play::Args),
     /// Play a journal file again and check every hash, digest, act and score.
@@ -50,6 +53,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
+        Command::Key(args) => with_runtime(key::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
         Command::Openapi(args) => openapi::run(&args),

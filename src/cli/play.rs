@@ -18,6 +18,9 @@ pub(super) struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
+    /// Your key, where the server asks for one.
+    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
     #[arg(long, value_parser = task)]
     task: TaskName,
@@ -59,7 +62,10 @@ fn task(name: &str) -> Result<TaskName, String> {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let player = player(args.player.as_deref(), args.task)?;
-    let client = Client::new(&args.server)?;
+    let mut client = Client::new(&args.server)?;
+    if let Some(key) = args.key {
+        client = client.with_key(key);
+    }
     // Once a game goes on, a server that is away for a moment is waited for; here it is not.
     client.health().await?;
     let request = EpisodeRequest {

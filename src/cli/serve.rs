@@ -4,8 +4,11 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
+use ipnet::IpNet;
 use tokio::net::TcpListener;
 
+use crate::http::auth::Access;
+use crate::http::limits::Limits;
 use crate::server::{Parts, Server};
 use crate::telemetry::{LogFormat, start_logs};
 
@@ -17,25 +20,67 @@ pub(super) struct Args {
     /// The database; created where there is none. One server owns it at a time.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// Listen on an address that others can reach, though anyone who reaches it may create, watch
-    /// and abort episodes.
+    /// As long as there are no keys, let everyone who can reach the server create, watch and abort
+    /// episodes, not only programs on this machine.
     #[arg(long, env = "SWARMBENCH_OPEN", value_parser = clap::builder::FalseyValueParser::new())]
     open: bool,
+    /// Show nothing to anyone who has neither a key nor a token of the episode, not even what has ended.
+    #[arg(long, env = "SWARMBENCH_PRIVATE", value_parser = clap::builder::FalseyValueParser::new())]
+    private: bool,
+    /// A proxy, by address or network (10.0.0.0/8), that says truly in X-Forwarded-For whom it forwards.
+    #[arg(long, env = "SWARMBENCH_TRUSTED_PROXY", value_delimiter = ',', value_name = "NETWORK", value_parser = network)]
+    trusted_proxy: Vec<IpNet>,
+    /// Requests a second from one address, on average; 0 for any number. This machine's own are not limited.
+    #[arg(long, env = "SWARMBENCH_ADDRESS_REQUESTS_PER_S", default_value_t = Limits::default().address_requests_per_s_max)]
+    address_requests_per_s: u32,
+    /// Requests a second with one key and the tokens of its episodes; 0 for any number.
+    #[arg(long, env = "SWARMBENCH_KEY_REQUESTS_PER_S", default_value_t = Limits::default().key_requests_per_s_max)]
+    key_requests_per_s: u32,
+    /// Episodes of one key that may be unfinished at a time.
+    #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
+    episodes_per_key: usize,
+    /// Bytes that the acts of all episodes of one key may take.
+    #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
+    journal_bytes_per_key: u64,
     /// How logs are written; `RUST_LOG` says which.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
 }
 
+fn network(text: &str) -> Result<IpNet, String> {
+    let address = || text.parse::<std::net::IpAddr>().map(IpNet::from);
+    text.parse()
+        .or_else(|_| address())
+        .map_err(|_| "an address such as 127.0.0.1 or a network such as 10.0.0.0/8".to_owned())
+}
+
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     start_logs(args.log_format);
-    if !args.addr.ip().is_loopback() && !args.open {
+    let limits = Limits {
+        address_requests_per_s_max: args.address_requests_per_s,
+        key_requests_per_s_max: args.key_requests_per_s,
+        episodes_per_key_max: args.episodes_per_key,
+        journal_bytes_per_key_max: args.journal_bytes_per_key,
+        ..Limits::default()
+    };
+    let access =
+        Access { open: args.open, private: args.private, trusted_proxies: args.trusted_proxy };
+    let server = Server::open(&args.db, Parts { limits, access, ..Parts::default() }).await?;
+    if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
+        server.close().await;
         bail!(
-            "{} can be reached from other machines, and this server asks nobody who they are; \
-             listen on 127.0.0.1, or add --open if everyone who can reach it may use it",
-            args.addr
+            "{} can be reached from other machines, and without keys this server asks nobody who they are. \
+             Make a key first: swarmbench key create --name YOU --role organizer --db {}; or listen on 127.0.0.1; \
+             or add --open if everyone who can reach it may use it",
+            args.addr,
+            args.db.display()
         );
     }
-    let server = Server::open(&args.db, Parts::default()).await?;
+    if args.open && server.has_keys() {
+        tracing::warn!(
+            "--open changes nothing: there are keys, so whoever creates episodes shows one"
+        );
+    }
     let listener = TcpListener::bind(args.addr)
         .await
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;

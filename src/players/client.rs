@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
+use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
 
 /// How long one request may take beyond what it asked to wait.
@@ -64,11 +65,32 @@ impl ClientError {
     }
 }
 
+impl ClientError {
+    /// When the server said to come again.
+    fn retry_after(&self) -> Option<Duration> {
+        match self {
+            Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
+            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) => None,
+        }
+    }
+}
+
 /// A client of one server. Cloning shares its connections.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
     base: Url,
+    key: Option<Secret>,
+}
+
+/// A key, which `Debug` does not show.
+#[derive(Clone)]
+struct Secret(String);
+
+impl std::fmt::Debug for Secret {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Secret(…)")
+    }
 }
 
 impl Client {
@@ -79,7 +101,20 @@ impl Client {
     pub fn new(base: &str) -> Result<Self, ClientError> {
         let parsed = Url::parse(base).ok().filter(Url::has_host);
         let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
-        Ok(Self { http: reqwest::Client::new(), base })
+        Ok(Self { http: reqwest::Client::new(), base, key: None })
+    }
+
+    /// Shows this key where no other token is needed.
+    #[must_use]
+    pub fn with_key(self, key: String) -> Self {
+        Self { key: Some(Secret(key)), ..self }
+    }
+
+    fn signed(&self, call: RequestBuilder) -> RequestBuilder {
+        match &self.key {
+            Some(Secret(key)) => call.bearer_auth(key),
+            None => call,
+        }
     }
 
     /// The address of the server.
@@ -98,7 +133,7 @@ impl Client {
     ) -> Result<CreatedEpisode, ClientError> {
         let key = uuid_text();
         self.ask(Method::POST, "/api/v1/episodes", |call| {
-            call.header("Idempotency-Key", &key).json(request)
+            self.signed(call).header("Idempotency-Key", &key).json(request)
         })
         .await
     }
@@ -108,7 +143,8 @@ impl Client {
     /// # Errors
     /// See [`Client::create_episode`].
     pub async fn episode(&self, id: &str) -> Result<EpisodeSummary, ClientError> {
-        self.ask(Method::GET, &format!("/api/v1/episodes/{id}"), |call| call).await
+        let path = format!("/api/v1/episodes/{id}");
+        self.ask(Method::GET, &path, |call| self.signed(call)).await
     }
 
     /// The observations that wait for an act and were opened since `after`.
@@ -144,6 +180,31 @@ impl Client {
         self.ask(Method::POST, "/swarm/act", |call| call.bearer_auth(token).json(&body)).await
     }
 
+    /// Makes a key for somebody. It is not asked for again: a second try would make a second key.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn create_key(&self, request: &KeyRequest) -> Result<CreatedKey, ClientError> {
+        self.once(Method::POST, "/api/v1/keys", |call| self.signed(call).json(request)).await
+    }
+
+    /// All keys that were ever made.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn keys(&self) -> Result<KeyList, ClientError> {
+        self.ask(Method::GET, "/api/v1/keys", |call| self.signed(call)).await
+    }
+
+    /// Revokes a key.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
+        let path = format!("/api/v1/keys/{id}");
+        self.ask(Method::DELETE, &path, |call| self.signed(call)).await
+    }
+
     /// Whether the server lives.
     ///
     /// # Errors
@@ -162,6 +223,8 @@ impl Client {
         (|| self.once(method.clone(), path, &fill))
             .retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
             .when(ClientError::is_temporary)
+            // The server knows better when to come again.
+            .adjust(|error, pause| pause.map(|pause| error.retry_after().unwrap_or(pause)))
             .await
     }
 

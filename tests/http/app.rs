@@ -10,7 +10,10 @@ use swarmbench::clock::{ManualClock, SeededEntropy, SystemClock};
 use swarmbench::disk::ManualDisk;
 use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
+use swarmbench::journal::{Entry, Journal};
+use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
+use swarmbench::store::Store;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -25,6 +28,7 @@ pub(crate) struct Builder {
     clock: Option<Arc<ManualClock>>,
     limits: Limits,
     access: Access,
+    keys: bool,
 }
 
 impl Builder {
@@ -38,6 +42,12 @@ impl Builder {
     /// With other limits.
     pub(crate) fn limits(mut self, change: impl FnOnce(&mut Limits)) -> Self {
         change(&mut self.limits);
+        self
+    }
+
+    /// With an organizer's key from the beginning: [`TestApp::organizer`].
+    pub(crate) fn keys(mut self) -> Self {
+        self.keys = true;
         self
     }
 
@@ -58,7 +68,11 @@ impl Builder {
             starts: 0,
             client: Client::builder().timeout(PATIENCE).build().expect("a client"),
             running: None,
+            organizer: String::new(),
         };
+        if self.keys {
+            app.organizer = app.first_key().await;
+        }
         app.start_again().await;
         app
     }
@@ -74,6 +88,8 @@ pub(crate) struct TestApp {
     starts: u64,
     client: Client,
     running: Option<Running>,
+    /// The key of the organizer, on a server with keys.
+    pub(crate) organizer: String,
 }
 
 struct Running {
@@ -95,6 +111,31 @@ impl TestApp {
     /// A server whose time passes only by [`TestApp::pass`].
     pub(crate) async fn with_manual_clock() -> Self {
         Self::builder().manual_clock().start().await
+    }
+
+    /// Makes the first key of the database, as the command line does.
+    async fn first_key(&self) -> String {
+        let now = "2026-01-01T00:00:00Z".parse().expect("a time");
+        let entropy = SeededEntropy::new(77);
+        let (key, token) =
+            Key::new(Role::Organizer, "the organizer", None, now, &entropy).expect("a good name");
+        let row = KeyRow { key, hash: token.hash() };
+        let store = Store::open(&self.database()).await.expect("it opens");
+        store.keep(vec![Entry::AddKey(Box::new(row))]).await.expect("it is kept");
+        store.close().await;
+        token.reveal().to_owned()
+    }
+
+    /// Has the organizer make a key; returns it with its id.
+    pub(crate) async fn key(&self, request: Value) -> (String, String) {
+        let made = self.post("/api/v1/keys").token(&self.organizer).json(&request).ok().await;
+        let text = |field: &str| made[field].as_str().expect("a text").to_owned();
+        (text("secret"), text("id"))
+    }
+
+    /// Creates an episode with a key.
+    pub(crate) async fn create_with(&self, key: &str, request: Value) -> Episode {
+        Episode::of(&self.post("/api/v1/episodes").token(key).json(&request).ok().await)
     }
 
     /// Starts a server over the same database.
@@ -140,6 +181,7 @@ impl TestApp {
             starts: self.starts + 100,
             client: self.client.clone(),
             running: None,
+            organizer: self.organizer.clone(),
         };
         for file in std::fs::read_dir(self.directory.path()).expect("a directory") {
             let file = file.expect("a file");
@@ -359,11 +401,12 @@ impl Call {
     }
 }
 
+/// The OpenAPI document.
+pub(crate) static DOCUMENT: LazyLock<Value> =
+    LazyLock::new(|| serde_json::from_str(&swarmbench::http::openapi::document()).expect("JSON"));
+
 /// What the OpenAPI document says of a status of a route; none where it has no such route.
 fn announced(method: &Method, path: &str, status: u16) -> Option<String> {
-    static DOCUMENT: LazyLock<Value> = LazyLock::new(|| {
-        serde_json::from_str(&swarmbench::http::openapi::document()).expect("JSON")
-    });
     let fits = |route: &str| {
         let same = |(part, sent): (&str, &str)| part.starts_with('{') || part == sent;
         let count = |text: &str| text.split('/').count();
@@ -404,6 +447,12 @@ impl Answer {
         let (status, headers) = (response.status().as_u16(), response.headers().clone());
         let body = response.bytes().await.expect("a whole body").to_vec();
         Self { status, headers, body }
+    }
+
+    /// An answer whose body does not end.
+    pub(crate) fn without_body(response: &reqwest::Response) -> Self {
+        let (status, headers) = (response.status().as_u16(), response.headers().clone());
+        Self { status, headers, body: Vec::new() }
     }
 
     pub(crate) fn header(&self, name: &str) -> &str {

@@ -5,6 +5,7 @@
 
 mod app;
 
+mod access;
 mod agent;
 mod bad_input;
 mod clocks;
@@ -12,6 +13,8 @@ mod concurrency;
 mod episode;
 mod episodes;
 mod host;
+mod keys;
+mod limits;
 mod restart;
 mod swarm;
 mod vectors;

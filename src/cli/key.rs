@@ -1,0 +1,193 @@
+//! `swarmbench key`
+
+use std::path::PathBuf;
+
+use anyhow::{Context, anyhow, bail};
+use jiff::{Span, SpanRelativeTo, Timestamp};
+
+use super::play::table;
+use crate::clock::{Clock, SystemClock, SystemEntropy};
+use crate::journal::{Entry, Journal};
+use crate::keys::{Key, KeyRow, Role};
+use crate::players::client::Client;
+use crate::store::{OpenError, Store};
+use crate::wire::key::{KeyRequest, KeySummary};
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "A server without keys is open to every program on its machine. From the first key on, \
+    whoever creates episodes has to show one: `Authorization: Bearer secret_…`, or SWARMBENCH_KEY for the commands \
+    of this program. A database is not open again once it had a key, not even when all are revoked.\n\n\
+    Examples:\n  \
+    swarmbench key create --name alice --role organizer       (the server is stopped)\n  \
+    swarmbench key create --name 'team blue' --expires 30d --server http://127.0.0.1:8080\n  \
+    swarmbench key list\n  \
+    swarmbench key revoke key_0198f2c55cf77c3e8f1be8a0c1a2b3c4"
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Make a key and show it, this once.
+    Create {
+        /// Whose it is.
+        #[arg(long)]
+        name: String,
+        /// What its holder may do.
+        #[arg(long, value_enum, default_value = "member")]
+        role: Role,
+        /// When it ends: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Never where it
+        /// is left out.
+        #[arg(long, value_parser = expiry)]
+        expires: Option<Timestamp>,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// List all keys that were ever made.
+    List {
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Revoke a key: it opens nothing any more. Episodes that were created with it go on.
+    Revoke {
+        /// The key's id, from `swarmbench key list`.
+        id: String,
+        #[command(flatten)]
+        place: Place,
+    },
+}
+
+/// Where the keys are: in a database that no server uses, or behind a server.
+#[derive(Debug, clap::Args)]
+struct Place {
+    /// The database, as long as no server runs on it.
+    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    db: PathBuf,
+    /// The address of the running server; needs an organizer's key in SWARMBENCH_KEY.
+    #[arg(long)]
+    server: Option<String>,
+    /// An organizer's key, for `--server`.
+    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
+}
+
+fn expiry(text: &str) -> Result<Timestamp, String> {
+    let now = SystemClock.now();
+    let at = text.parse::<Timestamp>().or_else(|_| {
+        let span: Span = text.parse()?;
+        now.checked_add(span.to_duration(SpanRelativeTo::days_are_24_hours())?)
+    });
+    match at {
+        Ok(at) if at > now => Ok(at),
+        Ok(_) => Err("it must be in the future".to_owned()),
+        Err(_) => {
+            Err("a time such as 2027-01-31T12:00:00Z, or a span such as 30d or 12h".to_owned())
+        }
+    }
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    match args.command {
+        Command::Create { name, role, expires, place } => {
+            let (key, secret) = match place.open().await? {
+                Opened::Server(client) => {
+                    let role = Some(role.name().to_owned());
+                    let created =
+                        client.create_key(&KeyRequest { name, role, expires_at: expires }).await?;
+                    (created.key, created.secret)
+                }
+                Opened::Database(store) => {
+                    let now = SystemClock.now();
+                    let (key, token) = Key::new(role, &name, expires, now, &SystemEntropy)
+                        .map_err(|problem| anyhow!("the name {problem}"))?;
+                    let shown = KeySummary::of(&key, now);
+                    let row = KeyRow { key, hash: token.hash() };
+                    store.keep(vec![Entry::AddKey(Box::new(row))]).await?;
+                    store.close().await;
+                    (shown, token.reveal().to_owned())
+                }
+            };
+            println!("{secret}");
+            eprintln!(
+                "\nThis is the key of {:?} ({}, {}). It cannot be shown again: keep it safe, and send it as\n  \
+                 Authorization: Bearer {}…\nThe commands of this program take it from the environment variable SWARMBENCH_KEY.",
+                key.name,
+                key.role,
+                key.id,
+                secret.chars().take(10).collect::<String>()
+            );
+        }
+        Command::List { place } => {
+            let keys = match place.open().await? {
+                Opened::Server(client) => client.keys().await?.items,
+                Opened::Database(store) => {
+                    let now = SystemClock.now();
+                    let keys = store.keys().await?;
+                    store.close().await;
+                    keys.iter().map(|key| KeySummary::of(key, now)).collect()
+                }
+            };
+            let mut table =
+                table(&["id", "name", "role", "state", "created", "expires", "revoked"]);
+            let time = |at: Option<Timestamp>| at.map_or_else(String::new, |at| at.to_string());
+            for key in &keys {
+                table.add_row([
+                    key.id.clone(),
+                    key.name.clone(),
+                    key.role.clone(),
+                    key.state.clone(),
+                    time(Some(key.created_at)),
+                    time(key.expires_at),
+                    time(key.revoked_at),
+                ]);
+            }
+            println!("{table}");
+        }
+        Command::Revoke { id, place } => {
+            let key = match place.open().await? {
+                Opened::Server(client) => client.revoke_key(&id).await?,
+                Opened::Database(store) => {
+                    let now = SystemClock.now();
+                    store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
+                    let keys = store.keys().await?;
+                    store.close().await;
+                    let key = keys.iter().find(|key| key.id == id);
+                    let key = key.ok_or_else(|| {
+                        anyhow!("there is no key {id}; `swarmbench key list` shows all")
+                    })?;
+                    KeySummary::of(key, now)
+                }
+            };
+            println!("{} ({:?}) is revoked.", key.id, key.name);
+        }
+    }
+    Ok(())
+}
+
+enum Opened {
+    Server(Client),
+    Database(Store),
+}
+
+impl Place {
+    async fn open(self) -> anyhow::Result<Opened> {
+        let Self { db, server, key } = self;
+        if let Some(server) = server {
+            let Some(key) = key else {
+                bail!("a running server asks for an organizer's key: put it into SWARMBENCH_KEY");
+            };
+            return Ok(Opened::Server(Client::new(&server)?.with_key(key)));
+        }
+        match Store::open(&db).await {
+            Ok(store) => Ok(Opened::Database(store)),
+            Err(error @ OpenError::InUse(_)) => Err(error).context(
+                "a server runs on this database: name it with --server http://…, and put an organizer's key into \
+                 SWARMBENCH_KEY; the first key of a database is made while its server is stopped",
+            ),
+            Err(error) => Err(error.into()),
+        }
+    }
+}

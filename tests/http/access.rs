@@ -1,0 +1,352 @@
+//! Every route × every kind of token, from the OpenAPI document itself: a new route has to say here
+//! who may use it.
+
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::app::{Answer, DOCUMENT, Episode, TestApp};
+
+/// A kind of token, with what it stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    None,
+    NoToken,
+    BadChecksum,
+    NoBearer,
+    Seat,
+    OtherSeat,
+    SeatElsewhere,
+    FinishedSeat,
+    ReplacedSeat,
+    Swarm,
+    SwarmElsewhere,
+    ReplacedSwarm,
+    Owner,
+    Member,
+    ExpiredKey,
+    RevokedKey,
+    Organizer,
+}
+
+use Kind::{
+    BadChecksum, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken, Organizer, OtherSeat, Owner,
+    ReplacedSeat, ReplacedSwarm, RevokedKey, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
+};
+
+const KINDS: [Kind; 17] = [
+    Kind::None,
+    NoToken,
+    BadChecksum,
+    NoBearer,
+    Seat,
+    OtherSeat,
+    SeatElsewhere,
+    FinishedSeat,
+    ReplacedSeat,
+    Swarm,
+    SwarmElsewhere,
+    ReplacedSwarm,
+    Owner,
+    Member,
+    ExpiredKey,
+    RevokedKey,
+    Organizer,
+];
+
+impl Kind {
+    /// Sent, and worth nothing.
+    fn is_worthless(self) -> bool {
+        matches!(
+            self,
+            NoToken
+                | BadChecksum
+                | NoBearer
+                | ReplacedSeat
+                | ReplacedSwarm
+                | ExpiredKey
+                | RevokedKey
+        )
+    }
+
+    fn is_seat(self) -> bool {
+        matches!(self, Seat | OtherSeat | SeatElsewhere | FinishedSeat)
+    }
+
+    fn is_swarm(self) -> bool {
+        matches!(self, Swarm | SwarmElsewhere)
+    }
+
+    fn is_key(self) -> bool {
+        matches!(self, Owner | Member | Organizer)
+    }
+
+    /// Whether it stands where the creator of the episode does.
+    fn owns(self) -> bool {
+        matches!(self, Swarm | Owner | Organizer)
+    }
+}
+
+/// The episode that is asked for, and the server.
+#[derive(Clone, Copy, Debug)]
+struct Stage {
+    visibility: &'static str,
+    ended: bool,
+    private: bool,
+}
+
+/// The status that says no; none where the token is good for the route.
+fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
+    let reads = || {
+        let anyone = stage.visibility == "public" || stage.ended;
+        let known = kind.is_key() || matches!(kind, Seat | OtherSeat | Swarm);
+        kind.owns() || (anyone && (!stage.private || known))
+    };
+    let knows = || reads() || matches!(kind, Seat | OtherSeat);
+    if ["show_health", "show_readiness", "show_metrics"].contains(&operation) {
+        // They ask for no token, and look at none.
+        return None;
+    }
+    if kind.is_worthless() {
+        return Some(401);
+    }
+    match operation {
+        "get_obs" | "post_act" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_seat() => None,
+            _ => Some(403),
+        },
+        "get_swarm_obs" | "post_swarm_act" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_swarm() => None,
+            _ => Some(403),
+        },
+        "create_episode" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "list_episodes" => None,
+        "show_episode" => (!knows()).then_some(404),
+        "show_state" | "stream_events" => match () {
+            () if !knows() => Some(404),
+            () if !reads() => Some(403),
+            () => None,
+        },
+        "read_journal" => match () {
+            () if !knows() => Some(404),
+            () if !reads() || !(stage.ended || kind.owns()) => Some(403),
+            () => None,
+        },
+        "start_episode" | "abort_episode" => match () {
+            () if !knows() => Some(404),
+            () if !kind.owns() => Some(403),
+            () => None,
+        },
+        "create_key" | "list_keys" | "revoke_key" => match kind {
+            Kind::None => Some(401),
+            Organizer => None,
+            _ => Some(403),
+        },
+        new => panic!("{new} is a new route: say here who may use it"),
+    }
+}
+
+/// All operations of the document: the method, the path, the id of the operation and what it answers.
+fn operations() -> Vec<(Method, String, String, Value)> {
+    let mut all = Vec::new();
+    for (path, item) in DOCUMENT["paths"].as_object().expect("paths") {
+        for (method, operation) in item.as_object().expect("operations") {
+            let id = operation["operationId"].as_str().expect("an id").to_owned();
+            let method = method.to_uppercase().parse().expect("a method");
+            all.push((method, path.clone(), id, operation["responses"].clone()));
+        }
+    }
+    assert!(all.len() >= 18, "{}", all.len());
+    all
+}
+
+/// A server with tokens of all kinds.
+struct World {
+    app: TestApp,
+    owner: String,
+    member: String,
+    expired: String,
+    revoked: String,
+    elsewhere: Episode,
+    finished: Episode,
+    replaced: Episode,
+}
+
+fn request(visibility: &str) -> Value {
+    json!({ "task": "Synchronization", "num_agents": 3, "visibility": visibility })
+}
+
+impl World {
+    async fn new(private: bool) -> Self {
+        let builder = TestApp::builder().manual_clock().keys();
+        let app = builder.access(|access| access.private = private).start().await;
+        let (owner, _) = app.key(json!({ "name": "owner" })).await;
+        let (member, _) = app.key(json!({ "name": "member" })).await;
+        let ends = json!({ "name": "expired", "expires_at": "2026-03-01T12:00:01Z" });
+        let (expired, _) = app.key(ends).await;
+        let (revoked, id) = app.key(json!({ "name": "revoked" })).await;
+        for key in [&expired, &revoked] {
+            app.get("/api/v1/episodes").token(key).ok().await;
+        }
+        app.pass(std::time::Duration::from_secs(1));
+        app.delete(&format!("/api/v1/keys/{id}")).token(&app.organizer).ok().await;
+        let elsewhere = app.create_with(&member, request("owner")).await;
+        let finished = app.create_with(&member, request("owner")).await;
+        app.delete(&finished.path("")).token(&member).ok().await;
+        let create = || {
+            let call = app.post("/api/v1/episodes").token(&owner).json(&request("owner"));
+            call.header("Idempotency-Key", "once")
+        };
+        let replaced = Episode::of(&create().ok().await);
+        // The tokens are known and remembered before they are replaced.
+        app.obs(replaced.seat(0)).await;
+        app.swarm_obs(&replaced).await;
+        create().ok().await;
+        Self { app, owner, member, expired, revoked, elsewhere, finished, replaced }
+    }
+
+    /// The value of the header `Authorization`.
+    fn header(&self, kind: Kind, episode: &Episode) -> Option<String> {
+        let token = match kind {
+            Kind::None => return None,
+            NoBearer => return Some(format!("Basic {}", episode.seat(0))),
+            NoToken => "nonsense",
+            BadChecksum => {
+                let seat = episode.seat(0);
+                let last = if seat.ends_with('a') { 'b' } else { 'a' };
+                return Some(format!("Bearer {}{last}", &seat[..seat.len() - 1]));
+            }
+            Seat => episode.seat(0),
+            OtherSeat => episode.seat(1),
+            SeatElsewhere => self.elsewhere.seat(0),
+            FinishedSeat => self.finished.seat(0),
+            ReplacedSeat => self.replaced.seat(0),
+            Swarm => &episode.swarm,
+            SwarmElsewhere => &self.elsewhere.swarm,
+            ReplacedSwarm => &self.replaced.swarm,
+            Owner => &self.owner,
+            Member => &self.member,
+            ExpiredKey => &self.expired,
+            RevokedKey => &self.revoked,
+            Organizer => &self.app.organizer,
+        };
+        Some(format!("Bearer {token}"))
+    }
+
+    /// Asks as somebody would who is entitled to.
+    async fn ask(
+        &self,
+        method: &Method,
+        path: &str,
+        operation: &str,
+        kind: Kind,
+        stage: Stage,
+    ) -> Answer {
+        let episode = self.app.create_with(&self.owner, request(stage.visibility)).await;
+        if stage.ended {
+            self.app.delete(&episode.path("")).token(&self.owner).ok().await;
+        }
+        let id = match operation {
+            "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            _ => episode.id.clone(),
+        };
+        let mut call = self.app.call(method.clone(), &path.replace("{id}", &id));
+        if let Some(header) = self.header(kind, &episode) {
+            call = call.header("authorization", &header);
+        }
+        call = match operation {
+            "post_act" => call.json(&json!({ "round": 0, "action": "STAY" })),
+            "post_swarm_act" => {
+                call.json(&json!({ "acts": [episode.act(&json!("Agent_2"), 0, "STAY")] }))
+            }
+            "create_episode" => call.json(&request("owner")),
+            "create_key" => call.json(&json!({ "name": "somebody" })),
+            _ => call,
+        };
+        if operation == "stream_events" {
+            // What is streamed does not end before the episode.
+            return Answer::without_body(&call.open().await);
+        }
+        let answer = call.send().await;
+        if operation == "post_swarm_act" && kind == SwarmElsewhere {
+            // It is good for its own episode only.
+            assert_eq!(answer.json()["receipts"][0]["code"], "not_found");
+        }
+        answer
+    }
+}
+
+async fn check_all(private: bool, stages: &[(&'static str, bool)]) {
+    let world = World::new(private).await;
+    let mut refused = 0;
+    for (visibility, ended) in stages.iter().copied() {
+        let stage = Stage { visibility, ended, private };
+        for (method, path, operation, responses) in operations() {
+            for kind in KINDS {
+                let answer = world.ask(&method, &path, &operation, kind, stage).await;
+                let what = || format!("{operation} with {kind:?} in {stage:?}: {}", answer.text());
+                match refusal(&operation, kind, stage) {
+                    Some(expected) => {
+                        assert_eq!(answer.status, expected, "{}", what());
+                        refused += 1;
+                    }
+                    None => {
+                        let good = (200..300).contains(&answer.status) || answer.status == 409;
+                        assert!(good, "{} {}", answer.status, what());
+                    }
+                }
+                let documented = responses.get(answer.status.to_string()).is_some();
+                assert!(documented, "{} is not documented: {}", answer.status, what());
+            }
+        }
+    }
+    assert!(refused > 100, "{refused}");
+}
+
+#[tokio::test]
+async fn running_episodes_of_their_owner() {
+    check_all(false, &[("owner", false)]).await;
+}
+
+#[tokio::test]
+async fn running_public_episodes() {
+    check_all(false, &[("public", false)]).await;
+}
+
+#[tokio::test]
+async fn episodes_that_have_ended() {
+    check_all(false, &[("owner", true)]).await;
+}
+
+#[tokio::test]
+async fn a_private_server() {
+    check_all(true, &[("public", false), ("owner", true)]).await;
+}
+
+/// What a route shows depends on who asks, too.
+#[tokio::test]
+async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
+    let world = World::new(false).await;
+    let episode = world.app.create_with(&world.owner, request("owner")).await;
+    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless()) {
+        let ask = |path: &str| {
+            let call = world.app.get(path);
+            match world.header(kind, &episode) {
+                Some(header) => call.header("authorization", &header),
+                None => call,
+            }
+        };
+        let items = ask("/api/v1/episodes?limit=1000").ok().await["items"].clone();
+        let listed = crate::app::list(&items).iter().any(|item| item["id"] == episode.id.as_str());
+        assert_eq!(listed, kind.owns(), "{kind:?}");
+        let shown = ask(&episode.path("")).send().await;
+        if shown.status == 200 {
+            assert_eq!(shown.json()["config"]["seed"].is_u64(), kind.owns(), "{kind:?}");
+        }
+    }
+}
