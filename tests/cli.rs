@@ -1,6 +1,8 @@
 //! The command line, run as its user runs it.
 
-use std::process::{Command, Output, Stdio};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
 
 fn swarmbench(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_swarmbench"))
@@ -47,7 +49,16 @@ fn errors_say_what_to_do_next() {
             &["play", "--task", "Transport", "--server", "http://127.0.0.1:1"],
             "`swarmbench serve` starts one",
         ),
-        (&["serve", "--addr", "0.0.0.0:0", "--db", "never.db"], "--open"),
+        (
+            &[
+                "serve",
+                "--addr",
+                "0.0.0.0:0",
+                "--db",
+                concat!(env!("CARGO_TARGET_TMPDIR"), "/never.db"),
+            ],
+            "swarmbench key create",
+        ),
         (&["verify", "no-such-file.jsonl"], "no-such-file.jsonl"),
         (&["verify", "Cargo.toml"], "line 1: not a line of a journal"),
         (&["verify", "-", "--head", "12"], "64 hexadecimal digits"),
@@ -62,7 +73,7 @@ fn errors_say_what_to_do_next() {
 #[test]
 fn help_teaches() {
     let shown = text(&swarmbench(&["--help"]).stdout);
-    for command in ["demo", "serve", "play", "verify", "openapi", "healthcheck"] {
+    for command in ["demo", "serve", "key", "play", "verify", "openapi", "healthcheck"] {
         assert!(shown.contains(command), "{shown}");
         let help = swarmbench(&[command, "--help"]);
         assert!(help.status.success());
@@ -74,4 +85,176 @@ fn help_teaches() {
 fn the_openapi_document_is_printed() {
     let printed = text(&swarmbench(&["openapi"]).stdout);
     assert_eq!(printed, swarmbench::http::openapi::document());
+}
+
+/// A server in a process of its own; it is ended with the test.
+struct Serving {
+    process: Child,
+    log: PathBuf,
+    base: String,
+}
+
+impl Serving {
+    /// Starts `swarmbench serve` and reads off its log where it listens.
+    fn start(db: &Path, args: &[&str]) -> Self {
+        let log = db.with_extension("log");
+        let process = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+            .args(["serve", "--addr", "127.0.0.1:0", "--db", &db.display().to_string()])
+            .args(args)
+            .env("RUST_LOG", "trace")
+            .stdin(Stdio::null())
+            .stderr(File::create(&log).expect("a log"))
+            .spawn()
+            .expect("the binary runs");
+        let mut serving = Self { process, log, base: String::new() };
+        while serving.base.is_empty() {
+            let ended = serving.process.try_wait().expect("a process");
+            assert!(ended.is_none(), "it ended: {}", serving.logged());
+            let logged = serving.logged();
+            let told = logged
+                .split("documentation at ")
+                .nth(1)
+                .and_then(|rest| rest.split("/docs").next());
+            told.unwrap_or_default().clone_into(&mut serving.base);
+            std::thread::yield_now();
+        }
+        serving
+    }
+
+    fn logged(&self) -> String {
+        std::fs::read_to_string(&self.log).expect("a log")
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        drop(self.process.kill());
+        drop(self.process.wait());
+    }
+}
+
+#[test]
+fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("keys.db");
+    let db = path.display().to_string();
+    let make = ["key", "create", "--name", "alice", "--role", "organizer", "--db", &db];
+    let made = swarmbench(&make);
+    let organizer = text(&made.stdout).trim().to_owned();
+    assert!(organizer.starts_with("secret_"), "{}", text(&made.stderr));
+    assert!(text(&made.stderr).contains("cannot be shown again"));
+
+    let server = Serving::start(&path, &[]);
+    let refused = swarmbench(&make);
+    let said = text(&refused.stderr);
+    assert!(!refused.status.success() && said.contains("--server"), "{said}");
+    let behind = |key: &str, args: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+            .arg("key")
+            .args(args)
+            .args(["--server", &server.base])
+            .env("SWARMBENCH_KEY", key)
+            .output()
+            .expect("the binary runs")
+    };
+    let made = behind(&organizer, &["create", "--name", "team blue", "--expires", "30d"]);
+    let member = text(&made.stdout).trim().to_owned();
+    assert!(member.starts_with("secret_"), "{}", text(&made.stderr));
+    let refused = behind(&member, &["list"]);
+    assert!(text(&refused.stderr).contains("organizer"), "{}", text(&refused.stderr));
+    let listed = text(&behind(&organizer, &["list"]).stdout);
+    assert!(listed.contains("team blue") && listed.contains("alice"), "{listed}");
+    let id = listed.lines().find(|line| line.contains("team blue")).expect("a row");
+    let id = id.split_whitespace().find(|word| word.starts_with("key_")).expect("an id");
+    let revoked = behind(&organizer, &["revoke", id]);
+    assert!(text(&revoked.stdout).contains("is revoked"), "{}", text(&revoked.stderr));
+
+    let play = |key: &str| {
+        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+            .args([
+                "play",
+                "--task",
+                "Synchronization",
+                "--max-round",
+                "2",
+                "--server",
+                &server.base,
+            ])
+            .env("SWARMBENCH_KEY", key)
+            .output()
+            .expect("the binary runs")
+    };
+    assert!(!play(&member).status.success());
+    let played = play(&organizer);
+    assert!(played.status.success(), "{}", text(&played.stderr));
+}
+
+/// Whoever reads logs, errors, pages or the database finds no token in them.
+#[tokio::test]
+async fn tokens_are_shown_once_and_nowhere_else() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("tokens.db");
+    let db = path.display().to_string();
+    let made = swarmbench(&["key", "create", "--name", "o", "--role", "organizer", "--db", &db]);
+    let organizer = text(&made.stdout).trim().to_owned();
+    let server = Serving::start(&path, &[]);
+    let client = reqwest::Client::new();
+    let mut answers = Vec::new();
+    let mut secrets = vec![organizer.clone()];
+
+    let create = client
+        .post(format!("{}/api/v1/episodes", server.base))
+        .bearer_auth(&organizer)
+        .json(&serde_json::json!({ "task": "Synchronization", "num_agents": 2, "max_round": 1 }));
+    let created: serde_json::Value =
+        create.send().await.expect("an answer").json().await.expect("JSON");
+    let id = created["id"].as_str().expect("an id").to_owned();
+    secrets.push(created["swarm_token"].as_str().expect("a token").to_owned());
+    for seat in created["seats"].as_array().expect("seats") {
+        secrets.push(seat["token"].as_str().expect("a token").to_owned());
+    }
+    let act = serde_json::json!({ "round": 0, "action": "SWITCH" });
+    let (episode, round) = (format!("/api/v1/episodes/{id}"), "/api/v1/episodes");
+    for token in &secrets {
+        for path in
+            ["/obs?prompt=true", "/swarm/obs", "/obs?seed", round, "/api/v1/keys", "/metrics"]
+        {
+            let call = client.get(format!("{}{path}", server.base)).bearer_auth(token);
+            answers.push(call.send().await.expect("an answer").text().await.expect("text"));
+        }
+        for body in [act.to_string(), "{".to_owned(), "{\"seed\":1}".to_owned()] {
+            for path in ["/act", "/swarm/act", round, "/api/v1/keys"] {
+                let call = client.post(format!("{}{path}", server.base)).bearer_auth(token);
+                let call = call.header("content-type", "application/json").body(body.clone());
+                answers.push(call.send().await.expect("an answer").text().await.expect("text"));
+            }
+        }
+        // One character is wrong.
+        let wrong = &token[..token.len() - 1];
+        let call = client.get(format!("{}/obs", server.base)).bearer_auth(wrong);
+        answers.push(call.send().await.expect("an answer").text().await.expect("text"));
+    }
+    for rest in ["", "/state", "/journal", "/events"] {
+        let call = client.get(format!("{}{episode}{rest}", server.base));
+        answers.push(call.send().await.expect("an answer").text().await.expect("text"));
+    }
+    assert!(answers.iter().any(|answer| answer.contains("\"valid\":true")), "nobody acted");
+    assert!(answers.iter().any(|answer| answer.contains("event: finished")), "it did not end");
+
+    let log = server.logged();
+    assert!(log.contains("POST") && log.contains(&id), "the log says too little to tell");
+    drop(server);
+    let mut kept = Vec::new();
+    for file in std::fs::read_dir(folder.path()).expect("a folder") {
+        kept.extend(std::fs::read(file.expect("a file").path()).expect("a file"));
+    }
+    for secret in &secrets {
+        // Without its last characters, lest a part of it is somewhere.
+        let secret = &secret[..secret.len() - 8];
+        assert!(!log.contains(secret), "a token is in the log");
+        assert!(!answers.iter().any(|answer| answer.contains(secret)), "a token is in an answer");
+        let secret = secret.as_bytes();
+        assert!(!kept.windows(secret.len()).any(|part| part == secret), "a token is on the disk");
+    }
 }
