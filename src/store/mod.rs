@@ -29,6 +29,9 @@ const SQLITE_VERSION_MIN: (u32, u32, u32) = (3, 51, 3);
 /// Connections that read at once.
 const READERS: u32 = 4;
 
+/// How long somebody waits for a free connection to read.
+const READ_PATIENCE: Duration = Duration::from_secs(5);
+
 /// The database could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
@@ -99,6 +102,7 @@ impl Store {
             .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
+            .acquire_timeout(READ_PATIENCE)
             .connect_with(options.read_only(true).create_if_missing(false))
             .await
             .map_err(failed)?;
