@@ -236,7 +236,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));
     let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
-    snapshot.set_opened(host.clock.now());
+    snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
     let gone = CancellationToken::new();

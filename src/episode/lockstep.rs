@@ -211,7 +211,7 @@ pub struct Standing {
 }
 
 impl Lockstep {
-    /// Takes an episode up where it stands. An open round gets its full clock (again).
+    /// Takes an episode up where it stands. An open round gets its full clock (again), from `now` on.
     #[must_use]
     pub fn new(clocks: Clocks, standing: Standing, now: Timestamp) -> Self {
         let phase = match standing.outcome {
@@ -254,6 +254,12 @@ impl Lockstep {
     /// The seats that have acted in the open round.
     pub fn acted(&self) -> impl Iterator<Item = AgentId> + '_ {
         (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.given.is_some()).map(|(a, _)| a)
+    }
+
+    /// When the open round was published, if it was.
+    #[must_use]
+    pub const fn opened_at(&self) -> Option<Timestamp> {
+        self.opened_at
     }
 
     /// The open round.

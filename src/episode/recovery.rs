@@ -10,6 +10,7 @@ use super::actor::{Fresh, Keyframes, is_heavy};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
 use super::spec::Spec;
 use super::{Ending, Outcome};
+use crate::clock::Clock;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound};
@@ -37,7 +38,7 @@ pub enum RecoveryError {
 pub(super) async fn recover(
     journal: &Arc<dyn Journal>,
     stored: StoredEpisode,
-    now: jiff::Timestamp,
+    clock: &dyn Clock,
 ) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let spec = Arc::new(described(&stored)?);
@@ -62,7 +63,9 @@ pub(super) async fn recover(
     track.bytes += bytes(&open);
     let outcome = match &stored.end {
         None => None,
-        Some(end) => Some(outcome(end, stored.ended_at.unwrap_or(now)).map_err(broken)?),
+        Some(end) => {
+            Some(outcome(end, stored.ended_at.unwrap_or_else(|| clock.now())).map_err(broken)?)
+        }
     };
     let standing = Standing {
         waiting: stored.status == "waiting",
@@ -84,7 +87,7 @@ pub(super) async fn recover(
         created_at: stored.created_at,
         world: track.world,
         head: stored.head,
-        lockstep: Lockstep::new(clocks, standing, now),
+        lockstep: Lockstep::new(clocks, standing, clock.now()),
         keyframes: track.keyframes,
         bytes: track.bytes,
     })
