@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use tokio::net::TcpListener;
 
-use crate::server::{Parts, Server};
+use crate::server::{Parts, Server, fit_open_files};
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -35,7 +35,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             args.addr
         );
     }
-    let server = Server::open(&args.db, Parts::default()).await?;
+    let parts = Parts::default();
+    let parts = Parts { limits: fit_open_files(parts.limits), ..parts };
+    let server = Server::open(&args.db, parts).await?;
     let listener = TcpListener::bind(args.addr)
         .await
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;

@@ -8,6 +8,7 @@ mod extract;
 mod host;
 pub mod limits;
 pub mod openapi;
+mod pace;
 mod router;
 pub mod serve;
 mod swarm;

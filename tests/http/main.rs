@@ -9,6 +9,7 @@ mod agent;
 mod bad_input;
 mod clocks;
 mod concurrency;
+mod connections;
 mod episode;
 mod episodes;
 mod host;
