@@ -18,7 +18,7 @@ const MAY_NAME: [(&str, &[&str]); 13] = [
     ("http", &["clock", "episode", "ids", "journal", "prompt", "store", "telemetry", "wire"]),
     ("server", &["clock", "episode", "http", "journal", "store", "telemetry"]),
     ("players", &["clock", "wire"]),
-    ("cli", &["clock", "http", "journal", "players", "server", "telemetry", "wire"]),
+    ("cli", &["clock", "http", "journal", "players", "server", "store", "telemetry", "wire"]),
     ("main", &["cli"]),
 ];
 

@@ -6,6 +6,7 @@
 mod app;
 
 mod agent;
+mod backup;
 mod bad_input;
 mod clocks;
 mod concurrency;
