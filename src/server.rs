@@ -50,6 +50,38 @@ impl Default for Parts {
     }
 }
 
+/// Open files that are not connections: the database, whoever is refused a place, and some in reserve.
+const FILES_RESERVED: u64 = 256;
+
+/// Lets this process open as many files as the host allows, and takes no more connections than fit.
+#[must_use]
+pub fn fit_open_files(limits: Limits) -> Limits {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    let raised = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+    if let Err(error) = raised {
+        tracing::warn!(%error, "the limit of open files cannot be raised");
+    }
+    let files = if raised.is_ok() { maximum } else { current };
+    let fitting = within_files(limits, files);
+    if fitting.connections_max < limits.connections_max {
+        tracing::warn!(
+            open_files = files,
+            connections_max = fitting.connections_max,
+            usual = limits.connections_max,
+            "the limit of open files is too low for all connections: raise it (ulimit -n)"
+        );
+    }
+    fitting
+}
+
+/// The limits where so many files may be open; none means any number.
+fn within_files(limits: Limits, files: Option<u64>) -> Limits {
+    let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
+    let fit = usize::try_from(fit).unwrap_or(usize::MAX);
+    Limits { connections_max: limits.connections_max.min(fit), ..limits }
+}
+
 /// A server could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
@@ -159,5 +191,21 @@ async fn sweep(app: App) {
         app.registry.look_after_idle().await;
         app.tidy();
         app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_no_more_connections_than_open_files() {
+        let limits = Limits::default();
+        let most = |files| within_files(limits, files).connections_max;
+        assert_eq!(most(None), limits.connections_max);
+        assert_eq!(most(Some(1_048_576)), limits.connections_max);
+        assert_eq!(most(Some(4096)), 3840);
+        assert_eq!(most(Some(64)), 1);
+        assert!(crate::http::serve::REFUSALS_MAX as u64 <= FILES_RESERVED / 2);
     }
 }

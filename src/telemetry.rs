@@ -80,5 +80,13 @@ fn describe() {
         "How long a request takes, waits included."
     );
     describe_gauge!("swarmbench_connections", "Open connections.");
+    describe_counter!(
+        "swarmbench_connections_refused_total",
+        "Connections for which there was no place, by reason: server, address."
+    );
+    describe_counter!(
+        "swarmbench_connections_cut_total",
+        "Connections ended as a part took too long, by reason: head, body, idle, write."
+    );
     describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
 }

@@ -48,7 +48,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("hyper", &["http"]),
     ("sqlx", &["store"]),
     ("governor", &["http"]),
-    ("rustix", &["disk"]),
+    ("rustix", &["disk", "server", "store"]),
     ("minijinja", &["prompt"]),
     ("reqwest", &["players"]),
     ("clap", &["cli", "keys", "telemetry"]),

@@ -1,5 +1,6 @@
 //! The command line, one file a command.
 
+mod backup;
 mod demo;
 mod healthcheck;
 mod key;
@@ -40,6 +41,8 @@ enum Command {
     Play(play::Args),
     /// Play a journal file again and check every hash, digest, act and score.
     Verify(verify::Args),
+    /// Copy the database of a server, which may go on meanwhile.
+    Backup(backup::Args),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
     /// Ask a server whether it lives; fails if it does not.
@@ -56,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::Key(args) => with_runtime(key::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
+        Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
     };

@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
-use crate::server::{Parts, Server};
+use crate::server::{Parts, Server, fit_open_files};
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -65,7 +65,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     };
     let access =
         Access { open: args.open, private: args.private, trusted_proxies: args.trusted_proxy };
-    let server = Server::open(&args.db, Parts { limits, access, ..Parts::default() }).await?;
+    let server = Server::open(
+        &args.db,
+        Parts { limits: fit_open_files(limits), access, ..Parts::default() },
+    )
+    .await?;
     if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
         server.close().await;
         bail!(

@@ -5,12 +5,14 @@ use std::time::Duration;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 use serde::de::DeserializeOwned;
+use tokio::time::Instant;
 
 use super::App;
 use super::error::{ApiError, Code};
+use super::limits::Limits;
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::episode::EpisodeRequest;
 use crate::wire::key::KeyRequest;
@@ -59,19 +61,28 @@ pub(super) async fn json_bytes(
     limit_name: &str,
 ) -> Result<Bytes, ApiError> {
     let says_json = is_json(request.headers());
-    let body = Limited::new(request.into_body(), limit).collect();
-    let patience = Duration::from_secs(app.limits.body_read_s_max);
-    let body = tokio::time::timeout(patience, body)
-        .await
-        .map_err(|_| ApiError::new(Code::Malformed, "the body did not arrive in time"))?;
-    let bytes = match body {
-        Ok(body) => body.to_bytes(),
-        Err(error) if error.is::<LengthLimitError>() => {
-            let detail = format!("the body has more than {limit} bytes");
-            return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
+    let mut body = Limited::new(request.into_body(), limit);
+    let mut bytes = BytesMut::new();
+    let started = Instant::now();
+    loop {
+        let late = started + patience(&app.limits, bytes.len());
+        match tokio::time::timeout_at(late, body.frame()).await {
+            Ok(Some(Ok(frame))) => bytes.extend(frame.into_data()),
+            Ok(None) => break,
+            Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
+                let detail = format!("the body has more than {limit} bytes");
+                return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
+            }
+            Ok(Some(Err(_))) => return Err(ApiError::new(Code::Malformed, "the body broke off")),
+            Err(_) => {
+                metrics::counter!("swarmbench_connections_cut_total", "reason" => "body")
+                    .increment(1);
+                let detail = "the body did not arrive in time";
+                return Err(ApiError::new(Code::Malformed, detail));
+            }
         }
-        Err(_) => return Err(ApiError::new(Code::Malformed, "the body broke off")),
-    };
+    }
+    let bytes = bytes.freeze();
     if let Err(error) = std::str::from_utf8(&bytes) {
         return Err(ApiError::new(Code::Malformed, format!("the body is not UTF-8: {error}")));
     }
@@ -82,6 +93,13 @@ pub(super) async fn json_bytes(
         ));
     }
     Ok(bytes)
+}
+
+/// How long a body may take of which so many bytes have come: a large one may be slow, but has to
+/// keep coming.
+fn patience(limits: &Limits, received: usize) -> Duration {
+    let more = received as u64 * 1000 / limits.body_bytes_per_s_min;
+    Duration::from_millis(limits.body_ms_max + more)
 }
 
 fn is_json(headers: &HeaderMap) -> bool {
@@ -179,4 +197,18 @@ pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError
         return Err(ApiError::limit(Code::Malformed, "wait_s_max", most as usize, detail));
     }
     Ok(Duration::from_secs_f64(seconds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_earns_time_by_coming() {
+        let limits = Limits::default();
+        let seconds = |received| patience(&limits, received).as_secs();
+        assert_eq!(seconds(0), 5);
+        assert_eq!(seconds(32 * 1024), 6);
+        assert_eq!(seconds(limits.swarm_body_bytes_max), 5 + 256);
+    }
 }

@@ -42,10 +42,21 @@ pub struct Limits {
     pub backlog_jobs_max: usize,
     /// Connections at once.
     pub connections_max: usize,
-    /// Seconds in which a client has to send the head of a request.
-    pub header_read_s_max: u64,
-    /// Seconds in which a client has to send the body of a request.
-    pub body_read_s_max: u64,
+    /// Connections at once from one address, or one /64 network of IPv6; this host may have all.
+    pub connections_per_address_max: usize,
+    /// Milliseconds in which a client has to send the head of a request, from its first byte on.
+    pub head_ms_max: u64,
+    /// Milliseconds in which a client has to send the body of a request, and some more for each of
+    /// its bytes.
+    pub body_ms_max: u64,
+    /// Bytes of a body for which a client gets one more second.
+    pub body_bytes_per_s_min: u64,
+    /// Milliseconds in which a client has to take some more of an answer.
+    pub write_ms_max: u64,
+    /// Milliseconds for which a connection is kept without a request.
+    pub idle_ms_max: u64,
+    /// Milliseconds that open requests get to end when the server is told to stop.
+    pub drain_ms_max: u64,
     /// Characters of a model's name.
     pub model_chars_max: usize,
     /// Bytes of what is told about who plays.
@@ -77,8 +88,13 @@ impl Default for Limits {
             key_requests_per_s_max: 10_000,
             backlog_jobs_max: 50_000,
             connections_max: 16_000,
-            header_read_s_max: 10,
-            body_read_s_max: 30,
+            connections_per_address_max: 2000,
+            head_ms_max: 10_000,
+            body_ms_max: 5000,
+            body_bytes_per_s_min: 32 * 1024,
+            write_ms_max: 10_000,
+            idle_ms_max: 75_000,
+            drain_ms_max: 8000,
             model_chars_max: 200,
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
@@ -101,7 +117,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 24] {
+    pub fn table(&self) -> [(&'static str, u64); 29] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -121,8 +137,13 @@ impl Limits {
             ("key_requests_per_s_max", self.key_requests_per_s_max.into()),
             ("backlog_jobs_max", self.backlog_jobs_max as u64),
             ("connections_max", self.connections_max as u64),
-            ("header_read_s_max", self.header_read_s_max),
-            ("body_read_s_max", self.body_read_s_max),
+            ("connections_per_address_max", self.connections_per_address_max as u64),
+            ("head_ms_max", self.head_ms_max),
+            ("body_ms_max", self.body_ms_max),
+            ("body_bytes_per_s_min", self.body_bytes_per_s_min),
+            ("write_ms_max", self.write_ms_max),
+            ("idle_ms_max", self.idle_ms_max),
+            ("drain_ms_max", self.drain_ms_max),
             ("model_chars_max", self.model_chars_max as u64),
             ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),

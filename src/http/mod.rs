@@ -10,6 +10,7 @@ mod host;
 mod keys;
 pub mod limits;
 pub mod openapi;
+mod pace;
 mod router;
 pub mod serve;
 mod swarm;

@@ -3,6 +3,7 @@
 //! All that is written goes through one task that commits in groups (`writer.rs`); readers have
 //! connections of their own and never wait for it (WAL).
 
+pub mod backup;
 pub mod episodes;
 pub mod keys;
 pub mod records;

@@ -1,5 +1,6 @@
 //! A server for one test, and what a client does with it.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
@@ -20,7 +21,7 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
 /// Nothing takes this long; a test that hangs is to fail.
-const PATIENCE: Duration = Duration::from_secs(100);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
 
 /// How a server is started.
 #[derive(Default)]
@@ -172,6 +173,19 @@ impl TestApp {
 
     /// A server over what the disk holds now, as after the end of the process without any notice.
     pub(crate) async fn after_a_crash(&self) -> Self {
+        let files = std::fs::read_dir(self.directory.path()).expect("a directory");
+        let files = files.map(|file| file.expect("a file"));
+        self.over(files.map(|file| (file.path(), file.file_name()))).await
+    }
+
+    /// A server in a new directory, over a backup and nothing else.
+    pub(crate) async fn restored(&self, backup: PathBuf) -> Self {
+        let name = self.database().file_name().expect("a name").to_owned();
+        self.over([(backup, name)]).await
+    }
+
+    /// A server over copies of these files, under these names.
+    async fn over(&self, files: impl IntoIterator<Item = (PathBuf, OsString)>) -> Self {
         let mut app = Self {
             directory: TempDir::new().expect("a directory"),
             clock: self.clock.clone(),
@@ -183,10 +197,8 @@ impl TestApp {
             running: None,
             organizer: self.organizer.clone(),
         };
-        for file in std::fs::read_dir(self.directory.path()).expect("a directory") {
-            let file = file.expect("a file");
-            let copy = app.directory.path().join(file.file_name());
-            std::fs::copy(file.path(), copy).expect("a copy");
+        for (file, name) in files {
+            std::fs::copy(file, app.directory.path().join(name)).expect("a copy");
         }
         app.start_again().await;
         app

@@ -7,9 +7,11 @@ mod app;
 
 mod access;
 mod agent;
+mod backup;
 mod bad_input;
 mod clocks;
 mod concurrency;
+mod connections;
 mod episode;
 mod episodes;
 mod host;

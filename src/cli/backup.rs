@@ -1,0 +1,47 @@
+//! `swarmbench backup`
+
+use std::path::PathBuf;
+
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+
+use crate::store::backup::{Backup, back_up};
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The server may go on meanwhile: its database is only read. A backup that is broken off leaves \
+    FILE.partial, which the next one to the same FILE replaces.\n\n\
+    To restore: stop the server; move its database away, together with the files of the same name that end in -wal \
+    and -shm; copy FILE to the database's place; start the server."
+)]
+pub(super) struct Args {
+    /// The file to write; it must not exist.
+    file: PathBuf,
+    /// The database of the server.
+    #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
+    db: PathBuf,
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let style = "{bar:30} {bytes} of at most {total_bytes}";
+    let bar = ProgressBar::new(0)
+        .with_style(ProgressStyle::with_template(style).expect("a valid template"));
+    let backup = back_up(&args.db, &args.file, |written, of| {
+        bar.set_length(of);
+        bar.set_position(written);
+    })
+    .await;
+    bar.finish_and_clear();
+    let Backup { episodes, acts, rounds, bytes } = backup?;
+    let (db, file) = (args.db.display(), args.file.display());
+    println!(
+        "{file}: {} episodes, {} acts, {} rounds, {}; read again and found sound",
+        HumanCount(episodes),
+        HumanCount(acts),
+        HumanCount(rounds),
+        HumanBytes(bytes),
+    );
+    println!(
+        "To restore it: stop the server, move {db}, {db}-wal and {db}-shm away, copy {file} to {db}, start the server."
+    );
+    Ok(())
+}

@@ -1,0 +1,362 @@
+//! The clocks of a connection: for the head of a request, between requests, and for taking an answer.
+//!
+//! hyper's own timer cannot tell a slow head from an idle connection, and has none for writing. So the
+//! stream notes what is read and written, the service notes when a request is there and when its
+//! answer is handed over, and whoever serves the connection waits for [`Pace::late`] beside it. The
+//! clock of a body is not here but where bodies are read, in `extract.rs`.
+
+use std::io;
+use std::pin::{Pin, pin};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
+
+use axum::body::Body;
+use bytes::Bytes;
+use hyper::body::{Frame, SizeHint};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::time::Instant;
+
+use super::limits::Limits;
+
+/// How long each part of a connection may take.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patience {
+    /// From the first byte of a head to its end; for the first head from the beginning.
+    pub(super) head: Duration,
+    /// From the end of an answer to the first byte of the next head.
+    pub(super) idle: Duration,
+    /// In which the client has to take some more of what is being written.
+    pub(super) write: Duration,
+}
+
+impl From<&Limits> for Patience {
+    fn from(limits: &Limits) -> Self {
+        Self {
+            head: Duration::from_millis(limits.head_ms_max),
+            idle: Duration::from_millis(limits.idle_ms_max),
+            write: Duration::from_millis(limits.write_ms_max),
+        }
+    }
+}
+
+/// What took too long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Late {
+    Head,
+    Idle,
+    Write,
+}
+
+impl Late {
+    /// Its name in the metrics.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Head => "head",
+            Self::Idle => "idle",
+            Self::Write => "write",
+        }
+    }
+}
+
+/// The clocks of one connection. Cloning shares them.
+#[derive(Clone, Debug)]
+pub(super) struct Pace(Arc<Mutex<State>>);
+
+impl Pace {
+    /// Those of a connection that was just accepted.
+    pub(super) fn new(patience: Patience) -> Self {
+        Self(Arc::new(Mutex::new(State::new(patience, Instant::now()))))
+    }
+
+    /// Completes when something has taken too long. It must be polled by the task that serves the
+    /// connection, after it: only what that task does moves the clocks.
+    pub(super) async fn late(&self) -> Late {
+        let mut timer = pin!(tokio::time::sleep(Duration::ZERO));
+        std::future::poll_fn(|context| {
+            let Some((at, late)) = self.state().deadline() else { return Poll::Pending };
+            if timer.deadline() != at {
+                timer.as_mut().reset(at);
+            }
+            timer.as_mut().poll(context).map(|()| late)
+        })
+        .await
+    }
+
+    /// Notes that the head of a request is there, until the answer to it is handed over.
+    pub(super) fn answering(&self) -> Answering {
+        self.state().asked();
+        Answering(self.clone())
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().expect("nothing panics while it holds this")
+    }
+}
+
+/// A request that is not answered yet. Dropping it says that the connection is idle again.
+#[derive(Debug)]
+pub(super) struct Answering(Pace);
+
+impl Drop for Answering {
+    fn drop(&mut self) {
+        self.0.state().answered(Instant::now());
+    }
+}
+
+/// The body of an answer; the request is answered when it is dropped, be it to its end or not.
+pub(super) struct Answer {
+    pub(super) body: Body,
+    pub(super) _answering: Answering,
+}
+
+impl hyper::body::Body for Answer {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        Pin::new(&mut self.body).poll_frame(context)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// A stream that notes what is read and written.
+pub(super) struct Paced<S> {
+    pub(super) stream: S,
+    pub(super) pace: Pace,
+}
+
+impl<S> Paced<S> {
+    fn noted(&self, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
+        match written {
+            Poll::Ready(Ok(_)) => self.pace.state().wrote(Instant::now()),
+            Poll::Ready(Err(_)) => {}
+            Poll::Pending => self.pace.state().blocked(Instant::now()),
+        }
+        written
+    }
+}
+
+impl<S: AsyncRead + Unpin> AsyncRead for Paced<S> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
+        ready!(Pin::new(&mut self.stream).poll_read(context, buffer))?;
+        if buffer.filled().len() > before {
+            self.pace.state().read(Instant::now());
+        }
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for Paced<S> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.noted(written)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        pieces: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write_vectored(context, pieces);
+        self.noted(written)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+/// Where a connection stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// A head is being read.
+    Head,
+    /// A request is there and not answered. It may wait as long as its handler lets it.
+    Request,
+    /// Nothing of the next request is there.
+    Idle,
+}
+
+/// The clocks as a pure machine.
+#[derive(Debug)]
+struct State {
+    patience: Patience,
+    phase: Phase,
+    /// When the phase began.
+    since: Instant,
+    /// Since when the client has taken nothing, though something waits to be written.
+    blocked_since: Option<Instant>,
+}
+
+impl State {
+    const fn new(patience: Patience, now: Instant) -> Self {
+        Self { patience, phase: Phase::Head, since: now, blocked_since: None }
+    }
+
+    fn read(&mut self, now: Instant) {
+        if self.phase == Phase::Idle {
+            self.phase = Phase::Head;
+            self.since = now;
+        }
+    }
+
+    fn wrote(&mut self, now: Instant) {
+        self.blocked_since = None;
+        if self.phase != Phase::Request {
+            // The end of an answer that was handed over is still on its way.
+            self.since = now;
+        }
+    }
+
+    fn blocked(&mut self, now: Instant) {
+        self.blocked_since.get_or_insert(now);
+    }
+
+    const fn asked(&mut self) {
+        self.phase = Phase::Request;
+    }
+
+    const fn answered(&mut self, now: Instant) {
+        self.phase = Phase::Idle;
+        self.since = now;
+    }
+
+    /// When it is too late, and for what. None while a request is being answered, unless the client
+    /// does not take the answer.
+    fn deadline(&self) -> Option<(Instant, Late)> {
+        let read = match self.phase {
+            Phase::Head => Some((self.since + self.patience.head, Late::Head)),
+            Phase::Request => None,
+            Phase::Idle => Some((self.since + self.patience.idle, Late::Idle)),
+        };
+        let write = self.blocked_since.map(|since| (since + self.patience.write, Late::Write));
+        [read, write].into_iter().flatten().min_by_key(|&(at, _)| at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Patience = Patience {
+        head: Duration::from_secs(10),
+        idle: Duration::from_secs(75),
+        write: Duration::from_secs(20),
+    };
+
+    /// A connection that was accepted at second 0, and what its deadline is in seconds.
+    struct Case(State, Instant);
+
+    impl Case {
+        fn new() -> Self {
+            let start = Instant::now();
+            Self(State::new(PATIENCE, start), start)
+        }
+
+        fn at(&self, second: u64) -> Instant {
+            self.1 + Duration::from_secs(second)
+        }
+
+        fn read(&mut self, second: u64) {
+            self.0.read(self.at(second));
+        }
+
+        fn wrote(&mut self, second: u64) {
+            self.0.wrote(self.at(second));
+        }
+
+        fn blocked(&mut self, second: u64) {
+            self.0.blocked(self.at(second));
+        }
+
+        fn answered(&mut self, second: u64) {
+            self.0.answered(self.at(second));
+        }
+
+        fn expect(&self, expected: Option<(u64, Late)>) {
+            let deadline = self.0.deadline().map(|(at, late)| ((at - self.1).as_secs(), late));
+            assert_eq!(deadline, expected);
+        }
+    }
+
+    #[test]
+    fn a_head_has_its_time_from_its_first_byte_however_many_come() {
+        let mut case = Case::new();
+        case.expect(Some((10, Late::Head)));
+        case.read(9);
+        case.expect(Some((10, Late::Head)));
+        case.0.asked();
+        case.answered(20);
+        case.expect(Some((95, Late::Idle)));
+        for second in [80, 81, 89] {
+            case.read(second);
+            case.expect(Some((90, Late::Head)));
+        }
+    }
+
+    #[test]
+    fn a_request_waits_as_long_as_its_handler_lets_it() {
+        let mut case = Case::new();
+        case.0.asked();
+        case.expect(None);
+        case.read(60);
+        case.wrote(61);
+        case.expect(None);
+    }
+
+    #[test]
+    fn a_client_has_to_take_something_now_and_then() {
+        let mut case = Case::new();
+        case.0.asked();
+        case.blocked(5);
+        case.blocked(15);
+        case.expect(Some((25, Late::Write)));
+        case.wrote(24);
+        case.expect(None);
+        case.blocked(24);
+        case.expect(Some((44, Late::Write)));
+        // Handed over is not taken.
+        case.answered(30);
+        case.expect(Some((44, Late::Write)));
+    }
+
+    #[test]
+    fn no_clock_of_the_next_request_runs_out_while_an_answer_is_taken() {
+        let mut case = Case::new();
+        case.0.asked();
+        case.answered(1);
+        case.wrote(70);
+        case.expect(Some((145, Late::Idle)));
+        case.read(71);
+        case.wrote(79);
+        case.expect(Some((89, Late::Head)));
+    }
+}
