@@ -281,6 +281,23 @@ impl Clients {
         self.ask(|http, base| http.get(format!("{base}{path}"))).await
     }
 
+    /// Asks the server that runs now, once.
+    pub(crate) async fn get_once(&self, path: &str) -> (u16, String) {
+        let base = self.door.after(0).await.base;
+        self.once(self.http.get(format!("{base}{path}"))).await
+    }
+
+    /// Asks the server that runs now for an episode, once.
+    pub(crate) async fn create_once(&self, request: &serde_json::Value) -> (u16, String) {
+        let base = self.door.after(0).await.base;
+        self.once(self.http.post(format!("{base}/api/v1/episodes")).json(request)).await
+    }
+
+    async fn once(&self, call: RequestBuilder) -> (u16, String) {
+        let (status, body) = whole(call).await.expect("an answer");
+        (status, String::from_utf8(body).expect("UTF-8"))
+    }
+
     /// Asks until there is an answer, over as many runs of the server as it takes.
     async fn ask(&self, fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder) -> Answer {
         let (mut after, mut lost) = (0, false);

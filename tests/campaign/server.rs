@@ -224,3 +224,12 @@ pub(crate) fn complaints(log: &[String]) -> Vec<&String> {
     let complains = |line: &&String| line.contains(" WARN ") || line.contains(" ERROR ");
     log.iter().filter(complains).filter(|line| !line.contains("path=\"/readyz\"")).collect()
 }
+
+/// Waits until something is so.
+pub(crate) async fn until(what: &str, is_so: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < PATIENCE, "it is not so: {what}");
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+}
