@@ -149,10 +149,9 @@ fn compare(name: &str, (agent, round): (AgentId, u32), sent: &Sent, kept: Option
         (&request.response, &request.reasoning),
         "{name}: {agent} in {round}"
     );
-    let tokens = |usage: Option<_>| usage.map(|(prompt, completion)| (prompt, completion));
     assert_eq!(
-        tokens(kept.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens))),
-        tokens(request.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens))),
+        kept.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens)),
+        request.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens)),
         "{name}: {agent} in {round}"
     );
     if request.response.is_none() {

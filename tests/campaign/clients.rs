@@ -166,6 +166,15 @@ impl Clients {
         assert!(found.is_ok(), "clients hang in run {run}: {:?}", *self.checked.borrow());
     }
 
+    /// Waits until something was counted that often more.
+    pub(crate) async fn further(&self, counter: &watch::Sender<u64>, more: usize) {
+        let mut counter = counter.subscribe();
+        let goal = *counter.borrow() + more as u64;
+        let reached = counter.wait_for(|&count| count >= goal);
+        let reached = tokio::time::timeout(PATIENCE, reached).await.map(drop);
+        assert!(reached.is_ok(), "nobody plays any more");
+    }
+
     /// Notes the last run in which a client found all in order; none for a client that goes.
     fn note_check(&self, client: u64, run: Option<u64>) {
         self.checked.send_modify(|checked| match run {
@@ -221,8 +230,8 @@ impl Clients {
         while seen.sight.result.is_none() && seen.sight.alive {
             client.check_after_restart(&played, &[agent]).await;
             let round = seen.sight.round;
-            if !seen.moment.acted && !played.game.is_left_out(agent, round) {
-                tokio::time::sleep(played.game.thinks(agent, round)).await;
+            if !seen.moment.acted && !self.leaves_out(&played, agent, round) {
+                self.think(&played, agent, round).await;
                 if let Some(next) = client.act(&played, agent, round).await {
                     seen = next;
                     continue;
@@ -256,15 +265,26 @@ impl Clients {
                 assert!(!seen.moment.acted, "{}: {agent} does not wait", played.name());
                 played.seen(agent, known[agent.index()], seen);
                 let round = seen.sight.round;
-                if !played.game.is_left_out(agent, round) {
+                if !self.leaves_out(&played, agent, round) {
                     acts.push((agent, played.game.act(agent, round)));
                 }
             }
             client.check_after_restart(&played, &agents).await;
             if let Some((agent, act)) = acts.first() {
-                tokio::time::sleep(played.game.thinks(*agent, act.round)).await;
+                self.think(&played, *agent, act.round).await;
             }
             client.act_for_all(&played, acts).await;
+        }
+    }
+
+    /// Whether a seat lets its clock run out. When all is about to end everybody hurries.
+    fn leaves_out(&self, played: &Played, agent: AgentId, round: u32) -> bool {
+        !self.closing.load(Ordering::SeqCst) && played.game.is_left_out(agent, round)
+    }
+
+    async fn think(&self, played: &Played, agent: AgentId, round: u32) {
+        if !self.closing.load(Ordering::SeqCst) {
+            tokio::time::sleep(played.game.thinks(agent, round)).await;
         }
     }
 
@@ -326,6 +346,10 @@ impl Clients {
                 self.pause(run).await;
                 Err(Broken { after, lost: true })
             }
+            Ok((409, _)) if self.is_faulty(run) => {
+                self.pause(run).await;
+                Err(Broken { after, lost: true })
+            }
             Ok((status, body)) => Ok(Answer { status, body, run, lost: false, after_failure }),
             Err(error) => {
                 assert!(self.door.has_ended(run), "run {run} does not answer: {error:?}");
@@ -334,9 +358,15 @@ impl Clients {
         }
     }
 
+    /// Whether the disk of a run may fail. After that the server may still tell that a clock ran out,
+    /// though that was not kept either, so such a run is not believed when it refuses an act.
+    fn is_faulty(&self, run: u64) -> bool {
+        self.faulty.load(Ordering::SeqCst) == run
+    }
+
     /// Notes that a run does not take acts any more, which is fine where its disk may fail.
     fn is_unavailable(&self, run: u64, told: &str) {
-        assert_eq!(self.faulty.load(Ordering::SeqCst), run, "run {run} is not available: {told}");
+        assert!(self.is_faulty(run), "run {run} is not available: {told}");
         assert!(told.contains("\"unavailable\""), "{told}");
         self.failed.store(run, Ordering::SeqCst);
         count(&self.counts.unavailable);
@@ -394,10 +424,12 @@ impl Clients {
         (answer, receipts)
     }
 
-    /// One of several acts was not taken because the journal cannot be used.
+    /// One of several acts was not taken by a run whose disk may fail.
     async fn refused(&self, answer: &Answer, problem: &Problem) {
-        assert_eq!(problem.status, 503, "{problem:?}");
-        self.is_unavailable(answer.run, &format!("{:?}", problem.code));
+        if problem.status != 409 {
+            assert_eq!(problem.status, 503, "{problem:?}");
+            self.is_unavailable(answer.run, &format!("{:?}", problem.code));
+        }
         self.pause(answer.run).await;
     }
 
@@ -538,7 +570,9 @@ impl<'a> Client<'a> {
                     SwarmReceipt::Receipt(receipt) => {
                         clients.receive(played, agent, &answer, &receipt);
                     }
-                    SwarmReceipt::Problem(problem) if problem.status == 409 => {
+                    SwarmReceipt::Problem(problem)
+                        if problem.status == 409 && !clients.is_faulty(answer.run) =>
+                    {
                         played.refused(agent, act.round, &problem.code);
                         count(&clients.counts.refused_by_clock);
                     }
@@ -614,7 +648,7 @@ impl<'a> Client<'a> {
             let token = &played.created.swarm_token;
             let state: State = self.clients.call(Method::GET, &path, token).await.ok();
             assert_eq!(state.round, round);
-            played.saw_state(state);
+            played.saw_state(&state);
             count(&self.clients.counts.states_compared);
         }
     }

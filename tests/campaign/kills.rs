@@ -3,12 +3,10 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use tokio::sync::watch;
-
 use crate::audit::{Totals, audit, integrity};
 use crate::clients::{Clients, while_playing};
 use crate::plan::{Dice, number, seed, tell};
-use crate::server::{PATIENCE, Server, Site, complaints};
+use crate::server::{Server, Site, complaints};
 
 /// How many kills there are, where `SWARMBENCH_KILLS` does not say otherwise.
 const KILLS: u64 = 30;
@@ -97,23 +95,15 @@ async fn await_moment(
     }
     clients.all_checked(server.run).await;
     match moment {
-        Moment::Acknowledged => further(&clients.acknowledged, 1 + dice.below(30)).await,
+        Moment::Acknowledged => clients.further(&clients.acknowledged, 1 + dice.below(30)).await,
         Moment::Sent => {
-            further(&clients.sent, 1 + dice.below(30)).await;
+            clients.further(&clients.sent, 1 + dice.below(30)).await;
             tokio::time::sleep(dice.time(Duration::from_millis(4))).await;
         }
         Moment::Start | Moment::Ready | Moment::Any => {
             tokio::time::sleep(dice.time(Duration::from_millis(400))).await;
         }
     }
-}
-
-/// Waits until something was counted that often more.
-async fn further(counter: &watch::Sender<u64>, more: usize) {
-    let mut counter = counter.subscribe();
-    let goal = *counter.borrow() + more as u64;
-    let reached = tokio::time::timeout(PATIENCE, counter.wait_for(|&count| count >= goal)).await;
-    assert!(reached.is_ok(), "nobody plays any more");
 }
 
 /// Checks the database as a kill left it. That takes a copy, as looking at it would already mend it.

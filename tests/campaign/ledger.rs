@@ -177,15 +177,11 @@ impl Played {
         assert_eq!(self.result.get_or_init(|| result.clone()), result, "{}", self.name());
     }
 
-    pub(crate) fn result(&self) -> Option<&EpisodeResult> {
-        self.result.get()
-    }
-
     /// Compares a state with the one that was seen of the same round before.
-    pub(crate) fn saw_state(&self, state: State) {
+    pub(crate) fn saw_state(&self, state: &State) {
         let mut states = self.states.lock().expect("no failure yet");
         let before = states.entry(state.round).or_insert_with(|| state.clone());
-        assert_eq!(*before, state, "{}: another state", self.name());
+        assert_eq!(before, state, "{}: another state", self.name());
     }
 
     /// One of the rounds of which the state was seen.

@@ -91,7 +91,7 @@ impl Game {
         let control = if dice.one_in(4) { Control::Centralized } else { Control::Decentralized };
         let is_clocked = dice.one_in(3);
         // Some are long, so that a restart has many rounds to play again.
-        let rounds = if dice.one_in(6) { 150 } else { 8 + dice.below(24) };
+        let rounds = if !is_clocked && dice.one_in(5) { 100 } else { 8 + dice.below(24) };
         let text = |text: &str| Some(text.to_owned());
         let request = EpisodeRequest {
             task: text(task.name()),

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use tokio::sync::watch;
 
 /// Nothing takes this long; whatever does is a failure.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Within this time a server that is told to stop is gone.
 const STOP: Duration = Duration::from_secs(10);
