@@ -36,7 +36,7 @@ const SAMPLE: usize = 3;
 #[derive(Default)]
 pub(crate) struct Counts {
     pub(crate) acknowledged: AtomicU64,
-    pub(crate) refused_by_clock: AtomicU64,
+    pub(crate) came_late: AtomicU64,
     pub(crate) lost_and_kept: AtomicU64,
     pub(crate) lost_and_not_kept: AtomicU64,
     pub(crate) confirmed: AtomicU64,
@@ -535,7 +535,7 @@ impl<'a> Client<'a> {
         self.run = answer.run;
         if answer.status == 409 {
             played.refused(agent, round, &answer.read::<Problem>().code);
-            count(&clients.counts.refused_by_clock);
+            count(&clients.counts.came_late);
             return None;
         }
         let ActResponse { receipt, obs } = answer.ok();
@@ -574,7 +574,7 @@ impl<'a> Client<'a> {
                         if problem.status == 409 && !clients.is_faulty(answer.run) =>
                     {
                         played.refused(agent, act.round, &problem.code);
-                        count(&clients.counts.refused_by_clock);
+                        count(&clients.counts.came_late);
                     }
                     SwarmReceipt::Problem(problem) => {
                         again.push((agent, act));

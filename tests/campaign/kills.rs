@@ -136,7 +136,7 @@ fn show(
     }
     for (name, value) in [
         ("acts acknowledged", &counts.acknowledged),
-        ("acts refused as the clock was faster", &counts.refused_by_clock),
+        ("acts that came too late", &counts.came_late),
         ("acts whose answer was lost, kept", &counts.lost_and_kept),
         ("acts whose answer was lost, not kept", &counts.lost_and_not_kept),
         ("acknowledged acts sent again and confirmed", &counts.confirmed),
