@@ -1,0 +1,672 @@
+//! Clients that play, whatever happens to the server: they ask again until somebody answers, and compare
+//! every answer with the ledger.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use reqwest::{Method, RequestBuilder};
+use serde::de::DeserializeOwned;
+use swarmbench::wire::act::{
+    ActRequest, ActResponse, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse,
+    SwarmObsResponse, SwarmReceipt,
+};
+use swarmbench::wire::episode::{EpisodeSummary, State};
+use swarmbench::wire::observation::Observation;
+use swarmbench::wire::problem::Problem;
+use swarmbench_engine::AgentId;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+use crate::ledger::{Ledger, Played};
+use crate::plan::{By, Dice, Game};
+use crate::server::{Address, Door, PATIENCE};
+
+/// Seconds that a long poll waits.
+const WAIT_S: u32 = 20;
+
+/// How long a client waits before it asks a server again that has refused it.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// How many acknowledged acts of a seat are sent again after a restart.
+const SAMPLE: usize = 3;
+
+/// What happened, for the table at the end.
+#[derive(Default)]
+pub(crate) struct Counts {
+    pub(crate) acknowledged: AtomicU64,
+    pub(crate) came_late: AtomicU64,
+    pub(crate) lost_and_kept: AtomicU64,
+    pub(crate) lost_and_not_kept: AtomicU64,
+    pub(crate) confirmed: AtomicU64,
+    pub(crate) creations_repeated: AtomicU64,
+    pub(crate) states_compared: AtomicU64,
+    pub(crate) checked_after_restart: AtomicU64,
+    pub(crate) unavailable: AtomicU64,
+}
+
+pub(crate) fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::SeqCst);
+}
+
+/// All clients of a campaign.
+pub(crate) struct Clients {
+    seed: u64,
+    http: reqwest::Client,
+    door: Arc<Door>,
+    pub(crate) ledger: Ledger,
+    pub(crate) counts: Counts,
+    /// How many acts were sent and acknowledged.
+    pub(crate) sent: watch::Sender<u64>,
+    pub(crate) acknowledged: watch::Sender<u64>,
+    /// By client, the last run in which it found everything in order.
+    checked: watch::Sender<BTreeMap<u64, u64>>,
+    next_client: AtomicU64,
+    next_game: AtomicU64,
+    /// No new games are begun.
+    closing: AtomicBool,
+    /// The disk of this run may fail.
+    faulty: AtomicU64,
+    /// In this run a client was told that acts are not taken any more.
+    failed: AtomicU64,
+}
+
+/// A whole answer.
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    body: Vec<u8>,
+    run: u64,
+    /// Whether an earlier answer to the same request may have been lost.
+    lost: bool,
+    /// Whether the run had already refused an act when this was sent.
+    after_failure: bool,
+}
+
+impl Answer {
+    pub(crate) fn text(&self) -> String {
+        String::from_utf8_lossy(&self.body).into_owned()
+    }
+
+    pub(crate) fn read<T: DeserializeOwned>(&self) -> T {
+        serde_json::from_slice(&self.body)
+            .unwrap_or_else(|error| panic!("{error}: {} {}", self.status, self.text()))
+    }
+
+    fn ok<T: DeserializeOwned>(&self) -> T {
+        assert_eq!(self.status, 200, "{}", self.text());
+        self.read()
+    }
+}
+
+/// A request that was not answered.
+struct Broken {
+    /// The next run to be asked is one after this.
+    after: u64,
+    /// Whether the server may have got it.
+    lost: bool,
+}
+
+impl Clients {
+    pub(crate) fn new(seed: u64, door: Arc<Door>) -> Arc<Self> {
+        let http = reqwest::Client::builder()
+            .timeout(PATIENCE)
+            // Less than the time after which the server closes a connection that nobody uses.
+            .pool_idle_timeout(Duration::from_secs(4));
+        Arc::new(Self {
+            seed,
+            http: http.build().expect("a client"),
+            door,
+            ledger: Ledger::default(),
+            counts: Counts::default(),
+            sent: watch::Sender::default(),
+            acknowledged: watch::Sender::default(),
+            checked: watch::Sender::default(),
+            next_client: AtomicU64::new(0),
+            next_game: AtomicU64::new(0),
+            closing: AtomicBool::new(false),
+            faulty: AtomicU64::new(0),
+            failed: AtomicU64::new(0),
+        })
+    }
+
+    /// Starts tables at which one game after another is played.
+    pub(crate) fn sit_down(self: &Arc<Self>, tables: usize) -> JoinSet<()> {
+        let mut sitting = JoinSet::new();
+        for _ in 0..tables {
+            let clients = Arc::clone(self);
+            sitting.spawn(async move {
+                while !clients.closing.load(Ordering::SeqCst) {
+                    let number = clients.next_game.fetch_add(1, Ordering::SeqCst);
+                    clients.play(Game::new(clients.seed, number)).await;
+                }
+            });
+        }
+        sitting
+    }
+
+    /// Lets all games that have begun be played to their end.
+    pub(crate) async fn finish(&self, mut tables: JoinSet<()>) {
+        self.closing.store(true, Ordering::SeqCst);
+        while let Some(ended) = tables.join_next().await {
+            ended.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()));
+        }
+    }
+
+    /// Says that the disk of a run may fail from now on.
+    pub(crate) fn expect_failure(&self, run: u64) {
+        self.faulty.store(run, Ordering::SeqCst);
+    }
+
+    /// Waits until every client has found everything in order in a run.
+    pub(crate) async fn all_checked(&self, run: u64) {
+        let mut checked = self.checked.subscribe();
+        let all = checked.wait_for(|clients| clients.values().all(|&last| last >= run));
+        let found = tokio::time::timeout(PATIENCE, all).await.map(drop);
+        assert!(found.is_ok(), "clients hang in run {run}: {:?}", *self.checked.borrow());
+    }
+
+    /// Waits until something was counted that often more.
+    pub(crate) async fn further(&self, counter: &watch::Sender<u64>, more: usize) {
+        let mut counter = counter.subscribe();
+        let goal = *counter.borrow() + more as u64;
+        let reached = counter.wait_for(|&count| count >= goal);
+        let reached = tokio::time::timeout(PATIENCE, reached).await.map(drop);
+        assert!(reached.is_ok(), "nobody plays any more");
+    }
+
+    /// Notes the last run in which a client found all in order; none for a client that goes.
+    fn note_check(&self, client: u64, run: Option<u64>) {
+        self.checked.send_modify(|checked| match run {
+            Some(run) => {
+                checked.insert(client, run);
+            }
+            None => {
+                checked.remove(&client);
+            }
+        });
+    }
+
+    async fn play(self: &Arc<Self>, game: Game) {
+        let key = format!("{}-{}", self.seed, game.number);
+        let answer = self
+            .ask(|http, base| {
+                let call = http.post(format!("{base}/api/v1/episodes"));
+                call.header("Idempotency-Key", &key).json(&game.request)
+            })
+            .await;
+        assert_eq!(answer.status, 201, "{}", answer.text());
+        if answer.lost {
+            count(&self.counts.creations_repeated);
+        }
+        let played = self.ledger.open(game, answer.read());
+        if played.game.is_started_by_hand() {
+            let path = format!("/api/v1/episodes/{}/start", played.created.id);
+            let answer = self.call(Method::POST, &path, &played.created.swarm_token).await;
+            answer.ok::<EpisodeSummary>();
+        }
+        let mut players = JoinSet::new();
+        match played.game.by {
+            By::Seats => {
+                for agent in played.agents() {
+                    players.spawn(Arc::clone(self).play_seat(Arc::clone(&played), agent));
+                }
+            }
+            By::Swarm => drop(players.spawn(Arc::clone(self).play_swarm(Arc::clone(&played)))),
+        }
+        players.join_all().await;
+        let summary = self.summary(&played).await;
+        played.ended(&summary.result.expect("it has ended"));
+    }
+
+    pub(crate) async fn summary(&self, played: &Played) -> EpisodeSummary {
+        let path = format!("/api/v1/episodes/{}", played.created.id);
+        self.call(Method::GET, &path, &played.created.swarm_token).await.ok()
+    }
+
+    async fn play_seat(self: Arc<Self>, played: Arc<Played>, agent: AgentId) {
+        let mut client = Client::new(&self);
+        let mut seen = client.look(&played, agent).await;
+        while seen.sight.result.is_none() && seen.sight.alive {
+            client.check_after_restart(&played, &[agent]).await;
+            let round = seen.sight.round;
+            if !seen.moment.acted && !self.leaves_out(&played, agent, round) {
+                self.think(&played, agent, round).await;
+                if let Some(next) = client.act(&played, agent, round).await {
+                    seen = next;
+                    continue;
+                }
+            }
+            seen = client.look_after(&played, agent, round).await;
+        }
+    }
+
+    async fn play_swarm(self: Arc<Self>, played: Arc<Played>) {
+        let mut client = Client::new(&self);
+        let agents: Vec<AgentId> = played.agents().collect();
+        let mut cursor: Option<String> = None;
+        loop {
+            let known: Vec<_> = agents.iter().map(|&agent| played.known(agent)).collect();
+            let token = &played.created.swarm_token;
+            let poll = |http: &reqwest::Client, base: &str| {
+                let call = http.get(format!("{base}/swarm/obs")).bearer_auth(token);
+                let call = call.query(&[("wait", WAIT_S)]);
+                cursor.iter().fold(call, |call, cursor| call.query(&[("after", cursor)]))
+            };
+            let answer = client.poll(&played, &agents, poll).await;
+            let look: SwarmObsResponse = answer.ok();
+            if look.finished {
+                return;
+            }
+            cursor = Some(look.cursor);
+            let mut acts = Vec::new();
+            for seen in &look.observations {
+                let agent = AgentId::parse(&seen.sight.agent).expect("an agent");
+                assert!(!seen.moment.acted, "{}: {agent} does not wait", played.name());
+                played.seen(agent, known[agent.index()], seen);
+                let round = seen.sight.round;
+                if !self.leaves_out(&played, agent, round) {
+                    acts.push((agent, played.game.act(agent, round)));
+                }
+            }
+            client.check_after_restart(&played, &agents).await;
+            if let Some((agent, act)) = acts.first() {
+                self.think(&played, *agent, act.round).await;
+            }
+            client.act_for_all(&played, acts).await;
+        }
+    }
+
+    /// Whether a seat lets its clock run out. When all is about to end everybody hurries.
+    fn leaves_out(&self, played: &Played, agent: AgentId, round: u32) -> bool {
+        !self.closing.load(Ordering::SeqCst) && played.game.is_left_out(agent, round)
+    }
+
+    async fn think(&self, played: &Played, agent: AgentId, round: u32) {
+        if !self.closing.load(Ordering::SeqCst) {
+            tokio::time::sleep(played.game.thinks(agent, round)).await;
+        }
+    }
+
+    /// One request with a token and no body.
+    pub(crate) async fn call(&self, method: Method, path: &str, token: &str) -> Answer {
+        self.ask(|http, base| {
+            http.request(method.clone(), format!("{base}{path}")).bearer_auth(token)
+        })
+        .await
+    }
+
+    /// One request without a token.
+    pub(crate) async fn read(&self, path: &str) -> Answer {
+        self.ask(|http, base| http.get(format!("{base}{path}"))).await
+    }
+
+    /// Asks the server that runs now, once.
+    pub(crate) async fn get_once(&self, path: &str) -> (u16, String) {
+        let base = self.door.after(0).await.base;
+        self.once(self.http.get(format!("{base}{path}"))).await
+    }
+
+    /// Asks the server that runs now for an episode, once.
+    pub(crate) async fn create_once(&self, request: &serde_json::Value) -> (u16, String) {
+        let base = self.door.after(0).await.base;
+        self.once(self.http.post(format!("{base}/api/v1/episodes")).json(request)).await
+    }
+
+    async fn once(&self, call: RequestBuilder) -> (u16, String) {
+        let (status, body) = whole(call).await.expect("an answer");
+        (status, String::from_utf8(body).expect("UTF-8"))
+    }
+
+    /// Asks until there is an answer, over as many runs of the server as it takes.
+    async fn ask(&self, fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder) -> Answer {
+        let (mut after, mut lost) = (0, false);
+        loop {
+            match self.attempt(after, &fill).await {
+                Ok(answer) => return Answer { lost, ..answer },
+                Err(broken) => {
+                    after = broken.after;
+                    lost |= broken.lost;
+                }
+            }
+        }
+    }
+
+    /// Asks the first run after `after` once. A run that nobody ended must answer.
+    async fn attempt(
+        &self,
+        after: u64,
+        fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
+    ) -> Result<Answer, Broken> {
+        let Address { base, run } = self.door.after(after).await;
+        let after_failure = self.failed.load(Ordering::SeqCst) == run;
+        match whole(fill(&self.http, &base)).await {
+            Ok((503, body)) => {
+                self.is_unavailable(run, &String::from_utf8_lossy(&body));
+                self.pause(run).await;
+                Err(Broken { after, lost: true })
+            }
+            Ok((409, _)) if self.is_faulty(run) => {
+                self.pause(run).await;
+                Err(Broken { after, lost: true })
+            }
+            Ok((status, body)) => Ok(Answer { status, body, run, lost: false, after_failure }),
+            Err(error) => {
+                assert!(self.door.has_ended(run), "run {run} does not answer: {error:?}");
+                Err(Broken { after: run, lost: !error.is_connect() })
+            }
+        }
+    }
+
+    /// Whether the disk of a run may fail. After that the server may still tell that a clock ran out,
+    /// though that was not kept either, so such a run is not believed when it refuses an act.
+    fn is_faulty(&self, run: u64) -> bool {
+        self.faulty.load(Ordering::SeqCst) == run
+    }
+
+    /// Notes that a run does not take acts any more, which is fine where its disk may fail.
+    fn is_unavailable(&self, run: u64, told: &str) {
+        assert!(self.is_faulty(run), "run {run} is not available: {told}");
+        assert!(told.contains("\"unavailable\""), "{told}");
+        self.failed.store(run, Ordering::SeqCst);
+        count(&self.counts.unavailable);
+    }
+
+    async fn pause(&self, run: u64) {
+        // Another run may come before the time is up.
+        if self.door.is_open(run) {
+            tokio::time::sleep(PAUSE).await;
+        }
+    }
+
+    /// Sends an acknowledged act again, by either route: the receipt must be the first one.
+    pub(crate) async fn confirm(&self, played: &Played, agent: AgentId, act: &ActRequest, by: By) {
+        // Neither of these is part of what makes an act the same.
+        let act = ActRequest { usage: None, reasoning: None, ..act.clone() };
+        let receipt = match by {
+            By::Seats => {
+                let token = played.token(agent);
+                let answer = self.post_act(token, &act, None).await;
+                let receipt: Receipt = answer.ok();
+                receipt
+            }
+            By::Swarm => {
+                let act = SwarmAct::of(played.created.id.clone(), agent.to_string(), act);
+                loop {
+                    let (answer, mut receipts) = self.post_acts(played, vec![act.clone()]).await;
+                    match receipts.pop().expect("one receipt") {
+                        SwarmReceipt::Receipt(receipt) => break receipt,
+                        SwarmReceipt::Problem(problem) => self.refused(&answer, &problem).await,
+                    }
+                }
+            }
+        };
+        let is_new = played.acknowledged(agent, &receipt, true);
+        assert!(!is_new, "it was acknowledged before");
+        count(&self.counts.confirmed);
+    }
+
+    async fn post_act(&self, token: &str, act: &ActRequest, wait: Option<u32>) -> Answer {
+        self.ask(|http, base| {
+            let call = http.post(format!("{base}/act")).bearer_auth(token).json(act);
+            wait.iter().fold(call, |call, wait| call.query(&[("wait", wait)]))
+        })
+        .await
+    }
+
+    async fn post_acts(&self, played: &Played, acts: Vec<SwarmAct>) -> (Answer, Vec<SwarmReceipt>) {
+        let (body, token) = (SwarmActRequest { acts }, &played.created.swarm_token);
+        let answer = self
+            .ask(|http, base| http.post(format!("{base}/swarm/act")).bearer_auth(token).json(&body))
+            .await;
+        let SwarmActResponse { receipts } = answer.ok();
+        assert_eq!(receipts.len(), body.acts.len());
+        (answer, receipts)
+    }
+
+    /// One of several acts was not taken by a run whose disk may fail.
+    async fn refused(&self, answer: &Answer, problem: &Problem) {
+        if problem.status != 409 {
+            assert_eq!(problem.status, 503, "{problem:?}");
+            self.is_unavailable(answer.run, &format!("{:?}", problem.code));
+        }
+        self.pause(answer.run).await;
+    }
+
+    /// Notes a receipt that a client waited for.
+    fn receive(&self, played: &Played, agent: AgentId, answer: &Answer, receipt: &Receipt) {
+        let counts = &self.counts;
+        assert!(
+            receipt.duplicate || !answer.after_failure,
+            "{}: acknowledged after a failed commit: {receipt:?}",
+            played.name()
+        );
+        assert!(played.acknowledged(agent, receipt, answer.lost), "it was received before");
+        if answer.lost {
+            count(if receipt.duplicate {
+                &counts.lost_and_kept
+            } else {
+                &counts.lost_and_not_kept
+            });
+        }
+        count(&counts.acknowledged);
+        self.acknowledged.send_modify(|count| *count += 1);
+    }
+}
+
+/// Sends a request and reads the whole answer.
+async fn whole(call: RequestBuilder) -> Result<(u16, Vec<u8>), reqwest::Error> {
+    let response = call.send().await?;
+    let status = response.status().as_u16();
+    Ok((status, response.bytes().await?.to_vec()))
+}
+
+/// One client: it notices when it talks to another run of the server.
+struct Client<'a> {
+    clients: &'a Clients,
+    number: u64,
+    /// The run that answered last.
+    run: u64,
+    /// The last run in which everything was in order.
+    checked: u64,
+}
+
+impl<'a> Client<'a> {
+    fn new(clients: &'a Clients) -> Self {
+        let number = clients.next_client.fetch_add(1, Ordering::SeqCst);
+        clients.note_check(number, Some(0));
+        Self { clients, number, run: 0, checked: 0 }
+    }
+
+    /// The observation of a seat.
+    async fn look(&mut self, played: &Played, agent: AgentId) -> Observation {
+        let known = played.known(agent);
+        let answer = self.clients.call(Method::GET, "/obs", played.token(agent)).await;
+        self.run = answer.run;
+        let seen = answer.ok();
+        played.seen(agent, known, &seen);
+        seen
+    }
+
+    /// The observation of a seat after a round.
+    async fn look_after(&mut self, played: &Played, agent: AgentId, round: u32) -> Observation {
+        let known = played.known(agent);
+        let poll = |http: &reqwest::Client, base: &str| {
+            let call = http.get(format!("{base}/obs")).bearer_auth(played.token(agent));
+            call.query(&[("after", round), ("wait", WAIT_S)])
+        };
+        let seen = self.poll(played, &[agent], poll).await.ok();
+        played.seen(agent, known, &seen);
+        seen
+    }
+
+    /// A long poll. Where the server ends meanwhile, the next one is looked over before it is asked again.
+    async fn poll(
+        &mut self,
+        played: &Played,
+        agents: &[AgentId],
+        fill: impl Fn(&reqwest::Client, &str) -> RequestBuilder,
+    ) -> Answer {
+        let mut after = 0;
+        loop {
+            match self.clients.attempt(after, &fill).await {
+                Ok(answer) => {
+                    self.run = answer.run;
+                    return answer;
+                }
+                Err(broken) => {
+                    after = broken.after;
+                    self.run = self.clients.door.after(after).await.run;
+                    self.check_after_restart(played, agents).await;
+                }
+            }
+        }
+    }
+
+    /// Acts for a seat until that is acknowledged or too late; the next observation, if it came too.
+    async fn act(&mut self, played: &Played, agent: AgentId, round: u32) -> Option<Observation> {
+        let clients = self.clients;
+        let act = played.game.act(agent, round);
+        let wait = played.game.waits_with_the_act(agent, round).then_some(WAIT_S);
+        played.will_send(agent, &act);
+        clients.sent.send_modify(|count| *count += 1);
+        let known = played.known(agent);
+        let answer = clients.post_act(played.token(agent), &act, wait).await;
+        self.run = answer.run;
+        if answer.status == 409 {
+            played.refused(agent, round, &answer.read::<Problem>().code);
+            count(&clients.counts.came_late);
+            return None;
+        }
+        let ActResponse { receipt, obs } = answer.ok();
+        clients.receive(played, agent, &answer, &receipt);
+        if let Some(next) = &obs {
+            assert!(next.sight.round > round || next.sight.result.is_some());
+            played.seen(agent, known, next);
+        }
+        obs
+    }
+
+    /// Acts for several seats until all that is acknowledged or too late.
+    async fn act_for_all(&mut self, played: &Played, mut acts: Vec<(AgentId, ActRequest)>) {
+        let clients = self.clients;
+        for (agent, act) in &acts {
+            played.will_send(*agent, act);
+        }
+        let mut lost = false;
+        while !acts.is_empty() {
+            clients.sent.send_modify(|count| *count += 1);
+            let id = &played.created.id;
+            let sent = acts
+                .iter()
+                .map(|(agent, act)| SwarmAct::of(id.clone(), agent.to_string(), act.clone()));
+            let (mut answer, receipts) = clients.post_acts(played, sent.collect()).await;
+            self.run = answer.run;
+            answer.lost |= lost;
+            let mut again = Vec::new();
+            let mut refusal = None;
+            for ((agent, act), receipt) in acts.into_iter().zip(receipts) {
+                match receipt {
+                    SwarmReceipt::Receipt(receipt) => {
+                        clients.receive(played, agent, &answer, &receipt);
+                    }
+                    SwarmReceipt::Problem(problem)
+                        if problem.status == 409 && !clients.is_faulty(answer.run) =>
+                    {
+                        played.refused(agent, act.round, &problem.code);
+                        count(&clients.counts.came_late);
+                    }
+                    SwarmReceipt::Problem(problem) => {
+                        again.push((agent, act));
+                        refusal = Some(problem);
+                    }
+                }
+            }
+            if let Some(problem) = refusal {
+                lost = true;
+                clients.refused(&answer, &problem).await;
+            }
+            acts = again;
+        }
+    }
+
+    /// Where another run answers: everything must be as it was, and acknowledged acts are confirmed, those
+    /// of this episode and those of one that has ended.
+    async fn check_after_restart(&mut self, played: &Played, agents: &[AgentId]) {
+        while self.checked < self.run {
+            let run = self.run;
+            let clients = self.clients;
+            let purpose = format!("check {run} {} {:?}", played.game.number, agents[0]);
+            let dice = Dice::of(clients.seed, &purpose);
+            let agent = *dice.pick(agents);
+            self.look(played, agent).await;
+            if played.game.by == By::Swarm {
+                self.look_for_all(played).await;
+            }
+            self.sample(played, agent, &dice).await;
+            self.compare_states(played, &dice).await;
+            if let Some(ended) = clients.ledger.ended(&dice) {
+                let agent = *dice.pick(&ended.agents().collect::<Vec<_>>());
+                self.look(&ended, agent).await;
+                self.sample(&ended, agent, &dice).await;
+            }
+            self.checked = run;
+            count(&clients.counts.checked_after_restart);
+            clients.note_check(self.number, Some(run));
+        }
+    }
+
+    /// The observations that wait for an act: none of a seat whose act was acknowledged.
+    async fn look_for_all(&mut self, played: &Played) {
+        let known: Vec<_> = played.agents().map(|agent| played.known(agent)).collect();
+        let token = &played.created.swarm_token;
+        let answer = self.clients.call(Method::GET, "/swarm/obs?limit=1024", token).await;
+        self.run = answer.run;
+        for seen in answer.ok::<SwarmObsResponse>().observations {
+            let agent = AgentId::parse(&seen.sight.agent).expect("an agent");
+            assert!(!seen.moment.acted, "{}: {agent} does not wait", played.name());
+            played.seen(agent, known[agent.index()], &seen);
+        }
+    }
+
+    /// Confirms the newest acknowledged act of a seat and some older ones.
+    async fn sample(&self, played: &Played, agent: AgentId, dice: &Dice) {
+        let acts = played.acknowledged_acts(agent);
+        let newest = acts.iter().next_back();
+        let older = (0..SAMPLE - 1).filter(|_| !acts.is_empty()).map(|_| dice.pick(&acts));
+        for act in newest.into_iter().chain(older) {
+            let by = *dice.pick(&[By::Seats, By::Swarm]);
+            self.clients.confirm(played, agent, act, by).await;
+        }
+    }
+
+    /// Looks at the state of the newest round that is known, and again at one that was seen before.
+    async fn compare_states(&self, played: &Played, dice: &Dice) {
+        let newest = played.stands_at();
+        for round in [played.seen_state(dice), Some(newest)].into_iter().flatten() {
+            let path = format!("/api/v1/episodes/{}/state?round={round}", played.created.id);
+            let token = &played.created.swarm_token;
+            let state: State = self.clients.call(Method::GET, &path, token).await.ok();
+            assert_eq!(state.round, round);
+            played.saw_state(&state);
+            count(&self.clients.counts.states_compared);
+        }
+    }
+}
+
+impl Drop for Client<'_> {
+    fn drop(&mut self) {
+        self.clients.note_check(self.number, None);
+    }
+}
+
+/// Does something while others play; ends with them where they find a fault.
+pub(crate) async fn while_playing<T>(tables: &mut JoinSet<()>, work: impl Future<Output = T>) -> T {
+    tokio::select! {
+        done = work => done,
+        ended = tables.join_next() => match ended {
+            Some(Err(error)) => std::panic::resume_unwind(error.into_panic()),
+            Some(Ok(())) | None => panic!("nobody plays any more"),
+        },
+    }
+}

@@ -1,0 +1,229 @@
+//! Disks that fail. After a failed commit nothing is acknowledged, the server says so, and after a restart with
+//! a sound disk all that was acknowledged is there and the games go on.
+//!
+//! The faults come from `fault.c`, which is loaded into the server by `LD_PRELOAD`, so the program under test is
+//! the one that is shipped. That, and the tmpfs, need Linux; elsewhere this file is left out.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use rstest::rstest;
+use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
+use serde_json::json;
+use swarmbench::wire::act::ActRequest;
+use swarmbench_engine::AgentId;
+use tempfile::TempDir;
+
+use crate::audit::audit;
+use crate::clients::{Clients, while_playing};
+use crate::ledger::Played;
+use crate::plan::{By, Dice, seed, tell};
+use crate::server::{Server, Site, until};
+
+/// How many games are played at once.
+const TABLES: usize = 4;
+
+/// How many acts are tried in vain before it counts as proved that none is taken.
+const TRIES: u64 = 40;
+
+/// A disk that fails when it is told to.
+struct FaultyDisk {
+    library: PathBuf,
+    control: PathBuf,
+    _folder: TempDir,
+}
+
+impl FaultyDisk {
+    fn new() -> Self {
+        let folder = TempDir::new().expect("a folder");
+        let library = folder.path().join("fault.so");
+        let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/campaign/fault.c");
+        let compiled = Command::new(compiler)
+            .args(["-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-O1", "-o"])
+            .arg(&library)
+            .args([source, "-ldl"])
+            .status()
+            .expect("there is a C compiler, as SQLite needs one too");
+        assert!(compiled.success());
+        Self { library, control: folder.path().join("control"), _folder: folder }
+    }
+
+    fn start(&self, site: &Site) -> Server {
+        site.start_with(&[("LD_PRELOAD", &self.library), ("SWARMBENCH_FAULT", &self.control)])
+    }
+
+    /// From now on the disk fails in this way.
+    fn fail(&self, kind: &str) {
+        let written = self.control.with_extension("new");
+        std::fs::write(&written, kind).expect("it can be written");
+        std::fs::rename(&written, &self.control).expect("it can be put in place");
+    }
+
+    /// The disk is sound again.
+    fn mend(&self) {
+        std::fs::remove_file(&self.control).expect("it failed");
+    }
+
+    /// How often it has failed.
+    fn hits(&self) -> u64 {
+        std::fs::metadata(self.control.with_extension("hits")).map_or(0, |file| file.len())
+    }
+}
+
+#[rstest]
+#[case::no_space("enospc", true)]
+#[case::an_error_of_the_device("eio", false)]
+#[case::a_torn_write("torn", true)]
+#[case::an_error_when_syncing("sync", false)]
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[case] mends: bool) {
+    let seed = seed(kind);
+    let disk = FaultyDisk::new();
+    let site = Site::new();
+    let clients = Clients::new(seed, site.door.clone());
+    let mut tables = clients.sit_down(TABLES);
+    let mut server = disk.start(&site);
+    while_playing(&mut tables, async {
+        server.ready().await;
+        let acts = 50 + Dice::of(seed, kind).below(100) as u64;
+        until("clients play", || *clients.acknowledged.borrow() >= acts).await;
+        assert_eq!(disk.hits(), 0);
+        clients.expect_failure(server.run);
+        disk.fail(kind);
+        refuses_everything(&server, &clients).await;
+        assert!(disk.hits() > 0);
+        if mends {
+            // That the disk is sound again changes nothing: nobody knows what it holds.
+            disk.mend();
+            refuses_everything(&server, &clients).await;
+        }
+    })
+    .await;
+    let known = acknowledged(&clients);
+    let (status, _, log) = server.terminate().await;
+    assert!(status.success(), "{status}: {log:#?}");
+    let mut server = site.start();
+    goes_on(&mut server, &clients, known).await;
+    clients.finish(tables).await;
+    audit(&site, server, &clients).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn writes_that_take_only_a_part_do_no_harm() {
+    let seed = seed("short");
+    let disk = FaultyDisk::new();
+    let site = Site::new();
+    let clients = Clients::new(seed, site.door.clone());
+    let mut tables = clients.sit_down(TABLES);
+    disk.fail("short");
+    let mut server = disk.start(&site);
+    while_playing(&mut tables, async {
+        server.ready().await;
+        until("clients play", || *clients.acknowledged.borrow() >= 200).await;
+    })
+    .await;
+    assert!(disk.hits() > 200, "{}", disk.hits());
+    let known = acknowledged(&clients);
+    server.kill();
+    let mut server = site.start();
+    goes_on(&mut server, &clients, known).await;
+    clients.finish(tables).await;
+    audit(&site, server, &clients).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_disk_that_is_really_full() {
+    let seed = seed("full disk");
+    let folder = TempDir::new().expect("a folder");
+    let tmpfs = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=1m");
+    if let Err(error) = tmpfs {
+        tell(&format!(
+            "full disk: NOT RUN, as no tmpfs may be mounted here ({error}); the injected faults are all there is"
+        ));
+        return;
+    }
+    let mounted = Mounted(folder.path().to_owned());
+    let site = Site::over(folder);
+    // Declared after the site, so that it is gone before the folder is removed.
+    let mounted = mounted;
+    let clients = Clients::new(seed, site.door.clone());
+    let mut tables = clients.sit_down(TABLES);
+    let mut server = site.start();
+    clients.expect_failure(server.run);
+    while_playing(&mut tables, async {
+        server.ready().await;
+        // They play until nothing fits any more.
+        refuses_everything(&server, &clients).await;
+    })
+    .await;
+    assert!(*clients.acknowledged.borrow() > 20, "it was full at once");
+    let known = acknowledged(&clients);
+    let (status, _, log) = server.terminate().await;
+    assert!(status.success(), "{status}: {log:#?}");
+    mount_remount(&mounted.0, MountFlags::empty(), "size=256m").expect("it can grow");
+    let mut server = site.start();
+    goes_on(&mut server, &clients, known).await;
+    clients.finish(tables).await;
+    audit(&site, server, &clients).await;
+}
+
+/// A file system that is taken away at the end.
+struct Mounted(PathBuf);
+
+impl Drop for Mounted {
+    fn drop(&mut self) {
+        if let Err(error) = unmount(&self.0, UnmountFlags::DETACH) {
+            tell(&format!("{} stays mounted: {error}", Path::display(&self.0)));
+        }
+    }
+}
+
+/// Waits until many more acts were tried in vain, and asks the server how it does.
+async fn refuses_everything(server: &Server, clients: &Clients) {
+    let tried = || clients.counts.unavailable.load(Ordering::SeqCst);
+    let before = tried();
+    until("acts are refused", || tried() >= before + TRIES).await;
+    let (status, text) = clients.get_once("/readyz").await;
+    assert_eq!(status, 503, "{text}");
+    assert!(text.contains("\"unavailable\"") && text.contains("a commit failed"), "{text}");
+    assert_eq!(clients.get_once("/healthz").await.0, 200);
+    assert_eq!(clients.get_once("/api/v1/episodes").await.0, 200);
+    let (_, metrics) = clients.get_once("/metrics").await;
+    let failures =
+        metrics.lines().find(|line| line.starts_with("swarmbench_commit_failures_total"));
+    assert_eq!(failures, Some("swarmbench_commit_failures_total 1"));
+    let (status, text) = clients.create_once(&json!({ "task": "Foraging" })).await;
+    assert_eq!(status, 503, "{text}");
+    let line = "a commit failed: nothing is acknowledged until a restart";
+    let log = server.log();
+    assert_eq!(log.iter().filter(|told| told.contains(line)).count(), 1, "{log:#?}");
+}
+
+/// All acts that are acknowledged so far.
+fn acknowledged(clients: &Clients) -> Vec<(Arc<Played>, AgentId, ActRequest)> {
+    let mut known = Vec::new();
+    for played in clients.ledger.all() {
+        for agent in played.agents() {
+            let acts = played.acknowledged_acts(agent).into_iter();
+            known.extend(acts.map(|act| (Arc::clone(&played), agent, act)));
+        }
+    }
+    known
+}
+
+/// After a restart all is there that was acknowledged before.
+async fn goes_on(
+    server: &mut Server,
+    clients: &Clients,
+    known: Vec<(Arc<Played>, AgentId, ActRequest)>,
+) {
+    server.ready().await;
+    for (place, (played, agent, act)) in known.into_iter().enumerate() {
+        let by = if place.is_multiple_of(2) { By::Seats } else { By::Swarm };
+        clients.confirm(&played, agent, &act, by).await;
+    }
+    clients.all_checked(server.run).await;
+}

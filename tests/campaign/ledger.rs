@@ -1,0 +1,213 @@
+//! What clients know: every act they sent, every receipt, and how far they saw each episode come. Whatever
+//! contradicts it is a failure, told at once.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+
+use swarmbench::wire::act::{ActRequest, Receipt};
+use swarmbench::wire::episode::{CreatedEpisode, EpisodeResult, State};
+use swarmbench::wire::observation::Observation;
+use swarmbench_engine::{AgentId, Message};
+
+use crate::plan::{Dice, Game};
+
+/// All episodes of a campaign.
+#[derive(Default)]
+pub(crate) struct Ledger(Mutex<Vec<Arc<Played>>>);
+
+impl Ledger {
+    pub(crate) fn open(&self, game: Game, created: CreatedEpisode) -> Arc<Played> {
+        let played = Arc::new(Played {
+            game,
+            created,
+            acts: Mutex::default(),
+            scores: Mutex::default(),
+            states: Mutex::default(),
+            stands_at: AtomicU32::new(0),
+            result: OnceLock::new(),
+        });
+        self.0.lock().expect("no failure yet").push(Arc::clone(&played));
+        played
+    }
+
+    pub(crate) fn all(&self) -> Vec<Arc<Played>> {
+        self.0.lock().expect("no failure yet").clone()
+    }
+
+    /// One of the episodes that have ended.
+    pub(crate) fn ended(&self, dice: &Dice) -> Option<Arc<Played>> {
+        let all = self.0.lock().expect("no failure yet");
+        let ended: Vec<_> = all.iter().filter(|played| played.result.get().is_some()).collect();
+        (!ended.is_empty()).then(|| Arc::clone(*dice.pick(&ended)))
+    }
+}
+
+/// An act that was sent.
+#[derive(Clone, Debug)]
+pub(crate) struct Sent {
+    pub(crate) request: ActRequest,
+    /// The first receipt.
+    pub(crate) receipt: Option<Receipt>,
+    /// Whether it came too late.
+    pub(crate) refused: bool,
+}
+
+/// An episode as its clients know it.
+pub(crate) struct Played {
+    pub(crate) game: Game,
+    pub(crate) created: CreatedEpisode,
+    acts: Mutex<BTreeMap<(AgentId, u32), Sent>>,
+    /// The score before each round that was seen, to the bit.
+    scores: Mutex<BTreeMap<u32, f64>>,
+    states: Mutex<BTreeMap<u32, State>>,
+    /// At least at this round.
+    stands_at: AtomicU32,
+    result: OnceLock<EpisodeResult>,
+}
+
+/// What a client knew when it asked: the answer must not fall behind it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Known {
+    stands_at: u32,
+    /// The newest round in which the seat's act was acknowledged.
+    acted: Option<u32>,
+}
+
+impl Played {
+    pub(crate) fn token(&self, agent: AgentId) -> &str {
+        &self.created.seats[agent.index()].token
+    }
+
+    pub(crate) fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
+        (0..self.created.config.num_agents).map(AgentId)
+    }
+
+    /// What tells of which episode a failure is.
+    pub(crate) fn name(&self) -> String {
+        format!("{} (game {})", self.created.id, self.game.number)
+    }
+
+    pub(crate) fn stands_at(&self) -> u32 {
+        self.stands_at.load(Ordering::SeqCst)
+    }
+
+    pub(crate) fn known(&self, agent: AgentId) -> Known {
+        let acts = self.acts.lock().expect("no failure yet");
+        let mut own = acts.range((agent, 0)..=(agent, u32::MAX)).rev();
+        let acted = own.find(|(_, sent)| sent.receipt.is_some()).map(|(&(_, round), _)| round);
+        Known { stands_at: self.stands_at(), acted }
+    }
+
+    /// Notes that an act is about to be sent.
+    pub(crate) fn will_send(&self, agent: AgentId, request: &ActRequest) {
+        let sent = Sent { request: request.clone(), receipt: None, refused: false };
+        let mut acts = self.acts.lock().expect("no failure yet");
+        let before = acts.insert((agent, request.round), sent);
+        assert!(before.is_none(), "{}: {agent} sends {} twice", self.name(), request.round);
+    }
+
+    /// Notes a receipt. The first may be a duplicate only where an answer was lost; every other must be the
+    /// same as the first. Returns whether it was the first.
+    pub(crate) fn acknowledged(&self, agent: AgentId, receipt: &Receipt, lost: bool) -> bool {
+        let mut acts = self.acts.lock().expect("no failure yet");
+        let name = self.name();
+        let sent = acts.get_mut(&(agent, receipt.round));
+        let sent = sent.unwrap_or_else(|| panic!("{name}: a receipt for nothing: {receipt:?}"));
+        if let Some(first) = &sent.receipt {
+            let expected = Receipt { duplicate: true, ..first.clone() };
+            assert_eq!(receipt, &expected, "{name}: another receipt for the same act");
+            return false;
+        }
+        assert!(!sent.refused, "{name}: refused before: {receipt:?}");
+        assert!(lost || !receipt.duplicate, "{name}: this is the first time: {receipt:?}");
+        assert_eq!((&receipt.episode, &receipt.agent), (&self.created.id, &agent.to_string()));
+        if sent.request.response.is_none() {
+            let message = sent.request.message.as_deref().and_then(Message::new);
+            let message = message.map(|message| message.to_string());
+            assert!(receipt.valid, "{name}: {receipt:?}");
+            assert_eq!((&receipt.action, &receipt.message), (&sent.request.action, &message));
+        }
+        sent.receipt = Some(Receipt { duplicate: false, ..receipt.clone() });
+        if receipt.waiting_for == 0 {
+            self.stands_at.fetch_max(receipt.round + 1, Ordering::SeqCst);
+        }
+        true
+    }
+
+    /// Notes that an act came too late, which never happens to an acknowledged one.
+    pub(crate) fn refused(&self, agent: AgentId, round: u32, code: &str) {
+        let mut acts = self.acts.lock().expect("no failure yet");
+        let sent = acts.get_mut(&(agent, round)).expect("it was sent");
+        let name = self.name();
+        assert!(sent.receipt.is_none(), "{name}: {agent} was acknowledged and is refused: {code}");
+        // A layout that has solved the task already ends right after a start by hand.
+        let was_solved = round == 0 && self.game.is_started_by_hand() && code == "episode_over";
+        let may_be = self.game.is_clocked() || was_solved;
+        assert!(may_be, "{name}: {agent} is refused in {round}: {code}");
+        assert!(["round_over", "episode_over"].contains(&code), "{name}: {agent}: {code}");
+        sent.refused = true;
+    }
+
+    /// Compares an observation with what was known when it was asked for.
+    pub(crate) fn seen(&self, agent: AgentId, known: Known, seen: &Observation) {
+        let (name, sight) = (self.name(), &seen.sight);
+        let round = sight.round;
+        assert_eq!((&sight.episode, &sight.agent), (&self.created.id, &agent.to_string()));
+        assert!(round >= known.stands_at, "{name} went back to {round}: {known:?}");
+        let must_have_acted = sight.result.is_none() && known.acted == Some(round);
+        assert!(seen.moment.acted || !must_have_acted, "{name}: the act of {agent} is gone");
+        self.stands_at.fetch_max(round, Ordering::SeqCst);
+        let mut scores = self.scores.lock().expect("no failure yet");
+        let before = *scores.entry(round).or_insert(sight.score);
+        assert_eq!(before.to_bits(), sight.score.to_bits(), "{name}: another score in {round}");
+        let acts = self.acts.lock().expect("no failure yet");
+        for past in &sight.history {
+            let sent = acts.get(&(agent, past.round));
+            let receipt = sent.and_then(|sent| sent.receipt.as_ref());
+            if let Some(receipt) = receipt {
+                let remembered = (&past.action, &past.message);
+                assert_eq!(remembered, (&receipt.action, &receipt.message), "{name}: {agent}");
+            }
+        }
+        if let Some(result) = &sight.result {
+            self.ended(result);
+        }
+    }
+
+    /// Notes how the episode ended: always the same way.
+    pub(crate) fn ended(&self, result: &EpisodeResult) {
+        assert_eq!(self.result.get_or_init(|| result.clone()), result, "{}", self.name());
+    }
+
+    /// Compares a state with the one that was seen of the same round before.
+    pub(crate) fn saw_state(&self, state: &State) {
+        let mut states = self.states.lock().expect("no failure yet");
+        let before = states.entry(state.round).or_insert_with(|| state.clone());
+        assert_eq!(before, state, "{}: another state", self.name());
+    }
+
+    /// One of the rounds of which the state was seen.
+    pub(crate) fn seen_state(&self, dice: &Dice) -> Option<u32> {
+        let states = self.states.lock().expect("no failure yet");
+        let rounds: Vec<u32> = states.keys().copied().collect();
+        (!rounds.is_empty()).then(|| *dice.pick(&rounds))
+    }
+
+    pub(crate) fn scores(&self) -> BTreeMap<u32, f64> {
+        self.scores.lock().expect("no failure yet").clone()
+    }
+
+    pub(crate) fn acts(&self) -> BTreeMap<(AgentId, u32), Sent> {
+        self.acts.lock().expect("no failure yet").clone()
+    }
+
+    /// The acknowledged acts of a seat, oldest first.
+    pub(crate) fn acknowledged_acts(&self, agent: AgentId) -> Vec<ActRequest> {
+        let acts = self.acts.lock().expect("no failure yet");
+        let own = acts.range((agent, 0)..=(agent, u32::MAX));
+        own.filter(|(_, sent)| sent.receipt.is_some())
+            .map(|(_, sent)| sent.request.clone())
+            .collect()
+    }
+}

@@ -1,0 +1,175 @@
+//! What is played and what is sent: all of it follows from one seed, so a client that lost an answer sends
+//! the very same act again, and a failure can be played again as far as a real process allows.
+
+use std::io::Write;
+use std::time::Duration;
+
+use sha2::{Digest, Sha256};
+use swarmbench::clock::{Entropy, SeededEntropy, SystemEntropy};
+use swarmbench::wire::act::{ActRequest, Usage};
+use swarmbench::wire::episode::EpisodeRequest;
+use swarmbench_engine::{Action, AgentId, Control, RuleSet, TaskName};
+
+/// The seed of this run: `SWARMBENCH_SEED`, or a new one. It is shown whether or not output is captured.
+pub(crate) fn seed(test: &str) -> u64 {
+    let seed = number("SWARMBENCH_SEED").unwrap_or_else(|| {
+        let mut bytes = [0; 4];
+        SystemEntropy.fill(&mut bytes);
+        u32::from_le_bytes(bytes).into()
+    });
+    tell(&format!("{test}: SWARMBENCH_SEED={seed}"));
+    seed
+}
+
+/// A whole number from the environment.
+pub(crate) fn number(name: &str) -> Option<u64> {
+    let text = std::env::var(name).ok()?;
+    Some(text.parse().unwrap_or_else(|_| panic!("{name} must be a whole number, is {text:?}")))
+}
+
+/// Writes a line to the standard error past the test harness, which would keep it back.
+pub(crate) fn tell(line: &str) {
+    writeln!(std::io::stderr(), "{line}").expect("the standard error takes text");
+}
+
+/// Draws that follow from a seed and from what they are for.
+pub(crate) struct Dice(SeededEntropy);
+
+impl Dice {
+    pub(crate) fn of(seed: u64, purpose: &str) -> Self {
+        let hash: [u8; 32] = Sha256::digest(format!("{seed} {purpose}")).into();
+        Self(SeededEntropy::new(u64::from_le_bytes(hash[..8].try_into().expect("8 bytes"))))
+    }
+
+    pub(crate) fn below(&self, n: usize) -> usize {
+        let mut bytes = [0; 4];
+        self.0.fill(&mut bytes);
+        u32::from_le_bytes(bytes) as usize % n
+    }
+
+    pub(crate) fn one_in(&self, n: usize) -> bool {
+        self.below(n) == 0
+    }
+
+    pub(crate) fn pick<'a, T>(&self, items: &'a [T]) -> &'a T {
+        &items[self.below(items.len())]
+    }
+
+    /// A duration below `most`.
+    pub(crate) fn time(&self, most: Duration) -> Duration {
+        let micros = usize::try_from(most.as_micros()).expect("a short time").max(1);
+        Duration::from_micros(self.below(micros) as u64)
+    }
+}
+
+/// By which calls an episode is played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum By {
+    /// A client for each seat: `/obs` and `/act`.
+    Seats,
+    /// One client for all: `/swarm/obs` and `/swarm/act`.
+    Swarm,
+}
+
+/// An episode to be played.
+#[derive(Clone, Debug)]
+pub(crate) struct Game {
+    seed: u64,
+    pub(crate) number: u64,
+    pub(crate) by: By,
+    pub(crate) request: EpisodeRequest,
+    task: TaskName,
+    control: Control,
+}
+
+impl Game {
+    /// The game with this number: all tasks, both rule sets, both ways to play, with and without clocks.
+    pub(crate) fn new(seed: u64, number: u64) -> Self {
+        let dice = Dice::of(seed, &format!("game {number}"));
+        let task = TaskName::ALL[usize::try_from(number).expect("few") % TaskName::ALL.len()];
+        let by = if number.is_multiple_of(2) { By::Seats } else { By::Swarm };
+        let control = if dice.one_in(4) { Control::Centralized } else { Control::Decentralized };
+        let is_clocked = dice.one_in(3);
+        // Some are long, so that a restart has many rounds to play again.
+        let rounds = if !is_clocked && dice.one_in(5) { 100 } else { 8 + dice.below(24) };
+        let text = |text: &str| Some(text.to_owned());
+        let request = EpisodeRequest {
+            task: text(task.name()),
+            seed: Some(dice.below(1000).try_into().expect("small")),
+            rules: text(dice.pick(&RuleSet::ALL).name()),
+            num_agents: Some(2 + i64::try_from(dice.below(5)).expect("small")),
+            max_round: Some(rounds.try_into().expect("small")),
+            control: text(control.name()),
+            noise: Some(*dice.pick(&[0.0, 0.0, 0.2])),
+            max_delay: Some(*dice.pick(&[0, 0, 2])),
+            round_deadline_s: is_clocked.then(|| *dice.pick(&[0.05, 0.15, 0.4])),
+            bank_s: is_clocked.then(|| *dice.pick(&[0.0, 0.3, 1.0])),
+            start: text(if dice.one_in(5) { "manual" } else { "now" }),
+            visibility: text(if dice.one_in(3) { "owner" } else { "public" }),
+            model: Some(format!("campaign {number}")),
+            ..EpisodeRequest::default()
+        };
+        Self { seed, number, by, request, task, control }
+    }
+
+    pub(crate) fn is_clocked(&self) -> bool {
+        self.request.round_deadline_s.is_some()
+    }
+
+    pub(crate) fn is_started_by_hand(&self) -> bool {
+        self.request.start.as_deref() == Some("manual")
+    }
+
+    fn dice(&self, purpose: &str, agent: AgentId, round: u32) -> Dice {
+        Dice::of(self.seed, &format!("{purpose} {} {agent} {round}", self.number))
+    }
+
+    /// Whether a seat lets its clock run out in a round.
+    pub(crate) fn is_left_out(&self, agent: AgentId, round: u32) -> bool {
+        self.is_clocked() && self.dice("leave out", agent, round).one_in(6)
+    }
+
+    /// How long a seat thinks about a round.
+    pub(crate) fn thinks(&self, agent: AgentId, round: u32) -> Duration {
+        self.dice("think", agent, round).time(Duration::from_millis(20))
+    }
+
+    /// Whether a seat waits for the next observation with the same call.
+    pub(crate) fn waits_with_the_act(&self, agent: AgentId, round: u32) -> bool {
+        self.dice("wait", agent, round).one_in(2)
+    }
+
+    /// What a seat does in a round.
+    pub(crate) fn act(&self, agent: AgentId, round: u32) -> ActRequest {
+        let dice = self.dice("act", agent, round);
+        let action = dice.pick(Action::of_task(self.task)).name().to_owned();
+        let mut act = ActRequest { round, ..ActRequest::default() };
+        match dice.below(8) {
+            0 => act.response = Some("I cannot decide.".to_owned()),
+            1 | 2 => {
+                act.response = Some(format!(
+                    "Round {round}, hm.\n**ACTION:** {action}\n**MSG:** from {agent}"
+                ));
+            }
+            3 => act.action = Some(action),
+            _ => {
+                act.action = Some(action);
+                act.message = Some(format!("  {agent} says\n{} – \"{round}\" ", dice.below(1000)));
+                let commands = self.control == Control::Centralized && agent == AgentId::COMMANDER;
+                act.to = (commands && dice.one_in(2)).then(|| AgentId(1).to_string());
+            }
+        }
+        if dice.one_in(4) {
+            act.usage = Some(Usage {
+                prompt_tokens: Some(dice.below(9000) as u64),
+                completion_tokens: Some(dice.below(900) as u64),
+                latency_ms: None,
+            });
+        }
+        if dice.one_in(6) {
+            // Long enough that a commit takes several pages.
+            act.reasoning = Some("because ".repeat(1 + dice.below(1500)));
+        }
+        act
+    }
+}

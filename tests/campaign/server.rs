@@ -1,0 +1,235 @@
+//! The real binary: started, found, killed, stopped.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use tempfile::TempDir;
+use tokio::sync::watch;
+
+/// Nothing takes this long; whatever does is a failure.
+pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
+
+/// Within this time a server that is told to stop is gone.
+const STOP: Duration = Duration::from_secs(10);
+
+/// Where clients find the server: they outlive it.
+pub(crate) struct Door {
+    address: watch::Sender<Option<Address>>,
+    /// The last run that somebody ended.
+    ended: AtomicU64,
+}
+
+/// A running server, as clients see it.
+#[derive(Clone, Debug)]
+pub(crate) struct Address {
+    pub(crate) base: String,
+    /// Counts the starts of the server, from 1.
+    pub(crate) run: u64,
+}
+
+impl Door {
+    pub(crate) fn new() -> Arc<Self> {
+        Arc::new(Self { address: watch::Sender::new(None), ended: AtomicU64::new(0) })
+    }
+
+    /// The address of the first run after `run` that listens.
+    pub(crate) async fn after(&self, run: u64) -> Address {
+        let mut address = self.address.subscribe();
+        let is_open = |address: &Option<Address>| address.as_ref().is_some_and(|a| a.run > run);
+        let open = tokio::time::timeout(PATIENCE, address.wait_for(is_open)).await;
+        let open = open.unwrap_or_else(|_| panic!("no run after {run} listens"));
+        open.expect("the door stays").clone().expect("it was open")
+    }
+
+    /// Whether somebody has ended a run, or is about to.
+    pub(crate) fn has_ended(&self, run: u64) -> bool {
+        self.ended.load(Ordering::SeqCst) >= run
+    }
+
+    /// Whether a run is the one that goes on.
+    pub(crate) fn is_open(&self, run: u64) -> bool {
+        self.address.borrow().as_ref().is_some_and(|address| address.run == run)
+    }
+}
+
+/// A database and what a server over it is started with.
+pub(crate) struct Site {
+    folder: Option<TempDir>,
+    db: PathBuf,
+    pub(crate) door: Arc<Door>,
+    runs: AtomicU64,
+}
+
+impl Site {
+    /// A new folder, where `TMPDIR` says.
+    pub(crate) fn new() -> Self {
+        Self::over(TempDir::new().expect("a folder"))
+    }
+
+    pub(crate) fn over(folder: TempDir) -> Self {
+        let db = folder.path().join("swarmbench.db");
+        Self { folder: Some(folder), db, door: Door::new(), runs: AtomicU64::new(0) }
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.as_ref().expect("it is there").path()
+    }
+
+    pub(crate) fn db(&self) -> &Path {
+        &self.db
+    }
+
+    pub(crate) fn wal(&self) -> PathBuf {
+        self.folder().join("swarmbench.db-wal")
+    }
+
+    /// Starts a server; clients learn of it once it listens.
+    pub(crate) fn start(&self) -> Server {
+        self.start_with(&[])
+    }
+
+    pub(crate) fn start_with(&self, environment: &[(&str, &Path)]) -> Server {
+        let run = self.runs.fetch_add(1, Ordering::SeqCst) + 1;
+        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        // A port of its own for every run: an earlier one may be somebody's outgoing connection by now.
+        command.args(["serve", "--addr", "127.0.0.1:0", "--db"]).arg(&self.db);
+        command.env("RUST_LOG", "info").envs(environment.iter().copied());
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let started = Instant::now();
+        let mut child = command.spawn().expect("the binary runs");
+        let log = Arc::new(Mutex::new(Vec::new()));
+        let stderr = child.stderr.take().expect("it is piped");
+        let (door, lines) = (Arc::clone(&self.door), Arc::clone(&log));
+        let listener = std::thread::spawn(move || listen(stderr, &lines, &door, run));
+        let door = Arc::clone(&self.door);
+        Server { child, run, started, log, listener: Some(listener), door }
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        if std::thread::panicking()
+            && let Some(folder) = self.folder.take()
+        {
+            crate::plan::tell(&format!("the database is kept: {}", folder.keep().display()));
+        }
+    }
+}
+
+/// Keeps the log, and opens the door once it tells the address.
+fn listen(stderr: ChildStderr, log: &Mutex<Vec<String>>, door: &Door, run: u64) {
+    for line in BufReader::new(stderr).lines() {
+        let Ok(line) = line else { return };
+        let mut words = line.split("serving; documentation at ");
+        let base = words.nth(1).and_then(|rest| rest.split("/docs").next()).map(str::to_owned);
+        log.lock().expect("nothing panics while it holds this").push(line);
+        if let Some(base) = base {
+            door.address.send_replace(Some(Address { base, run }));
+        }
+    }
+}
+
+/// A running server.
+pub(crate) struct Server {
+    child: Child,
+    pub(crate) run: u64,
+    started: Instant,
+    log: Arc<Mutex<Vec<String>>>,
+    listener: Option<JoinHandle<()>>,
+    door: Arc<Door>,
+}
+
+impl Server {
+    /// Waits until it answers that it is ready; returns how long that took from its start.
+    pub(crate) async fn ready(&mut self) -> Duration {
+        let client = reqwest::Client::new();
+        let address = self.door.after(self.run - 1).await;
+        loop {
+            let answer = client.get(format!("{}/readyz", address.base)).send().await;
+            if answer.is_ok_and(|answer| answer.status() == 200) {
+                return self.started.elapsed();
+            }
+            let gone = self.child.try_wait().expect("it can be asked");
+            assert!(gone.is_none(), "it ended by {gone:?}: {:#?}", self.log());
+            assert!(self.started.elapsed() < PATIENCE, "it gets not ready: {:#?}", self.log());
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    }
+
+    /// `kill -9`.
+    pub(crate) fn kill(mut self) -> Vec<String> {
+        self.end();
+        self.log()
+    }
+
+    /// SIGTERM. Returns how the process ended, how long that took, and its log.
+    pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration, Vec<String>) {
+        self.door.ended.store(self.run, Ordering::SeqCst);
+        let told = Instant::now();
+        kill_process(Pid::from_child(&self.child), Signal::TERM).expect("it can be told");
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("it can be asked") {
+                break status;
+            }
+            assert!(told.elapsed() < STOP, "it does not stop: {:#?}", self.log());
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        };
+        let taken = told.elapsed();
+        self.close();
+        (status, taken, self.log())
+    }
+
+    pub(crate) fn log(&self) -> Vec<String> {
+        self.log.lock().expect("nothing panics while it holds this").clone()
+    }
+
+    fn end(&mut self) {
+        self.door.ended.store(self.run, Ordering::SeqCst);
+        // Both fail only where it has ended already.
+        drop(self.child.kill());
+        drop(self.child.wait());
+        self.close();
+    }
+
+    /// Shuts the door once the whole log is read, since reading it may open the door.
+    fn close(&mut self) {
+        if let Some(listener) = self.listener.take() {
+            listener.join().expect("it does not panic");
+        }
+        let is_this = |address: &mut Option<Address>| {
+            let found = address.as_ref().is_some_and(|address| address.run <= self.run);
+            if found {
+                *address = None;
+            }
+            found
+        };
+        self.door.address.send_if_modified(is_this);
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// The lines of a log that say that something is wrong; not to be ready yet is fine.
+pub(crate) fn complaints(log: &[String]) -> Vec<&String> {
+    let complains = |line: &&String| line.contains(" WARN ") || line.contains(" ERROR ");
+    log.iter().filter(complains).filter(|line| !line.contains("path=\"/readyz\"")).collect()
+}
+
+/// Waits until something is so.
+pub(crate) async fn until(what: &str, is_so: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < PATIENCE, "it is not so: {what}");
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+}
