@@ -150,7 +150,7 @@ impl Rates {
             return Ok(());
         };
         let most = limits.address_requests_per_s_max;
-        rates.check_key(&bucket(address)).map_err(|until| {
+        rates.check_key(&network(address)).map_err(|until| {
             let wait = until.wait_time_from(self.clock.now());
             limited("address_requests_per_s_max", most, "this address", wait)
         })
@@ -183,8 +183,8 @@ fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {
     ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
 }
 
-/// Addresses that count as one: a single host has all of a /64 of IPv6.
-fn bucket(address: IpAddr) -> IpAddr {
+/// What counts as one address: a host has a whole /64 of IPv6 to choose from.
+pub(super) fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
         IpAddr::V6(address) => IpAddr::V6((address.to_bits() & !u128::from(u64::MAX)).into()),
@@ -268,9 +268,9 @@ mod tests {
 
     #[test]
     fn one_host_has_many_addresses_of_ipv6() {
-        let bucket = |text: &str| bucket(text.parse().expect("an address"));
-        assert_eq!(bucket("2001:db8::1"), bucket("2001:db8::ffff:1"));
-        assert_ne!(bucket("2001:db8::1"), bucket("2001:db8:0:1::1"));
-        assert_ne!(bucket("192.0.2.1"), bucket("192.0.2.2"));
+        let network = |text: &str| network(text.parse().expect("an address"));
+        assert_eq!(network("2001:db8::1"), network("2001:db8::ffff:1"));
+        assert_ne!(network("2001:db8::1"), network("2001:db8:0:1::1"));
+        assert_ne!(network("192.0.2.1"), network("192.0.2.2"));
     }
 }

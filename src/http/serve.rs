@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 use std::pin::pin;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -22,6 +22,7 @@ use tokio_util::task::TaskTracker;
 use tower::{ServiceBuilder, ServiceExt};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 
+use super::client::network;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use super::pace::{Answer, Pace, Paced, Patience};
@@ -184,7 +185,8 @@ impl Places {
     }
 
     fn take(self: &Arc<Self>, peer: Peer) -> Result<Place, Full> {
-        let network = network(peer);
+        // A proxy on this host speaks for many.
+        let network = Some(peer.0).filter(|peer| !peer.is_loopback()).map(network);
         let mut taken = self.taken.lock().expect("nothing panics while it holds this");
         if taken.all >= self.most {
             return Err(Full { reason: "server", limit: "connections_max", most: self.most });
@@ -200,19 +202,6 @@ impl Places {
         taken.all += 1;
         metrics::gauge!("swarmbench_connections").increment(1.0);
         Ok(Place { places: Arc::clone(self), network })
-    }
-}
-
-/// What counts as one address. A host has a whole /64 of IPv6 to choose from. Nothing where it is this
-/// host: a proxy, who speaks for many.
-fn network(Peer(address): Peer) -> Option<IpAddr> {
-    match address {
-        address if address.is_loopback() => None,
-        IpAddr::V4(_) => Some(address),
-        IpAddr::V6(address) => {
-            let prefix = u128::from(address) >> 64 << 64;
-            Some(IpAddr::V6(Ipv6Addr::from(prefix)))
-        }
     }
 }
 
