@@ -9,7 +9,7 @@ use crate::store::backup::{Backup, back_up};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "The server may go on meanwhile: its database is only read. A backup that is broken off leaves \
-    FILE.partial, which the next one to the same FILE replaces.\n\n\
+    FILE.partial (and FILE.partial-journal), which the next one to the same FILE replaces.\n\n\
     To restore: stop the server; move its database away, together with the files of the same name that end in -wal \
     and -shm; copy FILE to the database's place; start the server."
 )]

@@ -1,5 +1,5 @@
-//! The accept loop: HTTP/1.1 with clocks on every connection ([`super::pace`]), a place for each of so
-//! many, and a quick answer to those for whom there is none.
+//! The accept loop: HTTP/1.1 with clocks on every connection (`pace.rs`), a place for each of so many, and
+//! a quick answer to those for whom there is none.
 
 use std::collections::HashMap;
 use std::io::ErrorKind;

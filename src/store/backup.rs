@@ -40,7 +40,7 @@ pub enum BackupError {
         needed: u64,
     },
     /// A file cannot be used.
-    #[error("{path} cannot be used: {source}")]
+    #[error("{path} cannot be used")]
     File {
         /// The file or folder.
         path: PathBuf,
@@ -48,7 +48,7 @@ pub enum BackupError {
         source: io::Error,
     },
     /// The database cannot be read or copied.
-    #[error("the database {path} cannot be copied: {source}")]
+    #[error("the database {path} cannot be copied")]
     Sqlite {
         /// The database.
         path: PathBuf,
@@ -83,8 +83,8 @@ pub struct Backup {
 /// behind its name, checked, made durable, and only then gets its name.
 ///
 /// # Errors
-/// See [`BackupError`]. What was written remains under the name with `.partial`, and is replaced by
-/// the next backup to the same `target`.
+/// See [`BackupError`]. What was written remains under names with `.partial`, and is replaced by the
+/// next backup to the same `target`.
 pub async fn back_up(
     database: &Path,
     target: &Path,
@@ -219,7 +219,15 @@ impl Partial {
             return Err(BackupError::Exists(target));
         }
         file.set_len(0).map_err(|error| failed(&path, error))?;
-        Ok(Self { path, target, file })
+        // SQLite's own notes of an earlier attempt must not be taken for some of this one.
+        let mut journal = path.clone().into_os_string();
+        journal.push("-journal");
+        match std::fs::remove_file(&journal) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(failed(Path::new(&journal), error))
+            }
+            _ => Ok(Self { path, target, file }),
+        }
     }
 
     fn folder(&self) -> &Path {

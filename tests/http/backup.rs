@@ -150,7 +150,9 @@ async fn a_backup_says_what_it_holds_and_replaces_only_what_was_broken_off() {
     app.act(episode.seat(2), &act(1)).await;
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("backup.db");
-    std::fs::write(folder.path().join("backup.db.partial"), "broken off").expect("written");
+    for name in ["backup.db.partial", "backup.db.partial-journal"] {
+        std::fs::write(folder.path().join(name), "broken off").expect("written");
+    }
 
     let output = backup(&app.database(), &file).await;
     assert!(output.status.success(), "{}", text(&output.stderr));

@@ -200,12 +200,10 @@ async fn an_idle_connection_is_kept_for_longer_than_a_head_may_take_and_then_clo
         .start()
         .await;
     let mut idle = Raw::open(&app).await;
+    let asked = Instant::now();
     assert_eq!(idle.get("/healthz").await.status, 200);
-    let answered = Instant::now();
-    outlast_a_head(&app).await;
     idle.closed().await;
-    // The answer may have been on its way for some moments.
-    assert!(answered.elapsed() > Duration::from_millis(400), "{:?}", answered.elapsed());
+    assert!(asked.elapsed() >= Duration::from_millis(500), "{:?}", asked.elapsed());
     assert!(was_cut(&app, "idle").await);
 }
 
