@@ -1,5 +1,6 @@
 //! Requests, read strictly: whatever is wrong gets an error that names it.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
@@ -63,11 +64,15 @@ pub(super) async fn json_bytes(
     let says_json = is_json(request.headers());
     let mut body = Limited::new(request.into_body(), limit);
     let mut bytes = BytesMut::new();
+    let mut arriving = Arriving { all: &app.arriving, bytes: 0 };
     let started = Instant::now();
     loop {
         let late = started + patience(&app.limits, bytes.len());
         match tokio::time::timeout_at(late, body.frame()).await {
-            Ok(Some(Ok(frame))) => bytes.extend(frame.into_data()),
+            Ok(Some(Ok(frame))) => {
+                bytes.extend(frame.into_data());
+                arriving.grow_to(bytes.len(), app.limits.bodies_bytes_max)?;
+            }
             Ok(None) => break,
             Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
                 let detail = format!("the body has more than {limit} bytes");
@@ -93,6 +98,31 @@ pub(super) async fn json_bytes(
         ));
     }
     Ok(bytes)
+}
+
+/// What has come of a body that is not complete; many of them together are limited.
+struct Arriving<'a> {
+    all: &'a AtomicUsize,
+    bytes: usize,
+}
+
+impl Arriving<'_> {
+    fn grow_to(&mut self, bytes: usize, most: usize) -> Result<(), ApiError> {
+        let more = bytes - self.bytes;
+        self.bytes = bytes;
+        if self.all.fetch_add(more, Ordering::Relaxed) + more <= most {
+            return Ok(());
+        }
+        let detail = "too many large bodies arrive at once; send it again later, or in pieces";
+        Err(ApiError::limit(Code::Overloaded, "bodies_bytes_max", most, detail)
+            .retry_after(Duration::from_secs(1)))
+    }
+}
+
+impl Drop for Arriving<'_> {
+    fn drop(&mut self) {
+        self.all.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
 }
 
 /// How long a body may take of which so many bytes have come: a large one may be slow, but has to

@@ -9,6 +9,8 @@ pub struct Limits {
     pub body_bytes_max: usize,
     /// Bytes of a body with acts of several seats.
     pub swarm_body_bytes_max: usize,
+    /// Bytes of all bodies that are arriving.
+    pub bodies_bytes_max: usize,
     /// Acts in one body.
     pub acts_max: usize,
     /// Observations in one answer.
@@ -72,6 +74,7 @@ impl Default for Limits {
         Self {
             body_bytes_max: 256 * 1024,
             swarm_body_bytes_max: 8 * 1024 * 1024,
+            bodies_bytes_max: 256 * 1024 * 1024,
             acts_max: 1024,
             observations_max: 1024,
             observations_default: 256,
@@ -117,10 +120,11 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 29] {
+    pub fn table(&self) -> [(&'static str, u64); 30] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
+            ("bodies_bytes_max", self.bodies_bytes_max as u64),
             ("acts_max", self.acts_max as u64),
             ("observations_max", self.observations_max as u64),
             ("observations_default", self.observations_default as u64),

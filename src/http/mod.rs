@@ -83,6 +83,8 @@ pub struct Shared {
     /// Tells this run of the server from others.
     boot: u64,
     waits: Arc<AtomicUsize>,
+    /// Bytes of bodies that are not complete.
+    arriving: AtomicUsize,
     renders: Semaphore,
     creating: [Mutex<()>; CREATION_LOCKS],
 }
@@ -125,6 +127,7 @@ impl App {
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
+            arriving: AtomicUsize::new(0),
             renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))

@@ -42,7 +42,7 @@ pub enum OpenError {
     )]
     InUse(PathBuf),
     /// The file beside it that says who has it cannot be used.
-    #[error("the lock file {path} cannot be used: {source}")]
+    #[error("the lock file {path} cannot be used")]
     Lock {
         /// The lock file.
         path: PathBuf,
@@ -54,7 +54,7 @@ pub enum OpenError {
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
     Version(String),
     /// SQLite refused.
-    #[error("the database {path} cannot be opened: {source}")]
+    #[error("the database {path} cannot be opened")]
     Sqlite {
         /// The database.
         path: PathBuf,
@@ -62,7 +62,7 @@ pub enum OpenError {
         source: sqlx::Error,
     },
     /// Its tables are those of another version.
-    #[error("the tables of {path} cannot be brought up to date: {source}")]
+    #[error("the tables of {path} cannot be brought up to date")]
     Migrate {
         /// The database.
         path: PathBuf,

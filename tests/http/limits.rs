@@ -165,6 +165,21 @@ async fn a_disk_that_fills_up_ends_creations_and_nothing_else() {
     app.create(request()).await;
 }
 
+#[tokio::test]
+async fn many_large_bodies_at_once_are_told_to_come_again() {
+    let app = TestApp::builder().limits(|limits| limits.bodies_bytes_max = 10_000).start().await;
+    let episode = app.create(request()).await;
+    let act =
+        |bytes: usize| json!({ "round": 0, "action": "STAY", "reasoning": "x".repeat(bytes) });
+    let sent = app.post("/act").token(episode.seat(0)).json(&act(11_000));
+    let problem = sent.problem(503, "overloaded").await;
+    assert_eq!(problem["limit"], json!({ "name": "bodies_bytes_max", "value": 10_000 }));
+    // What was given up does not count any more.
+    for _ in 0..3 {
+        app.act(episode.seat(0), &act(9_000)).await;
+    }
+}
+
 fn metric(text: &str, name: &str) -> f64 {
     let line = text.lines().find(|line| line.starts_with(name) && !line.starts_with('#'));
     line.and_then(|line| line.rsplit(' ').next()?.parse().ok())
