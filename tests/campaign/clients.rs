@@ -43,7 +43,6 @@ pub(crate) struct Counts {
     pub(crate) creations_repeated: AtomicU64,
     pub(crate) states_compared: AtomicU64,
     pub(crate) checked_after_restart: AtomicU64,
-    pub(crate) unavailable: AtomicU64,
 }
 
 pub(crate) fn count(counter: &AtomicU64) {
@@ -307,10 +306,16 @@ impl Clients {
         self.once(self.http.get(format!("{base}{path}"))).await
     }
 
-    /// Asks the server that runs now for an episode, once.
-    pub(crate) async fn create_once(&self, request: &serde_json::Value) -> (u16, String) {
+    /// Tells the server that runs now, once; without a token where it is empty.
+    pub(crate) async fn post_once(
+        &self,
+        path: &str,
+        token: &str,
+        body: &serde_json::Value,
+    ) -> (u16, String) {
         let base = self.door.after(0).await.base;
-        self.once(self.http.post(format!("{base}/api/v1/episodes")).json(request)).await
+        let call = self.http.post(format!("{base}{path}")).json(body);
+        self.once(if token.is_empty() { call } else { call.bearer_auth(token) }).await
     }
 
     async fn once(&self, call: RequestBuilder) -> (u16, String) {
@@ -369,7 +374,6 @@ impl Clients {
         assert!(self.is_faulty(run), "run {run} is not available: {told}");
         assert!(told.contains("\"unavailable\""), "{told}");
         self.failed.store(run, Ordering::SeqCst);
-        count(&self.counts.unavailable);
     }
 
     async fn pause(&self, run: u64) {
