@@ -322,10 +322,11 @@ impl Actor {
             }
         }
         self.perform(effects, |result| {
-            // Nothing is acknowledged that may not be kept, not even for the second time.
-            let confirm = |outcome: Result<Receipt, ActError>| match (outcome, &result) {
-                (Ok(_), Err(error)) => Err(ActError::Journal(error.clone())),
-                (outcome, _) => outcome,
+            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing is
+            // refused because of what may not be kept, such as a clock that ran out.
+            let confirm = |outcome: Result<Receipt, ActError>| match &result {
+                Ok(()) => outcome,
+                Err(error) => Err(ActError::Journal(error.clone())),
             };
             drop(reply.send(outcomes.into_iter().map(confirm).collect()));
         })
