@@ -43,7 +43,6 @@ pub(crate) struct Counts {
     pub(crate) creations_repeated: AtomicU64,
     pub(crate) states_compared: AtomicU64,
     pub(crate) checked_after_restart: AtomicU64,
-    pub(crate) unavailable: AtomicU64,
 }
 
 pub(crate) fn count(counter: &AtomicU64) {
@@ -307,10 +306,16 @@ impl Clients {
         self.once(self.http.get(format!("{base}{path}"))).await
     }
 
-    /// Asks the server that runs now for an episode, once.
-    pub(crate) async fn create_once(&self, request: &serde_json::Value) -> (u16, String) {
+    /// Tells the server that runs now, once; without a token where it is empty.
+    pub(crate) async fn post_once(
+        &self,
+        path: &str,
+        token: &str,
+        body: &serde_json::Value,
+    ) -> (u16, String) {
         let base = self.door.after(0).await.base;
-        self.once(self.http.post(format!("{base}/api/v1/episodes")).json(request)).await
+        let call = self.http.post(format!("{base}{path}")).json(body);
+        self.once(if token.is_empty() { call } else { call.bearer_auth(token) }).await
     }
 
     async fn once(&self, call: RequestBuilder) -> (u16, String) {
@@ -346,10 +351,6 @@ impl Clients {
                 self.pause(run).await;
                 Err(Broken { after, lost: true })
             }
-            Ok((409, _)) if self.is_faulty(run) => {
-                self.pause(run).await;
-                Err(Broken { after, lost: true })
-            }
             Ok((status, body)) => Ok(Answer { status, body, run, lost: false, after_failure }),
             Err(error) => {
                 assert!(self.door.has_ended(run), "run {run} does not answer: {error:?}");
@@ -358,8 +359,7 @@ impl Clients {
         }
     }
 
-    /// Whether the disk of a run may fail. After that the server may still tell that a clock ran out,
-    /// though that was not kept either, so such a run is not believed when it refuses an act.
+    /// Whether the disk of a run may fail.
     fn is_faulty(&self, run: u64) -> bool {
         self.faulty.load(Ordering::SeqCst) == run
     }
@@ -369,7 +369,6 @@ impl Clients {
         assert!(self.is_faulty(run), "run {run} is not available: {told}");
         assert!(told.contains("\"unavailable\""), "{told}");
         self.failed.store(run, Ordering::SeqCst);
-        count(&self.counts.unavailable);
     }
 
     async fn pause(&self, run: u64) {
@@ -424,12 +423,10 @@ impl Clients {
         (answer, receipts)
     }
 
-    /// One of several acts was not taken by a run whose disk may fail.
+    /// One of several acts was not taken because the journal cannot be used.
     async fn refused(&self, answer: &Answer, problem: &Problem) {
-        if problem.status != 409 {
-            assert_eq!(problem.status, 503, "{problem:?}");
-            self.is_unavailable(answer.run, &format!("{:?}", problem.code));
-        }
+        assert_eq!(problem.status, 503, "{problem:?}");
+        self.is_unavailable(answer.run, &format!("{:?}", problem.code));
         self.pause(answer.run).await;
     }
 
@@ -534,6 +531,7 @@ impl<'a> Client<'a> {
         let answer = clients.post_act(played.token(agent), &act, wait).await;
         self.run = answer.run;
         if answer.status == 409 {
+            assert!(!answer.after_failure, "refused by what was not kept: {}", answer.text());
             played.refused(agent, round, &answer.read::<Problem>().code);
             count(&clients.counts.came_late);
             return None;
@@ -570,9 +568,8 @@ impl<'a> Client<'a> {
                     SwarmReceipt::Receipt(receipt) => {
                         clients.receive(played, agent, &answer, &receipt);
                     }
-                    SwarmReceipt::Problem(problem)
-                        if problem.status == 409 && !clients.is_faulty(answer.run) =>
-                    {
+                    SwarmReceipt::Problem(problem) if problem.status == 409 => {
+                        assert!(!answer.after_failure, "refused by what was not kept: {problem:?}");
                         played.refused(agent, act.round, &problem.code);
                         count(&clients.counts.came_late);
                     }

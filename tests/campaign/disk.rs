@@ -7,12 +7,12 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use rstest::rstest;
 use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
 use serde_json::json;
-use swarmbench::wire::act::ActRequest;
+use swarmbench::wire::act::{ActRequest, Receipt};
+use swarmbench::wire::episode::CreatedEpisode;
 use swarmbench_engine::AgentId;
 use tempfile::TempDir;
 
@@ -25,8 +25,8 @@ use crate::server::{Server, Site, until};
 /// How many games are played at once.
 const TABLES: usize = 4;
 
-/// How many acts are tried in vain before it counts as proved that none is taken.
-const TRIES: u64 = 40;
+/// How often it is tried whether an act is taken.
+const TRIES: u64 = 20;
 
 /// A disk that fails when it is told to.
 struct FaultyDisk {
@@ -86,20 +86,24 @@ async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[cas
     let clients = Clients::new(seed, site.door.clone());
     let mut tables = clients.sit_down(TABLES);
     let mut server = disk.start(&site);
-    while_playing(&mut tables, async {
+    let probe = while_playing(&mut tables, async {
         server.ready().await;
+        let mut probe = Probe::new(&clients).await;
         let acts = 50 + Dice::of(seed, kind).below(100) as u64;
         until("clients play", || *clients.acknowledged.borrow() >= acts).await;
-        assert_eq!(disk.hits(), 0);
+        let (status, text) = probe.act(&clients, 0).await;
+        assert_eq!((status, disk.hits()), (200, 0), "{text}");
+        probe.round = 1;
         clients.expect_failure(server.run);
         disk.fail(kind);
-        refuses_everything(&server, &clients).await;
+        probe.is_refused(&server, &clients).await;
         assert!(disk.hits() > 0);
         if mends {
             // That the disk is sound again changes nothing: nobody knows what it holds.
             disk.mend();
-            refuses_everything(&server, &clients).await;
+            probe.is_refused(&server, &clients).await;
         }
+        probe
     })
     .await;
     let known = acknowledged(&clients);
@@ -107,6 +111,7 @@ async fn nothing_is_acknowledged_after_a_failed_commit(#[case] kind: &str, #[cas
     assert!(status.success(), "{status}: {log:#?}");
     let mut server = site.start();
     goes_on(&mut server, &clients, known).await;
+    probe.goes_on(&clients).await;
     clients.finish(tables).await;
     audit(&site, server, &clients).await;
 }
@@ -153,10 +158,13 @@ async fn a_disk_that_is_really_full() {
     let mut tables = clients.sit_down(TABLES);
     let mut server = site.start();
     clients.expect_failure(server.run);
-    while_playing(&mut tables, async {
+    let probe = while_playing(&mut tables, async {
         server.ready().await;
+        let mut probe = Probe::new(&clients).await;
         // They play until nothing fits any more.
-        refuses_everything(&server, &clients).await;
+        probe.play(&clients).await;
+        probe.is_refused(&server, &clients).await;
+        probe
     })
     .await;
     assert!(*clients.acknowledged.borrow() > 20, "it was full at once");
@@ -166,6 +174,7 @@ async fn a_disk_that_is_really_full() {
     mount_remount(&mounted.0, MountFlags::empty(), "size=256m").expect("it can grow");
     let mut server = site.start();
     goes_on(&mut server, &clients, known).await;
+    probe.goes_on(&clients).await;
     clients.finish(tables).await;
     audit(&site, server, &clients).await;
 }
@@ -181,25 +190,69 @@ impl Drop for Mounted {
     }
 }
 
-/// Waits until many more acts were tried in vain, and asks the server how it does.
-async fn refuses_everything(server: &Server, clients: &Clients) {
-    let tried = || clients.counts.unavailable.load(Ordering::SeqCst);
-    let before = tried();
-    until("acts are refused", || tried() >= before + TRIES).await;
-    let (status, text) = clients.get_once("/readyz").await;
-    assert_eq!(status, 503, "{text}");
-    assert!(text.contains("\"unavailable\"") && text.contains("a commit failed"), "{text}");
-    assert_eq!(clients.get_once("/healthz").await.0, 200);
-    assert_eq!(clients.get_once("/api/v1/episodes").await.0, 200);
-    let (_, metrics) = clients.get_once("/metrics").await;
-    let failures =
-        metrics.lines().find(|line| line.starts_with("swarmbench_commit_failures_total"));
-    assert_eq!(failures, Some("swarmbench_commit_failures_total 1"));
-    let (status, text) = clients.create_once(&json!({ "task": "Foraging" })).await;
-    assert_eq!(status, 503, "{text}");
-    let line = "a commit failed: nothing is acknowledged until a restart";
-    let log = server.log();
-    assert_eq!(log.iter().filter(|told| told.contains(line)).count(), 1, "{log:#?}");
+/// An episode with one seat, in which every act is a round. It is played here and not by the clients, who may
+/// all be waiting for something when the disk fails.
+struct Probe {
+    episode: CreatedEpisode,
+    round: u32,
+}
+
+impl Probe {
+    async fn new(clients: &Clients) -> Self {
+        let request = json!({ "task": "Foraging", "num_agents": 1, "max_round": 100_000 });
+        let (status, text) = clients.post_once("/api/v1/episodes", "", &request).await;
+        assert_eq!(status, 201, "{text}");
+        Self { episode: serde_json::from_str(&text).expect("an episode"), round: 0 }
+    }
+
+    async fn act(&self, clients: &Clients, round: u32) -> (u16, String) {
+        let act = json!({ "round": round, "action": "STAY", "message": format!("round {round}") });
+        clients.post_once("/act", &self.episode.seats[0].token, &act).await
+    }
+
+    /// Plays until an act is not acknowledged.
+    async fn play(&mut self, clients: &Clients) {
+        while self.act(clients, self.round).await.0 == 200 {
+            self.round += 1;
+        }
+    }
+
+    /// Nothing is acknowledged, and the server says why.
+    async fn is_refused(&self, server: &Server, clients: &Clients) {
+        for _ in 0..TRIES {
+            for round in [self.round, self.round + 1] {
+                let (status, text) = self.act(clients, round).await;
+                assert_eq!(status, 503, "{text}");
+                assert!(text.contains("\"unavailable\""), "{text}");
+            }
+        }
+        let (status, text) = clients.get_once("/readyz").await;
+        assert_eq!(status, 503, "{text}");
+        assert!(text.contains("\"unavailable\"") && text.contains("a commit failed"), "{text}");
+        assert_eq!(clients.get_once("/healthz").await.0, 200);
+        assert_eq!(clients.get_once("/api/v1/episodes").await.0, 200);
+        let (_, metrics) = clients.get_once("/metrics").await;
+        let name = "swarmbench_commit_failures_total";
+        let failures = metrics.lines().find(|line| line.starts_with(name));
+        assert_eq!(failures, Some("swarmbench_commit_failures_total 1"));
+        let request = json!({ "task": "Foraging" });
+        let (status, text) = clients.post_once("/api/v1/episodes", "", &request).await;
+        assert_eq!(status, 503, "{text}");
+        let line = "a commit failed: nothing is acknowledged until a restart";
+        let log = server.log();
+        assert_eq!(log.iter().filter(|told| told.contains(line)).count(), 1, "{log:#?}");
+    }
+
+    /// All acts are there that were acknowledged, and the next ones are taken.
+    async fn goes_on(&self, clients: &Clients) {
+        for round in 0..self.round + 2 {
+            let (status, text) = self.act(clients, round).await;
+            assert_eq!(status, 200, "{text}");
+            let receipt: Receipt = serde_json::from_str(&text).expect("a receipt");
+            // The act of the failed commit may have been kept or not.
+            assert!(receipt.duplicate || round >= self.round, "{receipt:?}");
+        }
+    }
 }
 
 /// All acts that are acknowledged so far.
