@@ -76,18 +76,22 @@ fn with_runtime(work: impl Future<Output = anyhow::Result<()>>) -> anyhow::Resul
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
 }
 
-/// Completes when the process is asked to stop, by Ctrl-C or SIGTERM.
-async fn asked_to_stop() {
-    use tokio::signal::unix::{SignalKind, signal};
-    let terminated = async {
-        match signal(SignalKind::terminate()) {
+/// Completes when the process is asked to stop, by Ctrl-C or SIGTERM, from this call on.
+fn asked_to_stop() -> impl Future<Output = ()> {
+    use tokio::signal::unix::{Signal, SignalKind, signal};
+    async fn heard(signal: std::io::Result<Signal>) {
+        match signal {
             Ok(mut signal) => drop(signal.recv().await),
+            // What cannot be listened to is not waited for.
             Err(_) => std::future::pending().await,
         }
-    };
-    tokio::select! {
-        // Where Ctrl-C cannot be listened to there is nothing to wait for.
-        _ = tokio::signal::ctrl_c() => {}
-        () = terminated => {}
+    }
+    let interrupted = signal(SignalKind::interrupt());
+    let terminated = signal(SignalKind::terminate());
+    async {
+        tokio::select! {
+            () = heard(interrupted) => {}
+            () = heard(terminated) => {}
+        }
     }
 }

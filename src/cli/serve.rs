@@ -56,6 +56,7 @@ fn network(text: &str) -> Result<IpNet, String> {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     start_logs(args.log_format);
+    let stop = super::asked_to_stop();
     let limits = Limits {
         address_requests_per_s_max: args.address_requests_per_s,
         key_requests_per_s_max: args.key_requests_per_s,
@@ -90,7 +91,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;
     let addr = listener.local_addr()?;
     tracing::info!(%addr, db = %args.db.display(), "serving; documentation at http://{addr}/docs");
-    server.run(listener, super::asked_to_stop()).await?;
+    server.run(listener, stop).await?;
     tracing::info!("stopped");
     Ok(())
 }

@@ -334,7 +334,11 @@ impl Actor {
                 },
                 // A round was opened: its clock runs.
                 _ = published.changed() => self.note_opening(),
-                () = tick => self.happen(Event::Tick, None).await,
+                () = tick => {
+                    self.note_opening();
+                    let effects = self.apply(Event::Tick);
+                    self.perform(effects, |_| {}).await;
+                }
             }
         }
     }
@@ -360,43 +364,43 @@ impl Actor {
     /// What is due before the first event: a layout that is solved already, or a round whose acts
     /// were all kept before a restart.
     async fn take_up(&mut self) {
-        let effects = self.lockstep.close();
-        self.perform(effects, |_| {}).await;
-        self.end_if_solved().await;
+        let mut effects = self.lockstep.close();
+        effects.extend(self.end_if_solved());
+        if !effects.is_empty() {
+            self.perform(effects, |_| {}).await;
+        }
     }
 
     /// A layout can be solved before the first round; nobody can act in it.
-    async fn end_if_solved(&mut self) {
+    fn end_if_solved(&mut self) -> Vec<Effect> {
         if self.lockstep.status() == Status::Running && self.world.is_over() {
-            self.happen(Event::Done, None).await;
+            return self.apply(Event::Done);
         }
+        Vec::new()
     }
 
     async fn take(&mut self, message: Message) {
         match message {
             Message::Submit { acts, reply } => self.submit(acts, reply).await,
             Message::Start { reply } => {
-                self.happen(Event::Start, Some(reply)).await;
-                self.end_if_solved().await;
+                let mut effects = self.apply(Event::Start);
+                effects.extend(self.end_if_solved());
+                self.perform_for(effects, reply).await;
             }
-            Message::Abort { reply } => self.happen(Event::Abort, Some(reply)).await,
+            Message::Abort { reply } => {
+                let effects = self.apply(Event::Abort);
+                self.perform_for(effects, reply).await;
+            }
         }
     }
 
-    async fn happen(
+    /// Performs effects and tells whoever asked for them; they may have gone.
+    async fn perform_for(
         &mut self,
-        event: Event,
-        reply: Option<oneshot::Sender<Result<(), JournalError>>>,
+        effects: Vec<Effect>,
+        reply: oneshot::Sender<Result<(), JournalError>>,
     ) {
-        self.note_opening();
-        let effects = self.apply(event);
-        self.perform(effects, |result| {
-            if let Some(reply) = reply {
-                // Whoever asked may have gone.
-                drop(reply.send(result));
-            }
-        })
-        .await;
+        self.perform(effects, |result| drop(reply.send(result))).await;
     }
 
     async fn submit(&mut self, acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes>) {

@@ -889,3 +889,18 @@ mod journals {
         }
     }
 }
+
+/// A layout that solves the task leaves nothing to act in; whoever starts it is told so at once.
+#[tokio::test]
+async fn a_manual_start_of_a_solved_layout_is_its_end() {
+    let app = TestApp::start().await;
+    let solved = json!({ "task": "Flocking", "rules": "reference", "seed": 578, "num_agents": 3,
+        "start": "manual" });
+    let episode = app.create(solved).await;
+    assert_eq!(app.show(&episode).await["status"], "waiting");
+    let started = app.post(&episode.path("/start")).ok().await;
+    assert_eq!(
+        (&started["status"], &started["result"]["reason"]),
+        (&json!("finished"), &json!("task_done"))
+    );
+}
