@@ -4,6 +4,8 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
+#[path = "../../crates/engine/tests/common/dice.rs"]
+mod dice;
 
 mod agent;
 mod bad_input;
@@ -11,6 +13,7 @@ mod clocks;
 mod concurrency;
 mod episode;
 mod episodes;
+mod golden;
 mod host;
 mod restart;
 mod swarm;
