@@ -6,6 +6,8 @@
 mod app;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
+#[path = "../../crates/engine/tests/privacy/oracle.rs"]
+mod oracle;
 
 mod agent;
 mod bad_input;
@@ -15,6 +17,7 @@ mod episode;
 mod episodes;
 mod golden;
 mod host;
+mod privacy;
 mod restart;
 mod swarm;
 mod vectors;
