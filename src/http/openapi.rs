@@ -24,7 +24,11 @@ use super::limits::Limits;
         (name = "episodes", description = "Create, watch and end episodes."),
         (name = "host", description = "How the server does."),
     ),
-    components(schemas(crate::wire::episode::EpisodeResult, crate::wire::problem::Problem)),
+    components(schemas(
+        crate::wire::episode::EpisodeResult,
+        crate::wire::episode::RoundEvent,
+        crate::wire::problem::Problem,
+    )),
     modifiers(&Rest)
 )]
 pub(super) struct Document;
