@@ -25,7 +25,11 @@ use super::limits::Limits;
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),
-    components(schemas(crate::wire::episode::EpisodeResult, crate::wire::problem::Problem)),
+    components(schemas(
+        crate::wire::episode::EpisodeResult,
+        crate::wire::episode::RoundEvent,
+        crate::wire::problem::Problem,
+    )),
     modifiers(&Rest)
 )]
 pub(super) struct Document;

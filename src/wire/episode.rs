@@ -300,6 +300,20 @@ pub struct RoundEvent {
     pub agents: Vec<StateAgent>,
 }
 
+/// One Server-Sent Event, by the names of its fields. It is only described here: a stream writes its events itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StreamedEvent {
+    /// `round` or `finished`.
+    #[schema(example = "round")]
+    pub event: String,
+    /// How many rounds were resolved; left out where it is `finished`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = "12")]
+    pub id: Option<String>,
+    /// JSON: a `RoundEvent`, or the `EpisodeResult` where it is `finished`.
+    pub data: String,
+}
+
 impl From<AgentState> for StateAgent {
     fn from(state: AgentState) -> Self {
         Self {

@@ -4,6 +4,10 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
+#[path = "../../crates/engine/tests/common/dice.rs"]
+mod dice;
+#[path = "../../crates/engine/tests/privacy/oracle.rs"]
+mod oracle;
 
 mod access;
 mod agent;
@@ -14,9 +18,11 @@ mod concurrency;
 mod connections;
 mod episode;
 mod episodes;
+mod golden;
 mod host;
 mod keys;
 mod limits;
+mod privacy;
 mod restart;
 mod swarm;
 mod vectors;

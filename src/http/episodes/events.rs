@@ -22,7 +22,7 @@ use super::super::extract::{Id, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::recovery::state_at;
-use crate::wire::episode::RoundEvent;
+use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
 /// From where to listen.
@@ -54,7 +54,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
     ),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
-        (status = 200, description = "Events: `round` with a RoundEvent as data, `finished` with an EpisodeResult", body = RoundEvent, content_type = "text/event-stream"),
+        (status = 200, description = "Events: `round` with a RoundEvent as data, `finished` with an EpisodeResult", body = StreamedEvent, content_type = "text/event-stream"),
         IdRefusals,
         QueryRefusals,
         TokenRefusals,

@@ -1,0 +1,266 @@
+//! What an agent may know, written once more from the rules (*What an agent sees*, *Messages*, *Centralized
+//! control*) and from what a spectator sees; and pairs of games that differ in what some agents may not know.
+//!
+//! Where a delay is drawn the oracle knows only the rounds in which a message can arrive, so it names more
+//! than an agent gets. Where it finds nothing that differs between two games, nothing may differ.
+
+use swarmbench_engine::{Action, Control, RuleSet, Settings, TaskName};
+
+use crate::dice::Dice;
+
+/// An agent, as a spectator sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Body {
+    pub(crate) at: (i64, i64),
+    pub(crate) alive: bool,
+    /// Its light is on, or it carries food.
+    pub(crate) flag: bool,
+}
+
+/// A state, as a spectator sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct State {
+    pub(crate) score: f64,
+    /// One character a cell, `A` for agents.
+    pub(crate) grid: Vec<Vec<char>>,
+    pub(crate) agents: Vec<Body>,
+}
+
+/// What an agent does in a round.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Deed {
+    pub(crate) action: &'static str,
+    pub(crate) message: Option<String>,
+    pub(crate) to: Option<usize>,
+}
+
+/// A part of the rules that is forgotten on purpose, to see whether anybody notices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Blind {
+    Nothing,
+    /// The outermost cells of a window.
+    Edge,
+    /// What others say.
+    Messages,
+    /// What was seen in earlier rounds.
+    Past,
+    /// Which agents bear a mark.
+    Marks,
+}
+
+/// A game as it went: the state in which each round is decided, and what was done in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Game {
+    pub(crate) settings: Settings,
+    pub(crate) states: Vec<State>,
+    pub(crate) deeds: Vec<Vec<Deed>>,
+}
+
+/// A window: its round, its corner and its cells.
+type Window = (usize, (i64, i64), Vec<Vec<String>>);
+
+/// All that an agent may know, in a form that can be compared.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Knowledge {
+    round: usize,
+    score: f64,
+    alive: bool,
+    flag: bool,
+    windows: Vec<Window>,
+    /// What may have arrived: the round of sending, the sender, the text.
+    messages: Vec<(usize, usize, String)>,
+    history: Vec<(usize, &'static str, Option<String>)>,
+}
+
+impl Game {
+    fn reach(&self) -> i64 {
+        self.settings.view_size / 2
+    }
+
+    pub(crate) fn is_centralized(&self) -> bool {
+        self.settings.control == Control::Centralized.name()
+    }
+
+    fn is_reference(&self) -> bool {
+        self.settings.rules == RuleSet::Reference.name()
+    }
+
+    pub(crate) fn state(&self) -> &State {
+        self.states.last().expect("a state")
+    }
+
+    /// Whether anything at all differs from the other game: now, and ever.
+    pub(crate) fn differs_from(&self, other: &Self) -> [bool; 2] {
+        let ever = self.states != other.states || self.deeds != other.deeds;
+        [self.state() != other.state(), ever]
+    }
+
+    /// Whether one agent is within the window of another.
+    pub(crate) fn is_near(&self, state: &State, one: usize, other: usize) -> bool {
+        let ((i, j), (k, l)) = (state.agents[one].at, state.agents[other].at);
+        (i - k).abs() <= self.reach() && (j - l).abs() <= self.reach()
+    }
+
+    /// What an agent may know when it decides the last round.
+    pub(crate) fn knowledge(&self, agent: usize, blind: Blind) -> Knowledge {
+        let round = self.states.len() - 1;
+        let body = &self.state().agents[agent];
+        let memory = usize::try_from(self.settings.memory).expect("not negative");
+        let lived = |round: &usize| self.states[*round].agents[agent].alive;
+        let past = if blind == Blind::Past { 1 } else { memory.max(1) };
+        let history = (round.saturating_sub(memory)..round).filter(lived).map(|round| {
+            let deed = &self.deeds[round][agent];
+            (round, deed.action, deed.message.clone())
+        });
+        Knowledge {
+            round,
+            score: self.state().score,
+            alive: body.alive,
+            flag: body.flag,
+            windows: ((round + 1).saturating_sub(past)..=round)
+                .filter(lived)
+                .map(|round| self.window(round, agent, blind))
+                .collect(),
+            messages: if blind == Blind::Messages { Vec::new() } else { self.messages(agent) },
+            history: history.collect(),
+        }
+    }
+
+    /// The window of an agent in a round.
+    pub(crate) fn window(&self, round: usize, agent: usize, blind: Blind) -> Window {
+        let state = &self.states[round];
+        let (i, j) = state.agents[agent].at;
+        let reach = self.reach() - i64::from(blind == Blind::Edge);
+        let (rows, columns) = if self.is_centralized() {
+            (0..self.settings.height, 0..self.settings.width)
+        } else {
+            (i - reach..i + reach + 1, j - reach..j + reach + 1)
+        };
+        let corner = (rows.start, columns.start);
+        let row =
+            |i: i64| columns.clone().map(|j| self.cell(state, agent, (i, j), blind)).collect();
+        (round, corner, rows.map(row).collect())
+    }
+
+    fn cell(&self, state: &State, agent: usize, at: (i64, i64), blind: Blind) -> String {
+        let place = |at: i64| usize::try_from(at).ok();
+        let seen = place(at.0).and_then(|i| state.grid.get(i)?.get(place(at.1)?));
+        match seen {
+            None => "*".to_owned(),
+            Some('A') => {
+                let is_there = |body: &Body| body.alive && body.at == at;
+                let number = state.agents.iter().position(is_there).expect("an agent");
+                if number == agent {
+                    return "Y".to_owned();
+                }
+                let has_marks = ["Synchronization", "Foraging"].contains(&&*self.settings.task);
+                let is_marked = has_marks
+                    && blind != Blind::Marks
+                    && state.agents[number].flag != self.is_reference();
+                format!("{}{number}", if is_marked { "$" } else { "" })
+            }
+            Some(symbol) => symbol.to_string(),
+        }
+    }
+
+    /// What may have been delivered to an agent with the last round.
+    fn messages(&self, agent: usize) -> Vec<(usize, usize, String)> {
+        let (now, last) = (self.state(), self.states.len() - 1);
+        if !now.agents[agent].alive || (self.is_centralized() && !now.agents[0].alive) {
+            return Vec::new();
+        }
+        let late = usize::try_from(self.settings.max_delay).expect("not negative");
+        let mut messages = Vec::new();
+        for sent in last.saturating_sub(1 + late)..last {
+            for (sender, deed) in self.deeds[sent].iter().enumerate() {
+                let Some(text) = deed.message.clone() else { continue };
+                let before = &self.states[sent];
+                let decisive = if self.is_reference() { now } else { before };
+                if before.agents[sender].alive && self.hears(decisive, sender, deed.to, agent) {
+                    messages.push((sent, sender, text));
+                }
+            }
+        }
+        messages
+    }
+
+    /// Whether a message reaches an agent from the positions of a state.
+    fn hears(&self, state: &State, sender: usize, to: Option<usize>, agent: usize) -> bool {
+        match (self.is_centralized(), sender) {
+            _ if !state.agents[agent].alive => false,
+            (true, 0) => agent != 0 && to.is_none_or(|to| to == agent),
+            (true, _) => agent == 0,
+            (false, _) => {
+                (agent != sender || self.is_reference()) && self.is_near(state, sender, agent)
+            }
+        }
+    }
+}
+
+/// Settings of a small game of any kind.
+pub(crate) fn settings(dice: &mut Dice) -> Settings {
+    let one_of = |dice: &mut Dice, values: &[i64]| values[dice.below(values.len())];
+    let task = TaskName::ALL[dice.below(5)];
+    let rules = RuleSet::ALL[dice.below(2)];
+    let control = if dice.below(4) == 0 { Control::Centralized } else { Control::Decentralized };
+    let height = one_of(dice, &[8, 11, 16]);
+    let width = if rules == RuleSet::Reference { height } else { one_of(dice, &[8, 13, 20]) };
+    Settings {
+        rules: rules.name().to_owned(),
+        control: control.name().to_owned(),
+        num_agents: one_of(dice, &[2, 3, 5, 8, 9]),
+        width,
+        height,
+        view_size: one_of(dice, &[3, 3, 5, 7]),
+        memory: one_of(dice, &[0, 1, 2, 3, 5]),
+        max_round: 1_000,
+        noise: [0.0, 0.0, 0.5, 1.0][dice.below(4)],
+        max_delay: one_of(dice, &[0, 0, 1, 3]),
+        ..Settings::standard(task, dice.below(1_000_000) as u64)
+    }
+}
+
+/// What all agents do in a round, at random.
+pub(crate) fn deeds(dice: &mut Dice, game: &Game) -> Vec<Deed> {
+    (0..game.state().agents.len()).map(|agent| deed(dice, game, agent)).collect()
+}
+
+fn deed(dice: &mut Dice, game: &Game, agent: usize) -> Deed {
+    let task = TaskName::parse(&game.settings.task).expect("a task");
+    let actions = Action::of_task(task);
+    let agents = game.state().agents.len();
+    let says = dice.below(2) == 0;
+    let names = says && game.is_centralized() && agent == 0 && dice.below(2) == 0;
+    Deed {
+        action: actions[dice.below(actions.len())].name(),
+        message: says.then(|| format!("message {}", dice.below(1_000))),
+        to: names.then(|| 1 + dice.below(agents - 1)),
+    }
+}
+
+/// The same round in the other game: agents do something else of which `observer` hears and sees nothing at once,
+/// and now and then any agent does.
+pub(crate) fn changed(dice: &mut Dice, game: &Game, deeds: &[Deed], observer: usize) -> Vec<Deed> {
+    let anybody = dice.below(16) == 0;
+    let mut changed = deeds.to_vec();
+    for (agent, changed) in changed.iter_mut().enumerate() {
+        let other = deed(dice, game, agent);
+        let is_told =
+            |deed: &Deed| deed.message.is_some() && deed.to.is_none_or(|to| to == observer);
+        let is_hidden = match (game.is_centralized(), agent) {
+            (true, 0) => !is_told(changed) && !is_told(&other),
+            (true, _) => observer != 0,
+            (false, _) => !game.is_near(game.state(), agent, observer),
+        };
+        if agent == observer || dice.below(3) == 0 || !(is_hidden || anybody) {
+            continue;
+        }
+        if game.is_centralized() {
+            // Whatever is done is seen by all.
+            *changed = Deed { action: changed.action, ..other };
+        } else {
+            *changed = other;
+        }
+    }
+    changed
+}

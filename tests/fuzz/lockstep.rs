@@ -1,0 +1,269 @@
+//! The barrier, told events in any order.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use bolero::TypeGenerator;
+use jiff::Timestamp;
+use swarmbench::clock::after;
+use swarmbench::episode::lockstep::{
+    Clocks, Effect, Event, Given, Lockstep, Refusal, Standing, Submission,
+};
+use swarmbench::episode::{Ending, Status};
+use swarmbench::journal::record::{ActRecord, Source};
+use swarmbench_engine::AgentId;
+
+const AGENTS: u16 = 4;
+
+/// Longer than any game here.
+const NEVER: Duration = Duration::from_secs(1_000_000);
+
+/// What happens; numbers are taken modulo what there is.
+#[derive(Clone, Debug, TypeGenerator)]
+enum Move {
+    /// An act for this round, the one before, or the next.
+    Submit {
+        agent: u8,
+        ahead: u8,
+        action: bool,
+    },
+    /// Everybody from this agent on acts.
+    SubmitFrom {
+        agent: u8,
+    },
+    Pass {
+        #[generator(0..60_u8)]
+        tenths: u8,
+        ticks: bool,
+    },
+    /// To the moment for which the machine asked.
+    Wake,
+    Start,
+    Abort,
+}
+
+/// How a game is set up.
+#[derive(Clone, Debug, TypeGenerator)]
+struct Setting {
+    round_tenths: Option<u8>,
+    bank_tenths: u8,
+    idle_s: u8,
+    waiting: bool,
+    /// In which round which agent escapes.
+    escapes: [u8; 4],
+    last_round: u8,
+}
+
+/// The machine, and what is known of it from the outside.
+struct Table {
+    machine: Lockstep,
+    now: Timestamp,
+    round: u32,
+    alive: Vec<bool>,
+    kept: BTreeMap<(u32, AgentId), Given>,
+    banks: Vec<Duration>,
+    setting: Setting,
+}
+
+fn tenths(count: u8) -> Duration {
+    Duration::from_millis(100 * u64::from(count))
+}
+
+impl Table {
+    fn new(setting: Setting) -> Self {
+        let now = Timestamp::UNIX_EPOCH;
+        let clocks = Clocks {
+            round_deadline: setting.round_tenths.map(|count| tenths(count.max(1))),
+            bank: tenths(setting.bank_tenths),
+            // Every second game is abandoned soon, the others never.
+            idle_timeout: match setting.idle_s {
+                0..128 => Duration::from_secs(5 + u64::from(setting.idle_s)),
+                128.. => NEVER,
+            },
+        };
+        let standing = Standing {
+            waiting: setting.waiting,
+            outcome: None,
+            round: 0,
+            alive: vec![true; AGENTS.into()],
+            bank_spent: vec![Duration::ZERO; AGENTS.into()],
+            given: Vec::new(),
+            last_act_at: now,
+        };
+        let machine = Lockstep::new(clocks, standing, now);
+        let (banks, alive) = (machine.banks(), vec![true; AGENTS.into()]);
+        Self { machine, now, round: 0, alive, kept: BTreeMap::new(), banks, setting }
+    }
+
+    fn submit(&mut self, agent: AgentId, round: u32, action: &str) {
+        let record = ActRecord {
+            action: Some(action.to_owned()),
+            source: Source::Player,
+            ..ActRecord::clock_ran_out(agent, 0)
+        };
+        let earlier = self.kept.get(&(round, agent)).filter(|_| round < self.round).cloned();
+        self.apply(Event::Submit { agent, submission: Submission { round, record }, earlier });
+    }
+
+    /// Tells an event and checks everything that must hold then.
+    fn apply(&mut self, event: Event) {
+        let was = self.machine.status();
+        let effects = self.machine.apply(self.now, event.clone());
+        let answers = effects.iter().filter(|effect| matches!(effect, Effect::Answer(_))).count();
+        assert_eq!(answers, usize::from(matches!(event, Event::Submit { .. })), "{effects:?}");
+        for effect in &effects {
+            match effect {
+                Effect::KeepAct { agent, given } => {
+                    assert!(self.alive[agent.index()], "an act of nobody");
+                    let before = self.kept.insert((self.round, *agent), given.clone());
+                    assert_eq!(before, None, "one act a seat and round");
+                    assert_eq!(given.waiting_for as usize, self.missing(), "{given:?}");
+                    let bank = self.banks[agent.index()];
+                    assert!(Duration::from_millis(given.record.bank_spent_ms) <= bank);
+                    let late = self.setting.round_tenths.is_some_and(|count| {
+                        let time = tenths(count.max(1)) + bank;
+                        self.now > after(self.machine.opened_at(), time)
+                    });
+                    assert!(!late || given.record.source == Source::Clock, "it came too late");
+                }
+                Effect::Answer(answer) => self.check_answer(&event, answer.as_ref()),
+                Effect::Resolve => assert_eq!(self.missing(), 0, "it closes when all are in"),
+                Effect::KeepStart => assert_eq!(was, Status::Waiting),
+                Effect::End(ending) => {
+                    assert!(!was.is_over(), "it ends once");
+                    assert_eq!(self.machine.status(), ending.status());
+                }
+                Effect::Publish => {}
+            }
+        }
+        assert!(!was.is_over() || self.machine.status() == was, "what is over stays so");
+        let banks = self.machine.banks();
+        assert!(banks.iter().zip(&self.banks).all(|(now, then)| now <= then), "banks never grow");
+        self.banks = banks;
+        let closes = effects.contains(&Effect::Resolve);
+        let opens = matches!(event, Event::Start | Event::Resolved { .. });
+        let is_open = self.machine.status() == Status::Running && !opens;
+        assert!(!is_open || closes == (self.missing() == 0), "{effects:?}");
+        if closes {
+            self.resolve();
+        }
+        let is_told = matches!(event, Event::Tick) && !closes;
+        let wakes_at = self.machine.wakes_at();
+        assert!(!is_told || wakes_at.is_none_or(|at| at > self.now), "{wakes_at:?}");
+        assert_eq!(wakes_at.is_none(), self.machine.status().is_over());
+    }
+
+    /// The living seats without an act in the open round.
+    fn missing(&self) -> usize {
+        let living = (0..AGENTS).map(AgentId).filter(|agent| self.alive[agent.index()]);
+        living.filter(|agent| !self.kept.contains_key(&(self.round, *agent))).count()
+    }
+
+    fn check_answer(
+        &self,
+        event: &Event,
+        answer: Result<&swarmbench::episode::lockstep::Receipt, &Refusal>,
+    ) {
+        let Event::Submit { agent, submission, .. } = event else { panic!("an answer to nobody") };
+        let kept = self.kept.get(&(submission.round, *agent));
+        let kept = kept.filter(|given| given.record.source == Source::Player);
+        let same = kept.filter(|given| given.record.action == submission.record.action);
+        match answer {
+            Ok(receipt) => {
+                assert_eq!(receipt.round, submission.round);
+                assert_eq!(Some(&receipt.given), same, "the receipt is that of what was kept");
+            }
+            Err(refusal) => {
+                assert_eq!(same, None, "the same act gets the same receipt");
+                match refusal {
+                    Refusal::AlreadyActed { .. } => assert!(kept.is_some()),
+                    Refusal::RoundAhead { sent, round } => {
+                        let waits = self.machine.status() == Status::Waiting && sent == round;
+                        assert!(sent > round || waits);
+                    }
+                    Refusal::RoundOver { sent, round } => {
+                        let clock =
+                            self.kept.get(&(*sent, *agent)).map(|given| given.record.source);
+                        assert!(sent < round || clock == Some(Source::Clock));
+                    }
+                    Refusal::EpisodeOver { escaped: true, .. } => {
+                        assert!(!self.alive[agent.index()])
+                    }
+                    Refusal::EpisodeOver { escaped: false, .. } => {
+                        assert!(self.machine.status().is_over());
+                    }
+                }
+            }
+        }
+    }
+
+    /// Plays the round that was closed.
+    fn resolve(&mut self) {
+        let living = self.alive.iter().filter(|alive| **alive).count();
+        assert_eq!(self.machine.records().count(), living, "an act of each living seat");
+        for (alive, round) in self.alive.iter_mut().zip(self.setting.escapes) {
+            *alive &= u32::from(round % 16) != self.round;
+        }
+        for (bank, agent) in self.banks.iter_mut().zip(0..) {
+            let given = self.kept.get(&(self.round, AgentId(agent)));
+            let spent = given.map_or(0, |given| given.record.bank_spent_ms);
+            *bank -= Duration::from_millis(spent);
+        }
+        let banks = self.banks.clone();
+        self.round += 1;
+        let is_done = !self.alive.contains(&true);
+        let is_last = self.round > u32::from(self.setting.last_round % 32);
+        let ending = match (is_done, is_last) {
+            (true, _) => Some(Ending::TaskDone),
+            (false, true) => Some(Ending::RoundsPlayed),
+            (false, false) => None,
+        };
+        self.apply(Event::Resolved { alive: self.alive.clone(), ending });
+        assert_eq!(self.machine.records().count(), 0, "the next round begins without acts");
+        assert_eq!(self.machine.banks(), banks, "what was overspent is taken from the banks");
+    }
+
+    fn play(&mut self, step: &Move) {
+        match step {
+            Move::Submit { agent, ahead, action } => {
+                let round = (self.round + u32::from(ahead % 3)).saturating_sub(1);
+                let action = if *action { "UP" } else { "DOWN" };
+                self.submit(AgentId(u16::from(*agent) % AGENTS), round, action);
+            }
+            Move::SubmitFrom { agent } => {
+                let (first, round) = (u16::from(*agent) % AGENTS, self.round);
+                (first..AGENTS).for_each(|agent| self.submit(AgentId(agent), round, "STAY"));
+            }
+            Move::Pass { tenths: count, ticks } => {
+                self.now = after(self.now, tenths(*count));
+                if *ticks {
+                    self.apply(Event::Tick);
+                }
+            }
+            Move::Wake => {
+                let soon = after(self.now, NEVER / 2);
+                let wakes_at = self.machine.wakes_at().filter(|at| *at < soon);
+                self.now = wakes_at.unwrap_or(self.now).max(self.now);
+                self.apply(Event::Tick);
+            }
+            Move::Start => self.apply(Event::Start),
+            // Most games are to go on.
+            Move::Abort if self.now.as_second() % 16 == 15 => self.apply(Event::Abort),
+            Move::Abort => {}
+        }
+    }
+}
+
+#[test]
+fn every_order_of_events_keeps_the_barrier() {
+    bolero::check!()
+        .with_iterations(4_000)
+        .with_generator((
+            bolero::produce::<Setting>(),
+            bolero::produce::<Vec<Move>>().with().len(0..200_usize),
+        ))
+        .for_each(|(setting, moves)| {
+            let mut table = Table::new(setting.clone());
+            moves.iter().for_each(|step| table.play(step));
+        });
+}
