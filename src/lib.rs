@@ -18,6 +18,7 @@ pub mod episode;
 pub mod http;
 pub mod ids;
 pub mod journal;
+pub mod loadtest;
 pub mod players;
 pub mod prompt;
 pub mod server;

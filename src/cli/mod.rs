@@ -2,6 +2,7 @@
 
 mod demo;
 mod healthcheck;
+mod loadtest;
 mod openapi;
 mod play;
 mod serve;
@@ -37,6 +38,8 @@ enum Command {
     Play(play::Args),
     /// Play a journal file again and check every hash, digest, act and score.
     Verify(verify::Args),
+    /// Load a server of your own, and compare it with what is possible at best.
+    Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
     /// Ask a server whether it lives; fails if it does not.
@@ -52,6 +55,7 @@ pub fn main() -> ExitCode {
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
+        Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
     };

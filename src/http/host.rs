@@ -75,6 +75,6 @@ pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health
 pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
     metrics::gauge!("swarmbench_episodes_live").set(app.registry.live() as f64);
-    let text = telemetry::metrics().render();
+    let text = telemetry::render();
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
 }
