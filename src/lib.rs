@@ -9,7 +9,7 @@
 //! - [`store`]: where it is kept; the only place that names sqlx.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
-//! - [`players`]: how a player meets a server. [`cli`]: the commands.
+//! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
 //! - [`clock`], [`ids`], [`telemetry`]: what several of them need.
 
 pub mod cli;

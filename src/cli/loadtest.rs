@@ -289,7 +289,7 @@ fn show_obs(obs: &obs::Comparison) {
             round(side.per_s_max),
             millis(side.latency.p50_ms),
             millis(side.latency.p99_ms),
-            side.cpu_us.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}")),
+            micros(side.cpu_us),
         ]);
     }
     println!(
@@ -311,6 +311,7 @@ fn show_acts(all: &[acts::Comparison]) {
         "commits/s",
         "ack p50 ms",
         "ack p99 ms",
+        "CPU µs",
         "bare acts/s",
         "bare commits/s",
         "of the bare writer",
@@ -323,6 +324,7 @@ fn show_acts(all: &[acts::Comparison]) {
             round(acts.commits_per_s),
             millis(acts.acknowledged.p50_ms),
             millis(acts.acknowledged.p99_ms),
+            micros(acts.cpu_us),
             round(acts.bare_acts_per_s),
             round(acts.bare_commits_per_s),
             format!("{:.0} %", acts.ratio * 100.0),
@@ -453,6 +455,10 @@ fn numbers(headings: &[&str]) -> Table {
 
 fn round(number: f64) -> String {
     format!("{number:.0}")
+}
+
+fn micros(number: Option<f64>) -> String {
+    number.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}"))
 }
 
 fn millis(number: f64) -> String {

@@ -43,6 +43,8 @@ pub struct Comparison {
     pub commits_per_s: f64,
     /// Commits a second of the bare writer: the median over the turns.
     pub bare_commits_per_s: f64,
+    /// Time that the server had the processors, for each act; where it tells.
+    pub cpu_us: Option<f64>,
     /// Bytes of an act's record.
     pub record_bytes: usize,
     /// From sending an act, or the acts of all seats, until the answer.
@@ -88,7 +90,7 @@ pub async fn run(
     let record_bytes = record.len();
     let mut bare = BareCommit::open(dir, games.len(), record).await?;
     let (mut rates, mut bare_rates, mut groups) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut commits, mut bare_commits) = (Vec::new(), Vec::new());
+    let (mut commits, mut bare_commits, mut cpu) = (Vec::new(), Vec::new(), Vec::new());
     for place in 0..turns {
         progress("comparing durable acts", place as u64, turns as u64);
         let before = Metrics::of(target).await?;
@@ -97,7 +99,10 @@ pub async fn run(
         players = play(players, &score, turn).await;
         let taken = started.elapsed();
         let after = Metrics::of(target).await?;
-        rates.push(per_second(score.acts.load(Ordering::Relaxed) - acts, taken));
+        let acts = score.acts.load(Ordering::Relaxed) - acts;
+        rates.push(per_second(acts, taken));
+        let cpu_s = after.since(&before, "process_cpu_seconds_total");
+        cpu.extend(cpu_s.map(|cpu_s| cpu_s * 1e6 / super::float(acts.max(1))));
         let entries = after.since(&before, "swarmbench_commit_entries_total");
         let count = after.since(&before, "swarmbench_commits_total");
         let (entries, count) =
@@ -125,6 +130,7 @@ pub async fn run(
         entries_per_commit: median(groups),
         commits_per_s: median(commits),
         bare_commits_per_s: median(bare_commits),
+        cpu_us: (cpu.len() == turns).then(|| median(cpu)),
         record_bytes,
         acknowledged: score.acknowledged.spread(),
         answers: score.tally.answers(),

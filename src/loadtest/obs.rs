@@ -109,7 +109,8 @@ pub async fn run(
     let ratios = server_side.rates.iter().zip(&bare_side.rates).map(|(server, bare)| server / bare);
     let ratio = median(ratios.collect());
     let (server, bare) = (server_side.side(), bare_side.side());
-    let cpu_ratio = server.cpu_us.zip(bare.cpu_us).map(|(server, bare)| bare / server);
+    let cpu = server.cpu_us.zip(bare.cpu_us).filter(|(server, bare)| *server > 0.0 && *bare > 0.0);
+    let cpu_ratio = cpu.map(|(server, bare)| bare / server);
     Ok(Comparison {
         connections,
         bytes,

@@ -11,7 +11,7 @@ pub fn connections_max() -> usize {
     let limit = getrlimit(Resource::Nofile);
     let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
     // Where it cannot be raised, the old one holds.
-    let limit = setrlimit(Resource::Nofile, raised.clone()).map_or(limit, |()| raised);
+    let limit = setrlimit(Resource::Nofile, raised).map_or(limit, |()| raised);
     match limit.current {
         Some(files) => usize::try_from(files.saturating_sub(RESERVED)).unwrap_or(usize::MAX),
         None => usize::MAX,

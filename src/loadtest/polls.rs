@@ -21,7 +21,7 @@ use super::{LoadError, Progress};
 const ROUNDS_MAX: u32 = 100;
 
 /// How long all requests may take until they wait, or have been woken.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Acts that are sent at once where all episodes are resolved at once.
 const ACTING: usize = 64;

@@ -41,7 +41,7 @@ pub enum Kind {
     Body,
     /// Connects and sends nothing.
     Silent,
-    /// Asks for much and reads nothing of it.
+    /// Asks for a long answer now and then, and reads nothing of it.
     Unread,
 }
 
@@ -146,8 +146,8 @@ pub async fn run(
     let end = Instant::now() + time;
     let mut slow = JoinSet::new();
     for (place, kind) in Kind::SHARES.into_iter().cycle().take(clients).enumerate() {
-        // They come one after the other, within two seconds.
-        let delay = Duration::from_secs(2) * u32::try_from(place).unwrap_or(0)
+        // They come one after the other, so that it is not their coming that is measured.
+        let delay = time / 10 * u32::try_from(place).unwrap_or(0)
             / u32::try_from(clients).unwrap_or(u32::MAX);
         slow.spawn(slow_client(target.clone(), kind, opening(target, first, kind), delay, end));
     }
@@ -218,12 +218,12 @@ fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
             act
         }
         Kind::Silent => Vec::new(),
-        Kind::Unread => request(target, "GET", "/openapi.json", None, None).repeat(8),
+        Kind::Unread => request(target, "GET", "/openapi.json", None, None),
     }
 }
 
-/// How long one connection was kept, and whether it was closed then.
-type Told = (Kind, Duration, bool);
+/// How long each connection of a client was kept, and whether it was closed then.
+type Told = (Kind, Vec<(Duration, bool)>);
 
 /// Comes back whenever it is closed, until the end.
 async fn slow_client(
@@ -232,7 +232,7 @@ async fn slow_client(
     opening: Vec<u8>,
     delay: Duration,
     end: Instant,
-) -> Vec<Told> {
+) -> Told {
     sleep(delay).await;
     let mut told = Vec::new();
     while Instant::now() < end {
@@ -243,14 +243,14 @@ async fn slow_client(
         };
         let began = Instant::now();
         let closed = if kind == Kind::Unread {
-            flood(&stream, &opening, end).await
+            pile_up(stream, &opening, end).await
         } else {
             drip(stream, kind, &opening, end).await
         };
-        told.push((kind, began.elapsed(), closed));
+        told.push((began.elapsed(), closed));
         sleep(PACE).await;
     }
-    told
+    (kind, told)
 }
 
 async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
@@ -287,18 +287,17 @@ async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -
     }
 }
 
-/// Sends requests as long as the server takes them; true where it closed the connection.
-async fn flood(stream: &TcpStream, opening: &[u8], end: Instant) -> bool {
-    let mut sent = 0;
+/// Asks again and again and reads nothing; true where the server closed the connection.
+async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
+    let mut pace = interval(PACE);
+    pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
-        let written = tokio::select! {
-            writable = stream.writable() => writable.and_then(|()| stream.try_write(&opening[sent..])),
+        tokio::select! {
+            written = async { pace.tick().await; stream.write_all(asked).await } => if written.is_err() {
+                return true;
+            },
             () = sleep_until(end.into()) => return false,
-        };
-        if is_closed(&written) {
-            return true;
         }
-        sent = (sent + written.unwrap_or_default()) % opening.len();
     }
 }
 
@@ -308,16 +307,19 @@ fn is_closed(written: &io::Result<usize>) -> bool {
 }
 
 /// What became of all clients of a kind.
-fn kept(kind: Kind, told: &[Vec<Told>]) -> Kept {
-    let clients = told.iter().filter(|told| told.first().is_some_and(|told| told.0 == kind));
-    let all: Vec<_> = clients.clone().flatten().collect();
+fn kept(kind: Kind, told: &[Told]) -> Kept {
+    let clients = told.iter().filter(|(which, _)| *which == kind);
+    let all: Vec<_> = clients.clone().flat_map(|(_, connections)| connections).collect();
     Kept {
         kind,
         clients: clients.count(),
-        closed: all.iter().filter(|told| told.2).count(),
-        closed_within_15_s: all.iter().filter(|told| told.2 && told.1 <= CLOSED_WITHIN).count(),
-        open_after_15_s: all.iter().filter(|told| !told.2 && told.1 > CLOSED_WITHIN).count(),
-        longest_s: all.iter().map(|told| told.1.as_secs_f64()).fold(0.0, f64::max),
+        closed: all.iter().filter(|(_, closed)| *closed).count(),
+        closed_within_15_s: all
+            .iter()
+            .filter(|(age, closed)| *closed && *age <= CLOSED_WITHIN)
+            .count(),
+        open_after_15_s: all.iter().filter(|(age, closed)| !closed && *age > CLOSED_WITHIN).count(),
+        longest_s: all.iter().map(|(age, _)| age.as_secs_f64()).fold(0.0, f64::max),
     }
 }
 
@@ -327,17 +329,13 @@ mod tests {
 
     #[test]
     fn who_was_kept_too_long_is_counted() {
-        let told = |kind, seconds, closed| (kind, Duration::from_secs(seconds), closed);
+        let told = |seconds, closed| (Duration::from_secs(seconds), closed);
         let all = [
             // Closed in time, then again, then still young when all ended.
-            vec![
-                told(Kind::Head, 10, true),
-                told(Kind::Head, 11, true),
-                told(Kind::Head, 5, false),
-            ],
-            vec![told(Kind::Head, 16, true)],
-            vec![told(Kind::Head, 26, false)],
-            vec![told(Kind::Body, 1, true)],
+            (Kind::Head, vec![told(10, true), told(11, true), told(5, false)]),
+            (Kind::Head, vec![told(16, true)]),
+            (Kind::Head, vec![told(26, false)]),
+            (Kind::Body, vec![told(1, true)]),
         ];
         let kept = kept(Kind::Head, &all);
         assert_eq!((kept.clients, kept.closed), (3, 3));
