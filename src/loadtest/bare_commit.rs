@@ -19,8 +19,8 @@ pub struct BareCommit {
     connection: SqliteConnection,
     folder: Folder,
     episodes: usize,
-    /// Rounds that were written of all episodes together.
-    rounds: usize,
+    /// Acts that were written of all episodes together.
+    acts: usize,
     /// What an act's record looks like.
     record: String,
 }
@@ -63,10 +63,10 @@ impl BareCommit {
             .disable_statement_logging();
         let mut connection = options.connect().await.map_err(|error| failed(&error))?;
         sqlx::migrate!().run(&mut connection).await.map_err(|error| failed(&error))?;
-        Ok(Self { connection, folder, episodes: episodes.max(1), rounds: 0, record })
+        Ok(Self { connection, folder, episodes: episodes.max(1), acts: 0, record })
     }
 
-    /// Commits groups of about `entries` entries for as long as `time`: the acts of whole rounds and the rounds,
+    /// Commits groups of about `entries` entries for as long as `time`, at least one: the acts of whole rounds and the rounds,
     /// in the order in which they come to a server that plays all episodes side by side.
     ///
     /// # Errors
@@ -77,20 +77,20 @@ impl BareCommit {
         let mut due = 0.0;
         let started = Instant::now();
         let mut done = Committed { acts: 0, commits: 0, taken: Duration::ZERO };
-        let mut act = self.rounds * SEATS;
-        while done.taken < time {
+        loop {
             // Of 13 entries 12 are acts.
             due += entries * 12.0 / 13.0;
             let acts = floor(due).max(1);
             due -= float(acts);
-            self.commit(act, acts).await.map_err(|error| failed(&error))?;
-            act += acts;
+            self.commit(self.acts, acts).await.map_err(|error| failed(&error))?;
+            self.acts += acts;
             done.acts += acts as u64;
             done.commits += 1;
             done.taken = started.elapsed();
+            if done.taken >= time {
+                return Ok(done);
+            }
         }
-        self.rounds = act.div_ceil(SEATS);
-        Ok(done)
     }
 
     /// Commits some acts from number `first` on, and the rounds that they complete.
@@ -184,7 +184,7 @@ mod tests {
         let connection = &mut bare.connection;
         let count = sqlx::query("SELECT count(*), max(round) FROM acts").fetch_one(connection);
         let row = count.await.expect("a row");
-        assert_eq!((row.get::<i64, _>(0), row.get::<i64, _>(1)), (36, 1));
+        assert_eq!((row.get::<i64, _>(0), row.get::<i64, _>(1)), (36, 0));
         let path = bare.folder.0.clone();
         bare.close().await.expect("closed");
         assert!(!path.exists());

@@ -226,17 +226,21 @@ impl Swarm {
     /// Plays one round: looks for all seats where `looks` is set, then acts for all of them. None where
     /// something failed for good.
     async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<Taken> {
-        if looks {
-            self.acting.look(tally, round).await?;
-        }
         let Self { acting, watcher } = self;
+        // It waits from the beginning of the round, so that it does so when the acts come.
         let watching = async {
             match watcher {
                 Some(seat) => seat.wait(tally, round).await.map(Some),
                 None => Some(None),
             }
         };
-        let (waited, acted) = tokio::join!(watching, acting.act(tally, round));
+        let playing = async {
+            if looks {
+                acting.look(tally, round).await?;
+            }
+            acting.act(tally, round).await
+        };
+        let (waited, acted) = tokio::join!(watching, playing);
         let (sent, acknowledged) = acted?;
         let woken = waited?.and_then(|(begun, ended)| woken(acknowledged, begun, ended));
         Some(Taken { acknowledged: vec![acknowledged - sent], woken: woken.into_iter().collect() })
