@@ -9,7 +9,7 @@
 //! - [`store`]: where it is kept; the only place that names sqlx.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
-//! - [`players`]: how a player meets a server. [`cli`]: the commands.
+//! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
 //! - [`clock`], [`disk`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub mod cli;
@@ -20,6 +20,7 @@ pub mod http;
 pub mod ids;
 pub mod journal;
 pub mod keys;
+pub mod loadtest;
 pub mod players;
 pub mod prompt;
 pub mod server;

@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 use std::sync::OnceLock;
 
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
+use metrics_process::Collector;
 
 /// Buckets of durations, in seconds.
 const SECONDS: [f64; 12] =
@@ -48,8 +49,23 @@ pub fn metrics() -> &'static PrometheusHandle {
     })
 }
 
+/// All metrics in the text format of Prometheus, those of the process read at this moment.
+#[must_use]
+pub fn render() -> String {
+    let handle = metrics();
+    process().collect();
+    handle.render()
+}
+
+/// What the host knows of this process: memory, time on the processors, open files, threads.
+fn process() -> &'static Collector {
+    static PROCESS: OnceLock<Collector> = OnceLock::new();
+    PROCESS.get_or_init(Collector::default)
+}
+
 fn describe() {
     use metrics::{describe_counter, describe_gauge, describe_histogram};
+    process().describe();
     describe_counter!("swarmbench_episodes_created_total", "Episodes created.");
     describe_counter!("swarmbench_episodes_ended_total", "Episodes ended, by status.");
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");

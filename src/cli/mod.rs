@@ -4,6 +4,7 @@ mod backup;
 mod demo;
 mod healthcheck;
 mod key;
+mod loadtest;
 mod openapi;
 mod play;
 mod serve;
@@ -43,6 +44,8 @@ enum Command {
     Verify(verify::Args),
     /// Copy the database of a server, which may go on meanwhile.
     Backup(backup::Args),
+    /// Load a server of your own, and compare it with what is possible at best.
+    Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
     /// Ask a server whether it lives; fails if it does not.
@@ -60,6 +63,7 @@ pub fn main() -> ExitCode {
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
         Command::Backup(args) => with_runtime(backup::run(args)),
+        Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
     };

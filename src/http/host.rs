@@ -87,6 +87,6 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     if let Some(free) = app.disk.free_percent() {
         metrics::gauge!("swarmbench_disk_free_percent").set(free);
     }
-    let text = telemetry::metrics().render();
+    let text = telemetry::render();
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
 }

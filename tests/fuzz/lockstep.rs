@@ -9,6 +9,7 @@ use swarmbench::clock::after;
 use swarmbench::episode::lockstep::{
     Clocks, Effect, Event, Given, Lockstep, Refusal, Standing, Submission,
 };
+use swarmbench::episode::quota::Full;
 use swarmbench::episode::{Ending, Status};
 use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench_engine::AgentId;
@@ -40,6 +41,14 @@ enum Move {
     Wake,
     Start,
     Abort,
+}
+
+/// What an act without room is told.
+const FULL: Full = Full::BytesOfEpisode(1);
+
+/// Whether the journal has room for an act: for one agent it takes one of the two actions only.
+fn has_room(agent: AgentId, action: &str) -> bool {
+    agent != AgentId(3) || action == "UP"
 }
 
 /// How a game is set up.
@@ -102,7 +111,9 @@ impl Table {
             ..ActRecord::clock_ran_out(agent, 0)
         };
         let earlier = self.kept.get(&(round, agent)).filter(|_| round < self.round).cloned();
-        self.apply(Event::Submit { agent, submission: Submission { round, record }, earlier });
+        let submission = Submission { round, record };
+        let room = if has_room(agent, action) { Ok(()) } else { Err(FULL) };
+        self.apply(Event::Submit { agent, submission, earlier, room });
     }
 
     /// Tells an event and checks everything that must hold then.
@@ -122,7 +133,9 @@ impl Table {
                     assert!(Duration::from_millis(given.record.bank_spent_ms) <= bank);
                     let late = self.setting.round_tenths.is_some_and(|count| {
                         let time = tenths(count.max(1)) + bank;
-                        self.now > after(self.machine.opened_at(), time)
+                        self.machine
+                            .opened_at()
+                            .is_some_and(|opened| self.now > after(opened, time))
                     });
                     assert!(!late || given.record.source == Source::Clock, "it came too late");
                 }
@@ -151,6 +164,9 @@ impl Table {
         let wakes_at = self.machine.wakes_at();
         assert!(!is_told || wakes_at.is_none_or(|at| at > self.now), "{wakes_at:?}");
         assert_eq!(wakes_at.is_none(), self.machine.status().is_over());
+        if effects.contains(&Effect::Publish) {
+            self.apply(Event::Opened { at: self.now });
+        }
     }
 
     /// The living seats without an act in the open round.
@@ -185,6 +201,12 @@ impl Table {
                         let clock =
                             self.kept.get(&(*sent, *agent)).map(|given| given.record.source);
                         assert!(sent < round || clock == Some(Source::Clock));
+                    }
+                    Refusal::NoRoom { full, round } => {
+                        assert_eq!((*full, *round), (FULL, submission.round));
+                        assert!(!self.kept.contains_key(&(*round, *agent)), "the seat is free");
+                        let action = submission.record.action.as_deref().unwrap_or_default();
+                        assert!(!has_room(*agent, action));
                     }
                     Refusal::EpisodeOver { escaped: true, .. } => {
                         assert!(!self.alive[agent.index()])

@@ -1,0 +1,466 @@
+//! `swarmbench loadtest`
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use comfy_table::{CellAlignment, Table};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::play::table;
+use crate::loadtest::connection::{Answers, Target};
+use crate::loadtest::games::SEATS;
+use crate::loadtest::latencies::Spread;
+use crate::loadtest::metrics::Metrics;
+use crate::loadtest::{Progress, acts, bare_handler, obs, open_files, play, polls, slow};
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Use it only on a server of your own: it creates thousands of episodes, which stay in the server's \
+    database, and takes all of the processors that it can get."
+)]
+pub(super) struct Args {
+    /// What to test; where nothing is named: obs, acts and play.
+    #[arg(value_enum)]
+    scenarios: Vec<Scenario>,
+    /// The address of the server.
+    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
+    server: String,
+    /// A key that may create episodes, where the server asks for one.
+    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
+    /// Print all that was measured as JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+    /// obs, acts: how long server and bare program run in turn, in seconds.
+    #[arg(long, default_value_t = 3.0, value_parser = seconds)]
+    turn: f64,
+    /// obs, acts: how many turns each has.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    turns: u16,
+    /// obs: connections, on each of which one request follows the other.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..))]
+    connections: u16,
+    /// acts: episodes of 12 seats at once.
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(1..))]
+    writers: u16,
+    /// acts: where the bare writer puts its database; should be on the disk of the server's own.
+    #[arg(long, default_value = ".")]
+    dir: PathBuf,
+    /// play: how many episodes of 12 seats at once, one line of the grid for each.
+    #[arg(long, value_delimiter = ',', default_value = "32,128,512,2048,8192",
+          value_parser = clap::value_parser!(u16).range(1..))]
+    episodes: Vec<u16>,
+    /// play: rounds of each episode; where it is left out, fewer the more episodes there are (4 to 100).
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    rounds: Option<u32>,
+    /// polls: requests that wait at once.
+    #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u16).range(1..))]
+    polls: u16,
+    /// polls: seats of an episode, all of which wait and are woken together.
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    seats: u16,
+    /// slow: clients that send a byte now and then, or nothing, or read nothing.
+    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u16).range(1..))]
+    slow_connections: u16,
+    /// slow: how long they are watched, in seconds; honest clients play alone as long before.
+    #[arg(long, default_value_t = 30.0, value_parser = seconds)]
+    slow_time: f64,
+    /// Connections at once at most, whatever is asked for.
+    #[arg(long, default_value_t = 15_000, value_parser = clap::value_parser!(u16).range(64..))]
+    connections_max: u16,
+    /// Be the bare handler of another load test: what this program starts for `obs`.
+    #[arg(long, hide = true)]
+    bare_handler: bool,
+}
+
+/// What can be tested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Scenario {
+    /// Looks a second, against a bare handler that sends the same bytes.
+    Obs,
+    /// Durable acts a second, against a bare writer that commits groups of the same size.
+    Acts,
+    /// A grid of games, played to the end.
+    Play,
+    /// Many requests that wait.
+    Polls,
+    /// Slow clients beside honest ones.
+    Slow,
+    /// All of these.
+    All,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|seconds| (0.01..=3600.0).contains(seconds))
+        .ok_or_else(|| "must be from 0.01 to 3600".to_owned())
+}
+
+/// All that was measured.
+#[derive(Debug, Default, Serialize)]
+struct Report {
+    server: String,
+    notes: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    obs: Option<obs::Comparison>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    acts: Vec<acts::Comparison>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    play: Vec<play::Line>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    polls: Option<polls::Report>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slow: Option<slow::Report>,
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    if args.bare_handler {
+        return Ok(bare_handler::serve().await?);
+    }
+    let target = Target::new(&args.server, args.key.clone()).await?;
+    let metrics = Metrics::of(&target)
+        .await
+        .with_context(|| format!("{} does not answer; does a server run there?", args.server))?;
+    let mut report = Report { server: args.server.clone(), ..Report::default() };
+    if target.addr().ip().is_loopback() {
+        report.notes.push(
+            "client and server share this machine: what the client takes is missing to the server"
+                .to_owned(),
+        );
+    }
+    let connections_max = connections(&args, &metrics, &mut report.notes);
+    let bar = ProgressBar::new(0).with_style(
+        ProgressStyle::with_template("{msg:40} {bar:30} {pos:>7}/{len:7}")
+            .expect("a valid template"),
+    );
+    measure(&args, &target, connections_max, &progress(&bar), &mut report).await?;
+    bar.finish_and_clear();
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        show(&report);
+    }
+    let errors: u64 = answers(&report).map(|answers| answers.errors).sum();
+    let unfinished: usize = report.play.iter().map(|line| line.episodes - line.ended).sum();
+    if errors > 0 || unfinished > 0 {
+        bail!("{errors} answers were errors, {unfinished} episodes were not played to the end");
+    }
+    Ok(())
+}
+
+fn progress(bar: &ProgressBar) -> Progress {
+    let bar = bar.clone();
+    Arc::new(move |what, done, of| {
+        bar.set_length(of);
+        bar.set_position(done);
+        if bar.message() != what {
+            bar.set_message(what.to_owned());
+            // Where there is no terminal a bar shows nothing, so a line does.
+            if bar.is_hidden() {
+                eprintln!("{what} ({of})");
+            }
+        }
+    })
+}
+
+/// How many connections may be held, by the limits of both processes and what was asked for.
+fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize {
+    let own = open_files::connections_max();
+    let servers = metrics.connections_left().unwrap_or(usize::MAX);
+    let most = usize::from(args.connections_max).min(own).min(servers);
+    if most < usize::from(args.connections_max) {
+        let whose = if own <= servers { "this process" } else { "the server" };
+        notes.push(format!(
+            "the limit of open files of {whose} allows {most} connections, so larger numbers are scaled down"
+        ));
+    }
+    most
+}
+
+/// Measures what was named, one after the other, so that nothing disturbs anything.
+async fn measure(
+    args: &Args,
+    target: &Target,
+    connections_max: usize,
+    progress: &Progress,
+    report: &mut Report,
+) -> anyhow::Result<()> {
+    let named = |scenario| {
+        let default = matches!(scenario, Scenario::Obs | Scenario::Acts | Scenario::Play);
+        args.scenarios.contains(&scenario)
+            || args.scenarios.contains(&Scenario::All)
+            || (args.scenarios.is_empty() && default)
+    };
+    let mut scaled = |what: &str, asked: usize, most: usize| {
+        if asked > most {
+            report.notes.push(format!("{what}: {most} instead of {asked}, as connections allow"));
+        }
+        asked.min(most).max(1)
+    };
+    let turn = Duration::from_secs_f64(args.turn);
+    let turns = usize::from(args.turns);
+    if named(Scenario::Obs) {
+        let connections = scaled("obs", args.connections.into(), connections_max);
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["loadtest", "--bare-handler"]);
+        let done = obs::run(target, command, connections, (turns, turn), progress).await?;
+        report.obs = Some(done);
+    }
+    if named(Scenario::Acts) {
+        for by_seats in [true, false] {
+            let each = if by_seats { SEATS } else { 1 };
+            let episodes = scaled("acts", args.writers.into(), connections_max / each);
+            let times = (turns, turn);
+            let done = acts::run(target, &args.dir, by_seats, episodes, times, progress).await?;
+            report.acts.push(done);
+        }
+    }
+    if named(Scenario::Play) {
+        for &episodes in &args.episodes {
+            let episodes = scaled("play", episodes.into(), connections_max);
+            let rounds = args.rounds.unwrap_or_else(|| play::rounds(episodes));
+            let line = play::run(target, episodes, rounds, connections_max, progress).await?;
+            report.play.push(line);
+        }
+    }
+    if named(Scenario::Polls) {
+        let seats = usize::from(args.seats);
+        // One connection for each request, and one for each episode to act at.
+        let polls = scaled("polls", args.polls.into(), connections_max * seats / (seats + 1));
+        report.polls = Some(polls::run(target, polls, seats, progress).await?);
+    }
+    if named(Scenario::Slow) {
+        let honest = slow::HONEST * SEATS;
+        let most = connections_max.saturating_sub(honest);
+        let clients = scaled("slow", args.slow_connections.into(), most);
+        let time = Duration::from_secs_f64(args.slow_time);
+        report.slow = Some(slow::run(target, clients, time, progress).await?);
+    }
+    Ok(())
+}
+
+/// What was answered in all scenarios.
+fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
+    (report.obs.iter().map(|obs| &obs.answers))
+        .chain(report.acts.iter().map(|acts| &acts.answers))
+        .chain(report.play.iter().map(|line| &line.answers))
+        .chain(report.polls.iter().map(|polls| &polls.answers))
+        .chain(report.slow.iter().map(|slow| &slow.answers))
+}
+
+fn show(report: &Report) {
+    println!("Load test of {}", report.server);
+    for note in &report.notes {
+        println!("Note: {note}.");
+    }
+    if let Some(obs) = &report.obs {
+        show_obs(obs);
+    }
+    if !report.acts.is_empty() {
+        show_acts(&report.acts);
+    }
+    if !report.play.is_empty() {
+        show_play(&report.play);
+    }
+    if let Some(polls) = &report.polls {
+        show_polls(polls);
+    }
+    if let Some(slow) = &report.slow {
+        show_slow(slow);
+    }
+    for sample in answers(report).flat_map(|answers| &answers.samples) {
+        println!("error: {sample}");
+    }
+}
+
+fn show_obs(obs: &obs::Comparison) {
+    let mut shown =
+        numbers(&["GET /obs", "requests/s", "slowest", "fastest", "p50 ms", "p99 ms", "CPU µs"]);
+    for (name, side) in [("server", &obs.server), ("bare handler", &obs.bare)] {
+        shown.add_row([
+            name.to_owned(),
+            round(side.per_s),
+            round(side.per_s_min),
+            round(side.per_s_max),
+            millis(side.latency.p50_ms),
+            millis(side.latency.p99_ms),
+            micros(side.cpu_us),
+        ]);
+    }
+    println!(
+        "\nThe same {} bytes from the server and from a bare handler of axum, {} connections, {} turns of {} s",
+        obs.bytes, obs.connections, obs.turns, obs.turn_s
+    );
+    println!("{shown}");
+    println!("/obs has {:.0} % of the bare handler's requests a second", obs.ratio * 100.0);
+    if let Some(ratio) = obs.cpu_ratio {
+        println!("(by time on the processors alone, without the client's: {:.0} %)", ratio * 100.0);
+    }
+}
+
+fn show_acts(all: &[acts::Comparison]) {
+    let mut shown = numbers(&[
+        "durable acts",
+        "acts/s",
+        "entries a commit",
+        "commits/s",
+        "ack p50 ms",
+        "ack p99 ms",
+        "CPU µs",
+        "bare acts/s",
+        "bare commits/s",
+        "of the bare writer",
+    ]);
+    for acts in all {
+        shown.add_row([
+            acts.by.to_owned(),
+            round(acts.acts_per_s),
+            format!("{:.1}", acts.entries_per_commit),
+            round(acts.commits_per_s),
+            millis(acts.acknowledged.p50_ms),
+            millis(acts.acknowledged.p99_ms),
+            micros(acts.cpu_us),
+            round(acts.bare_acts_per_s),
+            round(acts.bare_commits_per_s),
+            format!("{:.0} %", acts.ratio * 100.0),
+        ]);
+    }
+    if let Some(acts) = all.first() {
+        println!(
+            "\nActs that are on the disk, of {} episodes at once, and a bare SQLite writer with groups of the same \
+             size (records of {} bytes), {} turns of {} s",
+            acts.episodes, acts.record_bytes, acts.turns, acts.turn_s
+        );
+    }
+    println!("{shown}");
+}
+
+fn show_play(lines: &[play::Line]) {
+    let mut shown = numbers(&[
+        "episodes",
+        "by",
+        "rounds",
+        "to the end",
+        "success",
+        "held back",
+        "acts/s",
+        "rounds/s",
+        "ack p50 ms",
+        "ack p99 ms",
+        "wake p50 ms",
+        "wake p99 ms",
+        "s",
+    ]);
+    for line in lines {
+        shown.add_row([
+            line.episodes.to_string(),
+            line.by.to_owned(),
+            line.rounds.to_string(),
+            line.ended.to_string(),
+            format!("{:.2} %", line.answers.success() * 100.0),
+            line.answers.held_back.to_string(),
+            round(line.acts_per_s),
+            round(line.rounds_per_s),
+            millis(line.acknowledged.p50_ms),
+            millis(line.acknowledged.p99_ms),
+            millis(line.woken.p50_ms),
+            millis(line.woken.p99_ms),
+            format!("{:.1}", line.seconds),
+        ]);
+    }
+    println!("\nEpisodes of 12 seats, all at once, to the end");
+    println!("{shown}");
+    println!(
+        "by /act: a connection for each seat, which acts and then waits at /obs; by /swarm/act: one for each \
+         episode, which looks at /swarm/obs and acts for all seats (ack: of all 12 acts), and of some episodes one seat \
+         that waits at /obs. wake: from the receipt of a round's last act until a waiting seat has its observation"
+    );
+}
+
+fn show_polls(polls: &polls::Report) {
+    let mut shown = numbers(&["woken", "requests", "p50 ms", "p99 ms", "max ms"]);
+    for (name, spread) in [
+        ("one episode after the other", polls.one_by_one),
+        ("all episodes at once", polls.all_at_once),
+    ] {
+        let Spread { count, p50_ms, p99_ms, max_ms } = spread;
+        let times = [p50_ms, p99_ms, max_ms].map(millis);
+        shown.add_row([name.to_owned(), count.to_string()].into_iter().chain(times));
+    }
+    println!(
+        "\n{} requests waited at once, on {} episodes of {} seats; {}",
+        polls.polls,
+        polls.episodes,
+        polls.seats,
+        polls.bytes_per_poll.map_or_else(
+            || "the server does not tell its memory".to_owned(),
+            |bytes| format!("each added {:.1} kB to the server's memory", bytes / 1000.0)
+        )
+    );
+    println!("{shown}");
+}
+
+fn show_slow(slow: &slow::Report) {
+    println!("\n{} slow clients for {} s", slow.clients, slow.seconds);
+    let mut kept = numbers(&[
+        "they send",
+        "clients",
+        "closed",
+        "within 15 s",
+        "still open after 15 s",
+        "longest s",
+    ]);
+    for one in &slow.kept {
+        kept.add_row([
+            one.kind.name().to_owned(),
+            one.clients.to_string(),
+            one.closed.to_string(),
+            one.closed_within_15_s.to_string(),
+            one.open_after_15_s.to_string(),
+            format!("{:.1}", one.longest_s),
+        ]);
+    }
+    println!("{kept}");
+    let mut honest =
+        numbers(&["honest clients", "act p50 ms", "act p99 ms", "look p50 ms", "look p99 ms"]);
+    for (name, side) in [("alone", slow.before), ("beside slow ones", slow.during)] {
+        let times = [
+            side.acknowledged.p50_ms,
+            side.acknowledged.p99_ms,
+            side.looked.p50_ms,
+            side.looked.p99_ms,
+        ];
+        honest.add_row([name.to_owned()].into_iter().chain(times.map(millis)));
+    }
+    println!("{honest}");
+    println!(
+        "the p99 of acts is {:.2} times, that of looks {:.2} times what it is without them",
+        slow.acknowledged_factor, slow.looked_factor
+    );
+}
+
+/// A table of numbers, whose first column is text.
+fn numbers(headings: &[&str]) -> Table {
+    let mut table = table(headings);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+fn round(number: f64) -> String {
+    format!("{number:.0}")
+}
+
+fn micros(number: Option<f64>) -> String {
+    number.map_or_else(|| "?".to_owned(), |micros| format!("{micros:.1}"))
+}
+
+fn millis(number: f64) -> String {
+    format!("{number:.1}")
+}

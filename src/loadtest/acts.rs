@@ -1,0 +1,187 @@
+//! How many acts a second become durable, against a bare writer that commits groups of the same size.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use serde_json::value::RawValue;
+use tokio::task::JoinSet;
+
+use super::bare_commit::BareCommit;
+use super::connection::{Answers, Target};
+use super::games::{self, Game, SEATS};
+use super::latencies::Spread;
+use super::metrics::Metrics;
+use super::rounds::{Player, Score};
+use super::{LoadError, Progress, median, per_second};
+
+/// More rounds than are played in any turn.
+const ROUNDS_MAX: u32 = 100_000;
+
+/// What was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// How acts were sent: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
+    pub by: &'static str,
+    /// Episodes of 12 seats at once.
+    pub episodes: usize,
+    /// How often server and bare writer took turns, and how long a turn was.
+    pub turns: usize,
+    /// See `turns`.
+    pub turn_s: f64,
+    /// Durable acts a second of the server: the median over the turns.
+    pub acts_per_s: f64,
+    /// Durable acts a second of the bare writer: the median over the turns.
+    pub bare_acts_per_s: f64,
+    /// The one by the other: the median over the turns.
+    pub ratio: f64,
+    /// Journal entries in one commit of the server, and so of the bare writer: the median over the turns.
+    pub entries_per_commit: f64,
+    /// Commits a second of the server: the median over the turns.
+    pub commits_per_s: f64,
+    /// Commits a second of the bare writer: the median over the turns.
+    pub bare_commits_per_s: f64,
+    /// Time that the server had the processors, for each act; where it tells.
+    pub cpu_us: Option<f64>,
+    /// Bytes of an act's record.
+    pub record_bytes: usize,
+    /// From sending an act, or the acts of all seats, until the answer.
+    pub acknowledged: Spread,
+    /// What was answered.
+    pub answers: Answers,
+}
+
+/// Lets both write in turns; the bare writer in a folder below `dir`.
+///
+/// # Errors
+/// Where the server does not tell the size of its groups, or the bare writer cannot write.
+pub async fn run(
+    target: &Target,
+    dir: &Path,
+    by_seats: bool,
+    episodes: usize,
+    (turns, turn): (usize, Duration),
+    progress: &Progress,
+) -> Result<Comparison, LoadError> {
+    let score = Arc::new(Score::default());
+    let games = games::create(target, &score.tally, episodes, SEATS, ROUNDS_MAX, progress).await;
+    let each = if by_seats { SEATS } else { 1 };
+    let mut open = games::connect(target, games.len() * each, progress).await?.into_iter();
+    let mut players: Vec<(Player, u32)> = (games.iter())
+        .map(|game| {
+            let player = if by_seats {
+                Player::by_seats(target, game, open.by_ref())
+            } else {
+                let connection = open.next().expect("there is one for every episode");
+                Player::by_swarm(target, game, connection, None)
+            };
+            (player, 0)
+        })
+        .collect();
+    let first = games.first().ok_or_else(|| {
+        let samples = score.tally.answers().samples;
+        LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
+    })?;
+    // Every player has played a round before anything is measured.
+    players = play(players, &score, Duration::ZERO).await;
+    let record = record(target, first).await?;
+    let record_bytes = record.len();
+    let mut bare = BareCommit::open(dir, games.len(), record).await?;
+    let (mut rates, mut bare_rates, mut groups) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut commits, mut bare_commits, mut cpu) = (Vec::new(), Vec::new(), Vec::new());
+    for place in 0..turns {
+        progress("comparing durable acts", place as u64, turns as u64);
+        let before = Metrics::of(target).await?;
+        let acts = score.acts.load(Ordering::Relaxed);
+        let started = Instant::now();
+        players = play(players, &score, turn).await;
+        let taken = started.elapsed();
+        let after = Metrics::of(target).await?;
+        let acts = score.acts.load(Ordering::Relaxed) - acts;
+        rates.push(per_second(acts, taken));
+        let cpu_s = after.since(&before, "process_cpu_seconds_total");
+        cpu.extend(cpu_s.map(|cpu_s| cpu_s * 1e6 / super::float(acts.max(1))));
+        let entries = after.since(&before, "swarmbench_commit_entries_total");
+        let count = after.since(&before, "swarmbench_commits_total");
+        let (entries, count) =
+            entries.zip(count).filter(|(_, count)| *count > 0.0).ok_or_else(|| {
+                LoadError::of("the bare writer cannot be compared")(&"/metrics has no commits")
+            })?;
+        groups.push(entries / count);
+        commits.push(count / taken.as_secs_f64());
+        let done = bare.run(entries / count, turn).await?;
+        bare_rates.push(per_second(done.acts, done.taken));
+        bare_commits.push(per_second(done.commits, done.taken));
+    }
+    bare.close().await?;
+    drop(players);
+    games::abort(target, &score.tally, &games, progress).await;
+    let ratios = rates.iter().zip(&bare_rates).map(|(server, bare)| server / bare).collect();
+    Ok(Comparison {
+        by: if by_seats { "/act" } else { "/swarm/act" },
+        episodes: games.len(),
+        turns,
+        turn_s: turn.as_secs_f64(),
+        ratio: median(ratios),
+        acts_per_s: median(rates),
+        bare_acts_per_s: median(bare_rates),
+        entries_per_commit: median(groups),
+        commits_per_s: median(commits),
+        bare_commits_per_s: median(bare_commits),
+        cpu_us: (cpu.len() == turns).then(|| median(cpu)),
+        record_bytes,
+        acknowledged: score.acknowledged.spread(),
+        answers: score.tally.answers(),
+    })
+}
+
+/// All players play for as long as `time`, at least a round; they do not look, as only the acts are measured.
+async fn play(
+    players: Vec<(Player, u32)>,
+    score: &Arc<Score>,
+    time: Duration,
+) -> Vec<(Player, u32)> {
+    let mut tasks = JoinSet::new();
+    let started = Instant::now();
+    for (mut player, mut round) in players {
+        let score = Arc::clone(score);
+        tasks.spawn(async move {
+            loop {
+                if !player.round(&score, round, false).await {
+                    return None;
+                }
+                round += 1;
+                if started.elapsed() >= time {
+                    return Some((player, round));
+                }
+            }
+        });
+    }
+    // Whoever failed was counted and plays no more.
+    tasks.join_all().await.into_iter().flatten().collect()
+}
+
+/// The record of an act as the server keeps it, to the byte: from an episode's journal.
+async fn record(target: &Target, game: &Game) -> Result<String, LoadError> {
+    #[derive(serde::Deserialize)]
+    struct Line {
+        record: Round,
+    }
+    #[derive(serde::Deserialize)]
+    struct Round {
+        acts: Vec<Box<RawValue>>,
+    }
+    let failed = LoadError::of("the journal cannot be read");
+    let url = format!("http://{}/api/v1/episodes/{}/journal", target.addr(), game.id);
+    let answer = async {
+        let call = reqwest::Client::new().get(url).bearer_auth(&game.swarm_token);
+        call.send().await?.error_for_status()?.text().await
+    };
+    let journal = answer.await.map_err(|error| failed(&error))?;
+    let line = journal.lines().nth(1).ok_or_else(|| failed(&"it has no round"))?;
+    let line: Line = serde_json::from_str(line).map_err(|error| failed(&error))?;
+    let act = line.record.acts.first().ok_or_else(|| failed(&"its first round has no act"))?;
+    Ok(act.get().to_owned())
+}

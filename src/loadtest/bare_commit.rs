@@ -1,0 +1,192 @@
+//! The least that a writer does for an act: rows of the server's own tables, in groups of a given size, each group
+//! one transaction that is on the disk when it ends.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
+
+use super::LoadError;
+use super::games::SEATS;
+
+/// Rows that one statement inserts at most: each binds six values, and SQLite takes some thousands.
+const ROWS_MAX: usize = 1000;
+
+/// A database like a server's, in a folder of its own that goes with it.
+#[derive(Debug)]
+pub struct BareCommit {
+    connection: SqliteConnection,
+    folder: Folder,
+    episodes: usize,
+    /// Acts that were written of all episodes together.
+    acts: usize,
+    /// What an act's record looks like.
+    record: String,
+}
+
+#[derive(Debug)]
+struct Folder(std::path::PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed is left; nobody reads it.
+        drop(std::fs::remove_dir_all(&self.0));
+    }
+}
+
+/// What was committed.
+#[derive(Clone, Copy, Debug)]
+pub struct Committed {
+    /// Acts.
+    pub acts: u64,
+    /// Transactions.
+    pub commits: u64,
+    /// In this time.
+    pub taken: Duration,
+}
+
+impl BareCommit {
+    /// A new database below `dir`, for acts that look like `record` of as many episodes at once.
+    ///
+    /// # Errors
+    /// Where it cannot be created.
+    pub async fn open(dir: &Path, episodes: usize, record: String) -> Result<Self, LoadError> {
+        let failed = LoadError::of("the database of the bare writer cannot be created");
+        let folder = Folder(dir.join(format!("swarmbench-loadtest-{}", std::process::id())));
+        std::fs::create_dir_all(&folder.0).map_err(|error| failed(&error))?;
+        let options = SqliteConnectOptions::new()
+            .filename(folder.0.join("bare.db"))
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .disable_statement_logging();
+        let mut connection = options.connect().await.map_err(|error| failed(&error))?;
+        sqlx::migrate!().run(&mut connection).await.map_err(|error| failed(&error))?;
+        Ok(Self { connection, folder, episodes: episodes.max(1), acts: 0, record })
+    }
+
+    /// Commits groups of about `entries` entries for as long as `time`, at least one: the acts of whole rounds and the rounds,
+    /// in the order in which they come to a server that plays all episodes side by side.
+    ///
+    /// # Errors
+    /// Where a commit fails.
+    pub async fn run(&mut self, entries: f64, time: Duration) -> Result<Committed, LoadError> {
+        let failed = LoadError::of("the bare writer cannot commit");
+        // What is left over of a group goes into the next, so that the mean is the size that was asked for.
+        let mut due = 0.0;
+        let started = Instant::now();
+        let mut done = Committed { acts: 0, commits: 0, taken: Duration::ZERO };
+        loop {
+            // Of 13 entries 12 are acts.
+            due += entries * 12.0 / 13.0;
+            let acts = floor(due).max(1);
+            due -= float(acts);
+            self.commit(self.acts, acts).await.map_err(|error| failed(&error))?;
+            self.acts += acts;
+            done.acts += acts as u64;
+            done.commits += 1;
+            done.taken = started.elapsed();
+            if done.taken >= time {
+                return Ok(done);
+            }
+        }
+    }
+
+    /// Commits some acts from number `first` on, and the rounds that they complete.
+    async fn commit(&mut self, first: usize, acts: usize) -> Result<(), sqlx::Error> {
+        let connection = &mut self.connection;
+        sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await?;
+        let all: Vec<usize> = (first..first + acts).collect();
+        for rows in all.chunks(ROWS_MAX) {
+            let text = insert("acts (episode, round, agent, waiting_for, at, record)", rows.len());
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for act in rows {
+                let (round, agent) = (act / SEATS, act % SEATS);
+                query = query
+                    .bind(number(round % self.episodes))
+                    .bind(number(round / self.episodes))
+                    .bind(number(agent))
+                    .bind(number(SEATS - 1 - agent))
+                    .bind(1_700_000_000_000_i64)
+                    .bind(&self.record);
+            }
+            query.execute(&mut *connection).await?;
+        }
+        let rounds: Vec<usize> = (first / SEATS..(first + acts) / SEATS).collect();
+        for rows in rounds.chunks(ROWS_MAX) {
+            let text = insert("rounds (episode, round, digest, score, head, at)", rows.len());
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for round in rows {
+                query = query
+                    .bind(number(round % self.episodes))
+                    .bind(number(round / self.episodes))
+                    .bind(&[0xa5; 32][..])
+                    .bind(1.5)
+                    .bind(&[0x5a; 32][..])
+                    .bind(1_700_000_000_000_i64);
+            }
+            query.execute(&mut *connection).await?;
+        }
+        sqlx::query("COMMIT").execute(connection).await?;
+        Ok(())
+    }
+
+    /// Closes the database and removes it.
+    ///
+    /// # Errors
+    /// Where it cannot be closed.
+    pub async fn close(self) -> Result<(), LoadError> {
+        let closed = self.connection.close().await;
+        drop(self.folder);
+        closed.map_err(|error| LoadError::of("the bare writer cannot be closed")(&error))
+    }
+}
+
+/// A statement that inserts as many rows of six values.
+fn insert(into: &str, rows: usize) -> String {
+    let values = vec!["(?, ?, ?, ?, ?, ?)"; rows].join(", ");
+    format!("INSERT INTO {into} VALUES {values}")
+}
+
+fn number(count: usize) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+fn float(count: usize) -> f64 {
+    super::float(count as u64)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "sizes of groups are small and not negative"
+)]
+fn floor(number: f64) -> usize {
+    number.max(0.0) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use sqlx::Row;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn groups_are_as_large_as_they_are_to_be() {
+        let folder = std::env::temp_dir();
+        let mut bare = BareCommit::open(&folder, 3, "{}".to_owned()).await.expect("a database");
+        // No time: each call makes one commit. 19.5 entries are 18 acts.
+        for acts in [18, 18] {
+            let done = bare.run(19.5, Duration::ZERO).await.expect("a commit");
+            assert_eq!((done.acts, done.commits), (acts, 1));
+        }
+        let connection = &mut bare.connection;
+        let count = sqlx::query("SELECT count(*), max(round) FROM acts").fetch_one(connection);
+        let row = count.await.expect("a row");
+        assert_eq!((row.get::<i64, _>(0), row.get::<i64, _>(1)), (36, 0));
+        let path = bare.folder.0.clone();
+        bare.close().await.expect("closed");
+        assert!(!path.exists());
+    }
+}

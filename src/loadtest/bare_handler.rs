@@ -1,0 +1,97 @@
+//! The least that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
+//!
+//! It runs in a process of its own, like the server that it is compared with, so both share the machine with the
+//! client in the same way, and both tell at `/metrics` how long they had the processors.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, Command, Stdio};
+
+use axum::Router;
+use axum::http::header;
+use axum::routing::get;
+use axum::serve::ListenerExt;
+use bytes::Bytes;
+use tokio::net::TcpListener;
+
+use super::LoadError;
+use super::connection::Target;
+use crate::telemetry;
+
+/// The process that serves; it ends with this value.
+#[derive(Debug)]
+pub struct BareHandler {
+    child: Child,
+}
+
+impl BareHandler {
+    /// Starts `command`, which is to call [`serve`], and tells where it listens.
+    ///
+    /// # Errors
+    /// Where the process cannot be started.
+    pub async fn start(mut command: Command, body: &[u8]) -> Result<(Self, Target), LoadError> {
+        let failed = |error| LoadError::of("the bare handler cannot be started")(&error);
+        let child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(failed)?;
+        let mut started = Self { child };
+        let address = started.hand_over(body).map_err(failed)?;
+        Ok((started, Target::new(address.trim(), None).await?))
+    }
+
+    fn hand_over(&mut self, body: &[u8]) -> std::io::Result<String> {
+        let input = self.child.stdin.as_mut().ok_or(std::io::ErrorKind::BrokenPipe)?;
+        writeln!(input, "{}", body.len())?;
+        input.write_all(body)?;
+        input.flush()?;
+        let output = self.child.stdout.as_mut().ok_or(std::io::ErrorKind::BrokenPipe)?;
+        let mut address = String::new();
+        BufReader::new(output).read_line(&mut address)?;
+        Ok(address)
+    }
+}
+
+impl Drop for BareHandler {
+    fn drop(&mut self) {
+        // It ends when its input does, also where this process is killed.
+        drop(self.child.stdin.take());
+        drop(self.child.wait());
+    }
+}
+
+/// Reads the bytes to send from the standard input, prints where it listens, and serves until the input ends.
+///
+/// # Errors
+/// Where it cannot listen, or the input is not what [`BareHandler::start`] sends.
+pub async fn serve() -> std::io::Result<()> {
+    let body = read_body(&mut std::io::stdin().lock())?;
+    let listener = TcpListener::bind(("127.0.0.1", 0)).await?;
+    println!("http://{}", listener.local_addr()?);
+    telemetry::metrics();
+    let answer = move || {
+        let body = body.clone();
+        async move { ([(header::CONTENT_TYPE, "application/json")], body) }
+    };
+    let router = Router::new()
+        .route("/obs", get(answer))
+        .route("/metrics", get(|| async { telemetry::render() }));
+    let (end, ended) = tokio::sync::oneshot::channel::<()>();
+    std::thread::spawn(move || {
+        // Nothing more comes; this returns when whoever started it is gone.
+        drop(std::io::stdin().lock().read(&mut [0]));
+        drop(end);
+    });
+    // As the server does: small answers do not wait for more to send.
+    let listener = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
+    let served = axum::serve(listener, router);
+    tokio::select! {
+        served = served.into_future() => served,
+        _ = ended => Ok(()),
+    }
+}
+
+fn read_body(input: &mut impl BufRead) -> std::io::Result<Bytes> {
+    let mut length = String::new();
+    input.read_line(&mut length)?;
+    let length = length.trim().parse().map_err(std::io::Error::other)?;
+    let mut body = vec![0; length];
+    input.read_exact(&mut body)?;
+    Ok(Bytes::from(body))
+}

@@ -1,0 +1,111 @@
+//! Many games at once, to the end.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use serde::Serialize;
+use tokio::task::JoinSet;
+
+use super::connection::{Answers, Target};
+use super::games::{self, SEATS};
+use super::latencies::Spread;
+use super::rounds::{Player, Score};
+use super::{LoadError, Progress, per_second};
+
+/// Acts of one line of the grid, more or less, where nobody says how many rounds are played.
+const ACTS_AIM: usize = 150_000;
+
+/// Episodes of which one seat waits for the next round, where there is no connection for every seat.
+const WATCHED_MAX: usize = 512;
+
+/// One line of the grid.
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// Episodes of 12 seats that were played at once.
+    pub episodes: usize,
+    /// How they were played: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
+    pub by: &'static str,
+    /// Rounds that each was to play.
+    pub rounds: u32,
+    /// Episodes that were played to the end.
+    pub ended: usize,
+    /// Connections.
+    pub connections: usize,
+    /// From the first act to the last answer.
+    pub seconds: f64,
+    /// What was answered.
+    pub answers: Answers,
+    /// Durable acts a second.
+    pub acts_per_s: f64,
+    /// Resolved rounds a second, of all episodes together.
+    pub rounds_per_s: f64,
+    /// From sending an act until its receipt; by `/swarm/act`, from sending a round's acts until the receipts.
+    pub acknowledged: Spread,
+    /// From the receipt of a round's last act until whoever waited already had the next observation.
+    pub woken: Spread,
+}
+
+/// How many rounds a line plays where nobody says.
+#[must_use]
+pub fn rounds(episodes: usize) -> u32 {
+    let rounds = ACTS_AIM / (episodes * SEATS).max(1);
+    u32::try_from(rounds.clamp(4, 100)).unwrap_or(100)
+}
+
+/// Plays `count` episodes at once for `rounds` rounds each, with `connections_max` connections at most.
+///
+/// # Errors
+/// Where the connections cannot be opened.
+pub async fn run(
+    target: &Target,
+    count: usize,
+    rounds: u32,
+    connections_max: usize,
+    progress: &Progress,
+) -> Result<Line, LoadError> {
+    let score = Arc::new(Score::default());
+    let count_max = count.min(connections_max);
+    let games = games::create(target, &score.tally, count_max, SEATS, rounds, progress).await;
+    let by_seats = games.len() * SEATS <= connections_max;
+    let watched = connections_max.saturating_sub(games.len()).min(WATCHED_MAX).min(games.len());
+    let connections = if by_seats { games.len() * SEATS } else { games.len() + watched };
+    let mut open = games::connect(target, connections, progress).await?.into_iter();
+    let mut tasks = JoinSet::new();
+    let all = games.len() as u64 * u64::from(rounds);
+    let started = Instant::now();
+    for (place, game) in games.iter().enumerate() {
+        let mut player = if by_seats {
+            Player::by_seats(target, game, open.by_ref())
+        } else {
+            let connection = open.next().expect("there is one for every episode");
+            let watcher = if place < watched { open.next() } else { None };
+            Player::by_swarm(target, game, connection, watcher)
+        };
+        let (score, progress) = (Arc::clone(&score), Arc::clone(progress));
+        tasks.spawn(async move {
+            for round in 0..rounds {
+                if !player.round(&score, round, true).await {
+                    return false;
+                }
+                progress("playing rounds", score.rounds.load(Ordering::Relaxed), all);
+            }
+            true
+        });
+    }
+    let ended = tasks.join_all().await.into_iter().filter(|&ended| ended).count();
+    let taken = started.elapsed();
+    Ok(Line {
+        episodes: count_max,
+        by: if by_seats { "/act" } else { "/swarm/act" },
+        rounds,
+        ended,
+        connections,
+        seconds: taken.as_secs_f64(),
+        answers: score.tally.answers(),
+        acts_per_s: per_second(score.acts.load(Ordering::Relaxed), taken),
+        rounds_per_s: per_second(score.rounds.load(Ordering::Relaxed), taken),
+        acknowledged: score.acknowledged.spread(),
+        woken: score.woken.spread(),
+    })
+}

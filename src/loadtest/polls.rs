@@ -1,0 +1,181 @@
+//! Many requests that wait: what they cost the server, and how soon they are woken.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use futures::StreamExt;
+use serde::Serialize;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+use super::connection::{Answers, Connection, Tally, Target};
+use super::games;
+use super::latencies::{Latencies, Spread};
+use super::metrics::Metrics;
+use super::rounds::{Acting, Seat};
+use super::{LoadError, Progress};
+
+/// More rounds than are played, so that no episode ends.
+const ROUNDS_MAX: u32 = 100;
+
+/// How long all requests may take until they wait, or have been woken.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+/// Acts that are sent at once where all episodes are resolved at once.
+const ACTING: usize = 64;
+
+/// What was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Requests that waited at once, each on a connection of its own.
+    pub polls: usize,
+    /// How many of them the server counted; where it tells.
+    pub counted: Option<f64>,
+    /// Episodes on which they waited.
+    pub episodes: usize,
+    /// Seats of an episode, each with one request.
+    pub seats: usize,
+    /// Memory of the server before the connections were opened, in bytes; where it tells.
+    pub memory_before_bytes: Option<f64>,
+    /// Memory of the server while all waited, in bytes.
+    pub memory_held_bytes: Option<f64>,
+    /// What one request added, its connection included, in bytes.
+    pub bytes_per_poll: Option<f64>,
+    /// One episode after the other is resolved: from the receipts of the round until its waiters had their answers.
+    pub one_by_one: Spread,
+    /// The same where all episodes are resolved at once, so that all requests are woken at once.
+    pub all_at_once: Spread,
+    /// What was answered.
+    pub answers: Answers,
+}
+
+/// Whose poll was woken, and when.
+type Woken = (usize, Instant);
+
+/// Holds `polls` requests on episodes with `seats` seats, and resolves two rounds of each.
+///
+/// # Errors
+/// Where the connections cannot be opened or the server is gone.
+pub async fn run(
+    target: &Target,
+    polls: usize,
+    seats: usize,
+    progress: &Progress,
+) -> Result<Report, LoadError> {
+    let tally = Arc::new(Tally::default());
+    let count = (polls / seats).max(1);
+    let games = games::create(target, &tally, count, seats, ROUNDS_MAX, progress).await;
+    let polls = games.len() * seats;
+    let before = Metrics::of(target).await?;
+    let mut open = games::connect(target, polls, progress).await?.into_iter();
+    let (send, mut woken) = mpsc::unbounded_channel();
+    let mut waiting = JoinSet::new();
+    for (place, game) in games.iter().enumerate() {
+        for (token, connection) in game.seats.iter().zip(open.by_ref()) {
+            let seat = Seat::new(target, connection, token.clone());
+            waiting.spawn(poll(seat, place, Arc::clone(&tally), send.clone()));
+        }
+    }
+    all_wait(target, polls, progress).await?;
+    let held = Metrics::of(target).await?;
+    let mut acting: Vec<_> =
+        (games.iter()).map(|game| Acting::new(target, game, Connection::new(target))).collect();
+
+    let one_by_one = Latencies::default();
+    for (place, acting) in acting.iter_mut().enumerate() {
+        progress("waking one episode after the other", place as u64, games.len() as u64);
+        let Some((_, acknowledged)) = acting.act(&tally, 0).await else { continue };
+        let acknowledged = HashMap::from([(place, acknowledged)]);
+        collect(&mut woken, &acknowledged, seats, &tally, &one_by_one).await;
+    }
+
+    all_wait(target, polls, progress).await?;
+    progress("waking all at once", 0, 1);
+    let all_at_once = Latencies::default();
+    let acts = acting.iter_mut().enumerate().map(|(place, acting)| {
+        let tally = Arc::clone(&tally);
+        async move { Some((place, acting.act(&tally, 1).await?.1)) }
+    });
+    let acknowledged: Vec<_> = futures::stream::iter(acts).buffer_unordered(ACTING).collect().await;
+    let acknowledged = acknowledged.into_iter().flatten().collect();
+    collect(&mut woken, &acknowledged, seats, &tally, &all_at_once).await;
+
+    // Who polls on would be told of the abortion again and again.
+    waiting.shutdown().await;
+    drop(acting);
+    games::abort(target, &tally, &games, progress).await;
+    let memory = |metrics: &Metrics| metrics.get("process_resident_memory_bytes");
+    let grown = memory(&before).zip(memory(&held)).map(|(before, held)| held - before);
+    Ok(Report {
+        polls,
+        counted: held.get("swarmbench_waits"),
+        episodes: games.len(),
+        seats,
+        memory_before_bytes: memory(&before),
+        memory_held_bytes: memory(&held),
+        bytes_per_poll: grown.map(|grown| grown / super::float(polls.max(1) as u64)),
+        one_by_one: one_by_one.spread(),
+        all_at_once: all_at_once.spread(),
+        answers: tally.answers(),
+    })
+}
+
+/// Waits for one round after the other, as long as nothing fails.
+async fn poll(
+    mut seat: Seat,
+    episode: usize,
+    tally: Arc<Tally>,
+    woken: mpsc::UnboundedSender<Woken>,
+) {
+    for round in 0..ROUNDS_MAX {
+        let Some((_, ended)) = seat.wait(&tally, round).await else { return };
+        if woken.send((episode, ended)).is_err() {
+            return;
+        }
+    }
+}
+
+/// Waits until the server counts as many waiting requests. Without metrics it trusts that a second is enough.
+async fn all_wait(target: &Target, polls: usize, progress: &Progress) -> Result<(), LoadError> {
+    let started = Instant::now();
+    let wanted = super::float(polls as u64);
+    loop {
+        let Some(waits) = Metrics::of(target).await?.get("swarmbench_waits") else {
+            sleep(Duration::from_secs(1)).await;
+            return Ok(());
+        };
+        if waits >= wanted {
+            return Ok(());
+        }
+        if started.elapsed() > PATIENCE {
+            let why = format!("{waits} of {wanted} do after {} s", PATIENCE.as_secs());
+            return Err(LoadError::of("not all requests wait")(&why));
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
+        progress("requests that wait", waits as u64, polls as u64);
+        sleep(Duration::from_millis(100)).await;
+    }
+}
+
+/// Takes what the waiters of some episodes tell, until all have told.
+async fn collect(
+    woken: &mut mpsc::UnboundedReceiver<Woken>,
+    acknowledged: &HashMap<usize, Instant>,
+    seats: usize,
+    tally: &Tally,
+    latencies: &Latencies,
+) {
+    let mut left = acknowledged.len() * seats;
+    while left > 0 {
+        let Ok(Some((episode, at))) = timeout(PATIENCE, woken.recv()).await else {
+            tally.error(|| format!("{left} requests were not woken"));
+            return;
+        };
+        if let Some(acknowledged) = acknowledged.get(&episode) {
+            latencies.record([at.saturating_duration_since(*acknowledged)]);
+            left -= 1;
+        }
+    }
+}

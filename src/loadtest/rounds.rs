@@ -1,0 +1,341 @@
+//! A round of an episode, played in one of two ways: by a connection for each seat, or by one for all seats.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use futures::StreamExt;
+use futures::stream::FuturesUnordered;
+use serde::Deserialize;
+
+use super::connection::{Connection, Tally, Target, request};
+use super::games::Game;
+use super::latencies::Latencies;
+
+/// What an agent does and says.
+const ACTION: &str = "SWITCH";
+const MESSAGE: &str = "switch all lights on together in the next round";
+
+/// How an episode is played.
+#[derive(Debug)]
+pub enum Player {
+    /// By `/act` and `/obs`.
+    Seats(Vec<Seat>),
+    /// By `/swarm/act` and `/swarm/obs`.
+    Swarm(Box<Swarm>),
+}
+
+impl Player {
+    /// Plays with a connection for each seat.
+    pub fn by_seats(
+        target: &Target,
+        game: &Game,
+        connections: impl Iterator<Item = Connection>,
+    ) -> Self {
+        let seats = game.seats.iter().zip(connections);
+        Self::Seats(
+            seats.map(|(token, connection)| Seat::new(target, connection, token.clone())).collect(),
+        )
+    }
+
+    /// Plays with one connection, and where there is another lets one seat wait for every round at it.
+    #[must_use]
+    pub fn by_swarm(
+        target: &Target,
+        game: &Game,
+        connection: Connection,
+        watcher: Option<Connection>,
+    ) -> Self {
+        let acting = Acting::new(target, game, connection);
+        let seat = game.seats.first().cloned().unwrap_or_default();
+        let watcher = watcher.map(|connection| Seat::new(target, connection, seat));
+        Self::Swarm(Box::new(Swarm { acting, watcher }))
+    }
+
+    /// Plays one round, looking at it too where `looks` is set; counts it. False where something failed for
+    /// good.
+    pub async fn round(&mut self, score: &Score, round: u32, looks: bool) -> bool {
+        let tally = &score.tally;
+        let (acts, taken) = match self {
+            Self::Seats(seats) => (seats.len(), by_seats(seats, tally, round, looks).await),
+            Self::Swarm(swarm) => (swarm.acting.agents, swarm.round(tally, round, looks).await),
+        };
+        let Some(taken) = taken else { return false };
+        score.acts.fetch_add(acts as u64, Ordering::Relaxed);
+        score.rounds.fetch_add(1, Ordering::Relaxed);
+        score.acknowledged.record(taken.acknowledged);
+        score.woken.record(taken.woken);
+        true
+    }
+
+    /// Looks once at every seat that has a connection; adds to `looked` how long that took.
+    pub async fn look(&mut self, tally: &Tally, looked: &Latencies) {
+        if let Self::Seats(seats) = self {
+            let looks: FuturesUnordered<_> =
+                seats.iter_mut().map(|seat| seat.look(tally)).collect();
+            looked.record(looks.collect::<Vec<_>>().await.into_iter().flatten());
+        }
+    }
+}
+
+/// What all who play at once count together.
+#[derive(Debug, Default)]
+pub struct Score {
+    /// All answers.
+    pub tally: Arc<Tally>,
+    /// Durable acts.
+    pub acts: AtomicU64,
+    /// Resolved rounds.
+    pub rounds: AtomicU64,
+    /// From sending an act, or the acts of all seats, until the answer.
+    pub acknowledged: Latencies,
+    /// From the receipt of a round's last act until whoever waited already had the next observation.
+    pub woken: Latencies,
+}
+
+/// One seat at its own connection.
+#[derive(Debug)]
+pub struct Seat {
+    connection: Connection,
+    target: Target,
+    token: String,
+}
+
+/// When a seat was told what, in one round.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    sent: Instant,
+    acknowledged: Instant,
+    /// When it began to wait for the next round, and when that had come.
+    waited: Option<(Instant, Instant)>,
+}
+
+/// Durations of one round of one episode; see [`Score`].
+struct Taken {
+    acknowledged: Vec<Duration>,
+    woken: Vec<Duration>,
+}
+
+/// What is read of an observation: enough to know that it is the one that was waited for.
+#[derive(Deserialize)]
+struct Seen {
+    round: u32,
+}
+
+impl Seat {
+    /// A seat at an open connection.
+    #[must_use]
+    pub fn new(target: &Target, connection: Connection, token: String) -> Self {
+        Self { connection, target: target.clone(), token }
+    }
+
+    /// Acts, and then waits for the next round where `waits` is set.
+    async fn turn(&mut self, tally: &Tally, round: u32, waits: bool) -> Option<Turn> {
+        let json = format!(r#"{{"round":{round},"action":"{ACTION}","message":"{MESSAGE}"}}"#);
+        let act = request(&self.target, "POST", "/act", Some(&self.token), Some(&json));
+        let sent = Instant::now();
+        let done = self.connection.call(tally, &act).await;
+        let acknowledged = Instant::now();
+        if !done {
+            return None;
+        }
+        let waited = if waits { Some(self.wait(tally, round).await?) } else { None };
+        Some(Turn { sent, acknowledged, waited })
+    }
+
+    /// Waits until the round is past `round`, and tells when it began and when it ended.
+    pub async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
+        let path = format!("/obs?after={round}&wait=30");
+        let look = request(&self.target, "GET", &path, Some(&self.token), None);
+        let begun = Instant::now();
+        loop {
+            if !self.connection.call(tally, &look).await {
+                return None;
+            }
+            let ended = Instant::now();
+            let seen: Seen = self.connection.read_json(tally)?;
+            if seen.round > round {
+                return Some((begun, ended));
+            }
+        }
+    }
+
+    /// Looks, without waiting, and tells how long it took.
+    async fn look(&mut self, tally: &Tally) -> Option<Duration> {
+        let look = request(&self.target, "GET", "/obs", Some(&self.token), None);
+        let begun = Instant::now();
+        self.connection.call(tally, &look).await.then(|| begun.elapsed())
+    }
+}
+
+/// Every seat acts, and then waits for the next round where `waits` is set. None where a request failed for good.
+async fn by_seats(seats: &mut [Seat], tally: &Tally, round: u32, waits: bool) -> Option<Taken> {
+    let turns: FuturesUnordered<_> =
+        seats.iter_mut().map(|seat| seat.turn(tally, round, waits)).collect();
+    let turns: Vec<Turn> = turns.collect::<Vec<_>>().await.into_iter().collect::<Option<_>>()?;
+    let last = turns.iter().map(|turn| turn.acknowledged).max()?;
+    let waited = turns.iter().filter_map(|turn| turn.waited);
+    Some(Taken {
+        acknowledged: turns.iter().map(|turn| turn.acknowledged - turn.sent).collect(),
+        woken: waited.filter_map(|(begun, ended)| woken(last, begun, ended)).collect(),
+    })
+}
+
+/// How long after the last receipt of a round somebody was woken who waited from `begun` to `ended`. Who began
+/// later did not have to be woken. Who was woken before the receipt had come took no time.
+fn woken(last: Instant, begun: Instant, ended: Instant) -> Option<Duration> {
+    (begun <= last).then(|| ended.saturating_duration_since(last))
+}
+
+/// All seats of an episode at one connection, and where there is one a seat that waits at another.
+#[derive(Debug)]
+pub struct Swarm {
+    acting: Acting,
+    watcher: Option<Seat>,
+}
+
+/// All seats of an episode at one connection.
+#[derive(Debug)]
+pub struct Acting {
+    connection: Connection,
+    target: Target,
+    id: String,
+    token: String,
+    agents: usize,
+}
+
+/// What is read of the receipts: whether one is a problem.
+#[derive(Deserialize)]
+struct Receipts {
+    receipts: Vec<Receipt>,
+}
+
+#[derive(Deserialize)]
+struct Receipt {
+    code: Option<String>,
+}
+
+/// What is read of the observations of a swarm.
+#[derive(Deserialize)]
+struct Look {
+    observations: Vec<Seen>,
+}
+
+impl Swarm {
+    /// Plays one round: looks for all seats where `looks` is set, then acts for all of them. None where
+    /// something failed for good.
+    async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<Taken> {
+        let Self { acting, watcher } = self;
+        // It waits from the beginning of the round, so that it does so when the acts come.
+        let watching = async {
+            match watcher {
+                Some(seat) => seat.wait(tally, round).await.map(Some),
+                None => Some(None),
+            }
+        };
+        let playing = async {
+            if looks {
+                acting.look(tally, round).await?;
+            }
+            acting.act(tally, round).await
+        };
+        let (waited, acted) = tokio::join!(watching, playing);
+        let (sent, acknowledged) = acted?;
+        let woken = waited?.and_then(|(begun, ended)| woken(acknowledged, begun, ended));
+        Some(Taken { acknowledged: vec![acknowledged - sent], woken: woken.into_iter().collect() })
+    }
+}
+
+impl Acting {
+    /// All seats of an episode at a connection.
+    pub fn new(target: &Target, game: &Game, connection: Connection) -> Self {
+        Self {
+            connection,
+            target: target.clone(),
+            id: game.id.clone(),
+            token: game.swarm_token.clone(),
+            agents: game.seats.len(),
+        }
+    }
+
+    /// Acts for all seats; tells when the acts were sent and when the receipts had come.
+    pub async fn act(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
+        let json = acts(&self.id, self.agents, round);
+        let act = request(&self.target, "POST", "/swarm/act", Some(&self.token), Some(&json));
+        let sent = Instant::now();
+        let done = self.connection.call(tally, &act).await;
+        let acknowledged = Instant::now();
+        if !done {
+            return None;
+        }
+        let receipts: Receipts = self.connection.read_json(tally)?;
+        if let Some(code) = receipts.receipts.iter().find_map(|receipt| receipt.code.as_ref()) {
+            tally.error(|| format!("an act of /swarm/act was refused: {code}"));
+            return None;
+        }
+        Some((sent, acknowledged))
+    }
+
+    /// Looks for all seats, which all must wait for an act in this round.
+    async fn look(&mut self, tally: &Tally, round: u32) -> Option<()> {
+        let path = format!("/swarm/obs?wait=30&limit={}", self.agents);
+        let look = request(&self.target, "GET", &path, Some(&self.token), None);
+        if !self.connection.call(tally, &look).await {
+            return None;
+        }
+        let look: Look = self.connection.read_json(tally)?;
+        let open = look.observations.iter().filter(|seen| seen.round == round).count();
+        if open != self.agents {
+            tally.error(|| format!("{open} of {} seats wait in round {round}", self.agents));
+            return None;
+        }
+        Some(())
+    }
+}
+
+/// The acts of all seats.
+fn acts(id: &str, agents: usize, round: u32) -> String {
+    let mut json = String::with_capacity(64 + agents * 180);
+    json.push_str(r#"{"acts":["#);
+    for agent in 0..agents {
+        let comma = if agent == 0 { "" } else { "," };
+        write!(
+            json,
+            r#"{comma}{{"episode":"{id}","agent":"Agent_{agent}","round":{round},"action":"{ACTION}","message":"{MESSAGE}"}}"#
+        )
+        .expect("a string takes all text");
+    }
+    json.push_str("]}");
+    json
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::act::SwarmActRequest;
+
+    #[test]
+    fn acts_are_those_of_the_contract() {
+        let read: SwarmActRequest = serde_json::from_str(&acts("ep_1", 3, 7)).expect("acts");
+        assert_eq!(read.acts.len(), 3);
+        for (place, act) in read.acts.iter().enumerate() {
+            assert_eq!(act.agent, format!("Agent_{place}"));
+            assert_eq!((act.episode.as_str(), act.round), ("ep_1", 7));
+        }
+    }
+
+    #[test]
+    fn only_who_waited_already_was_woken() {
+        let start = Instant::now();
+        let at = |millis| start + Duration::from_millis(millis);
+        for (begun, last, ended, taken) in [
+            (0, 10, 12, Some(2)),
+            // The answer of the waiter overtook the receipt.
+            (0, 10, 9, Some(0)),
+            (11, 10, 12, None),
+        ] {
+            assert_eq!(woken(at(last), at(begun), at(ended)), taken.map(Duration::from_millis));
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! Clients that do harm by being slow: how long they are kept, and what honest clients notice of them.
+
+use std::io;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval, sleep, sleep_until};
+
+use super::connection::{Answers, Target, request};
+use super::games::{self, Game, SEATS};
+use super::latencies::{Latencies, Spread};
+use super::metrics::Metrics;
+use super::rounds::{Player, Score};
+use super::{LoadError, Progress};
+
+/// Whoever is this old should have been closed.
+const CLOSED_WITHIN: Duration = Duration::from_secs(15);
+
+/// How often a slow client sends something.
+const PACE: Duration = Duration::from_secs(1);
+
+/// Episodes that honest clients play, a connection for each seat.
+pub const HONEST: usize = 8;
+/// How often they play a round.
+const HONEST_PACE: Duration = Duration::from_millis(100);
+
+/// More rounds than are played.
+const ROUNDS_MAX: u32 = 100_000;
+
+/// What a slow client does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Sends the head of a request a byte at a time.
+    Head,
+    /// Sends the body of an act a byte at a time.
+    Body,
+    /// Connects and sends nothing.
+    Silent,
+    /// Asks for a long answer now and then, and reads nothing of it.
+    Unread,
+}
+
+impl Kind {
+    /// Eight clients are of these kinds, in this order, and so on.
+    const SHARES: [Self; 8] = [
+        Self::Head,
+        Self::Body,
+        Self::Head,
+        Self::Silent,
+        Self::Head,
+        Self::Body,
+        Self::Head,
+        Self::Unread,
+    ];
+
+    /// What it does, in words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Head => "a byte of a head now and then",
+            Self::Body => "a byte of a body now and then",
+            Self::Silent => "nothing at all",
+            Self::Unread => "reads no answer",
+        }
+    }
+}
+
+/// How long clients of one kind were kept.
+#[derive(Clone, Debug, Serialize)]
+pub struct Kept {
+    /// What they did.
+    pub kind: Kind,
+    /// How many there were at once.
+    pub clients: usize,
+    /// Connections that the server closed; a client comes back a second later.
+    pub closed: usize,
+    /// Those of them that were closed within 15 s.
+    pub closed_within_15_s: usize,
+    /// Connections that were older than 15 s and still open in the end.
+    pub open_after_15_s: usize,
+    /// How long the server kept one at most, in seconds, as far as it was seen.
+    pub longest_s: f64,
+}
+
+/// What honest clients noticed.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Honest {
+    /// From sending an act until its receipt.
+    pub acknowledged: Spread,
+    /// How long a look took.
+    pub looked: Spread,
+}
+
+/// What was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Slow clients at once.
+    pub clients: usize,
+    /// For how long they were there, in seconds; and honest clients alone before them.
+    pub seconds: f64,
+    /// How long they were kept.
+    pub kept: Vec<Kept>,
+    /// Honest clients without them.
+    pub before: Honest,
+    /// Honest clients with them.
+    pub during: Honest,
+    /// The 99th percentile of an act's receipt with slow clients, by that without.
+    pub acknowledged_factor: f64,
+    /// The same of a look.
+    pub looked_factor: f64,
+    /// Connections that the server counted in the end, when all slow clients were there; where it tells.
+    pub counted: Option<f64>,
+    /// What honest clients were answered.
+    pub answers: Answers,
+}
+
+/// Lets honest clients play alone for `time`, and then as long beside `clients` slow ones.
+///
+/// # Errors
+/// Where there is no episode to play.
+pub async fn run(
+    target: &Target,
+    clients: usize,
+    time: Duration,
+    progress: &Progress,
+) -> Result<Report, LoadError> {
+    let score = Score::default();
+    let tally = Arc::clone(&score.tally);
+    let games = games::create(target, &tally, HONEST, SEATS, ROUNDS_MAX, progress).await;
+    let first = games.first().ok_or_else(|| {
+        let samples = tally.answers().samples;
+        LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
+    })?;
+    let mut open = games::connect(target, games.len() * SEATS, progress).await?.into_iter();
+    let mut players: Vec<_> =
+        (games.iter()).map(|game| (Player::by_seats(target, game, open.by_ref()), 0)).collect();
+    progress("honest clients alone", 0, 2);
+    let (before, players_after) = honest(players, &tally, time).await;
+    players = players_after;
+    progress("slow clients beside them", 1, 2);
+    let end = Instant::now() + time;
+    let mut slow = JoinSet::new();
+    for (place, kind) in Kind::SHARES.into_iter().cycle().take(clients).enumerate() {
+        // They come one after the other, so that it is not their coming that is measured.
+        let delay = time / 10 * u32::try_from(place).unwrap_or(0)
+            / u32::try_from(clients).unwrap_or(u32::MAX);
+        slow.spawn(slow_client(target.clone(), kind, opening(target, first, kind), delay, end));
+    }
+    let (during, players) = honest(players, &tally, time).await;
+    let counted = Metrics::of(target).await?.get("swarmbench_connections");
+    let told = slow.join_all().await;
+    drop(players);
+    games::abort(target, &tally, &games, progress).await;
+    let kinds = [Kind::Head, Kind::Body, Kind::Silent, Kind::Unread];
+    let factor = |before: Spread, during: Spread| during.p99_ms / before.p99_ms.max(0.001);
+    Ok(Report {
+        clients,
+        seconds: time.as_secs_f64(),
+        kept: kinds.map(|kind| kept(kind, &told)).into(),
+        acknowledged_factor: factor(before.acknowledged, during.acknowledged),
+        looked_factor: factor(before.looked, during.looked),
+        before,
+        during,
+        counted,
+        answers: tally.answers(),
+    })
+}
+
+/// Every seat acts and then looks, round by round at a fixed pace.
+async fn honest(
+    players: Vec<(Player, u32)>,
+    tally: &Arc<super::connection::Tally>,
+    time: Duration,
+) -> (Honest, Vec<(Player, u32)>) {
+    let score = Arc::new(Score { tally: Arc::clone(tally), ..Score::default() });
+    let looked = Arc::new(Latencies::default());
+    let end = Instant::now() + time;
+    let mut tasks = JoinSet::new();
+    for (mut player, mut round) in players {
+        let (score, looked) = (Arc::clone(&score), Arc::clone(&looked));
+        tasks.spawn(async move {
+            let mut pace = interval(HONEST_PACE);
+            pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            while Instant::now() < end {
+                pace.tick().await;
+                if !player.round(&score, round, false).await {
+                    return None;
+                }
+                round += 1;
+                player.look(&score.tally, &looked).await;
+            }
+            Some((player, round))
+        });
+    }
+    let players = tasks.join_all().await.into_iter().flatten().collect();
+    (Honest { acknowledged: score.acknowledged.spread(), looked: looked.spread() }, players)
+}
+
+/// What a slow client sends at first.
+fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
+    let token = game.seats.first().map(String::as_str);
+    match kind {
+        Kind::Head => {
+            let mut head = request(target, "GET", "/obs", token, None);
+            // The empty line that ends a head is not sent; another header is begun.
+            head.truncate(head.len() - 2);
+            head.extend_from_slice(b"x-slow: ");
+            head
+        }
+        Kind::Body => {
+            let mut act = request(target, "POST", "/act", token, Some(&" ".repeat(10_000)));
+            act.truncate(act.len() - 10_000);
+            act
+        }
+        Kind::Silent => Vec::new(),
+        Kind::Unread => request(target, "GET", "/openapi.json", None, None),
+    }
+}
+
+/// How long each connection of a client was kept, and whether it was closed then.
+type Told = (Kind, Vec<(Duration, bool)>);
+
+/// Comes back whenever it is closed, until the end.
+async fn slow_client(
+    target: Target,
+    kind: Kind,
+    opening: Vec<u8>,
+    delay: Duration,
+    end: Instant,
+) -> Told {
+    sleep(delay).await;
+    let mut told = Vec::new();
+    while Instant::now() < end {
+        let Ok(stream) = connect(&target, kind).await else {
+            // Nothing can be said of a connection that was not made.
+            sleep(PACE).await;
+            continue;
+        };
+        let began = Instant::now();
+        let closed = if kind == Kind::Unread {
+            pile_up(stream, &opening, end).await
+        } else {
+            drip(stream, kind, &opening, end).await
+        };
+        told.push((began.elapsed(), closed));
+        sleep(PACE).await;
+    }
+    (kind, told)
+}
+
+async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
+    let socket = if target.addr().is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    if kind == Kind::Unread {
+        // The less fits in here, the sooner the server finds that nobody reads.
+        socket.set_recv_buffer_size(4096)?;
+    }
+    let stream = socket.connect(target.addr()).await?;
+    stream.set_nodelay(true)?;
+    Ok(stream)
+}
+
+/// Sends what it begins with, then a byte now and then; true where the server closed the connection.
+async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -> bool {
+    let sends = kind != Kind::Silent;
+    if sends && stream.write_all(opening).await.is_err() {
+        return true;
+    }
+    let mut pace = interval(PACE);
+    pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut buffer = [0; 1024];
+    loop {
+        tokio::select! {
+            // What the server says does not matter, only that it closes.
+            read = stream.read(&mut buffer) => if matches!(read, Ok(0) | Err(_)) {
+                return true;
+            },
+            _ = pace.tick(), if sends => if is_closed(&stream.try_write(b" ")) {
+                return true;
+            },
+            () = sleep_until(end.into()) => return false,
+        }
+    }
+}
+
+/// Asks again and again and reads nothing; true where the server closed the connection.
+async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
+    let mut pace = interval(PACE);
+    pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            written = async { pace.tick().await; stream.write_all(asked).await } => if written.is_err() {
+                return true;
+            },
+            () = sleep_until(end.into()) => return false,
+        }
+    }
+}
+
+/// Whether nothing can be written any more; that there is no room now does not say so.
+fn is_closed(written: &io::Result<usize>) -> bool {
+    written.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::WouldBlock)
+}
+
+/// What became of all clients of a kind.
+fn kept(kind: Kind, told: &[Told]) -> Kept {
+    let clients = told.iter().filter(|(which, _)| *which == kind);
+    let all: Vec<_> = clients.clone().flat_map(|(_, connections)| connections).collect();
+    Kept {
+        kind,
+        clients: clients.count(),
+        closed: all.iter().filter(|(_, closed)| *closed).count(),
+        closed_within_15_s: all
+            .iter()
+            .filter(|(age, closed)| *closed && *age <= CLOSED_WITHIN)
+            .count(),
+        open_after_15_s: all.iter().filter(|(age, closed)| !closed && *age > CLOSED_WITHIN).count(),
+        longest_s: all.iter().map(|(age, _)| age.as_secs_f64()).fold(0.0, f64::max),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_was_kept_too_long_is_counted() {
+        let told = |seconds, closed| (Duration::from_secs(seconds), closed);
+        let all = [
+            // Closed in time, then again, then still young when all ended.
+            (Kind::Head, vec![told(10, true), told(11, true), told(5, false)]),
+            (Kind::Head, vec![told(16, true)]),
+            (Kind::Head, vec![told(26, false)]),
+            (Kind::Body, vec![told(1, true)]),
+        ];
+        let kept = kept(Kind::Head, &all);
+        assert_eq!((kept.clients, kept.closed), (3, 3));
+        assert_eq!((kept.closed_within_15_s, kept.open_after_15_s), (2, 1));
+        assert!((kept.longest_s - 26.0).abs() < 1e-9);
+    }
+}
