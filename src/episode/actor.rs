@@ -48,9 +48,18 @@ pub enum ActError {
 pub type Outcomes = Vec<Result<Receipt, ActError>>;
 
 enum Message {
-    Submit { acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes> },
-    Start { reply: oneshot::Sender<Result<(), JournalError>> },
-    Abort { reply: oneshot::Sender<Result<(), JournalError>> },
+    Submit {
+        /// When it came: the wait in the mailbox takes no player's time.
+        at: Timestamp,
+        acts: Vec<(AgentId, Submission)>,
+        reply: oneshot::Sender<Outcomes>,
+    },
+    Start {
+        reply: oneshot::Sender<Result<(), JournalError>>,
+    },
+    Abort {
+        reply: oneshot::Sender<Result<(), JournalError>>,
+    },
 }
 
 /// Starts a task that runs on its own.
@@ -87,6 +96,7 @@ pub struct Running {
     pub spec: Arc<Spec>,
     /// When it was created.
     pub created_at: Timestamp,
+    clock: Arc<dyn Clock>,
     mailbox: mpsc::Sender<Message>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
@@ -119,7 +129,8 @@ impl Handle {
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
         let count = acts.len();
         let (reply, outcomes) = oneshot::channel();
-        match self.mailbox.try_send(Message::Submit { acts, reply }) {
+        let at = self.clock.now();
+        match self.mailbox.try_send(Message::Submit { at, acts, reply }) {
             Ok(()) => outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count]),
             Err(mpsc::error::TrySendError::Full(_)) => vec![Err(ActError::Busy); count],
             Err(mpsc::error::TrySendError::Closed(_)) => vec![Err(gone().into()); count],
@@ -246,6 +257,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         owner: fresh.owner,
         spec: fresh.spec,
         created_at: fresh.created_at,
+        clock: Arc::clone(&host.clock),
         mailbox,
         published,
         keyframes: Arc::clone(&keyframes),
@@ -346,13 +358,13 @@ impl Actor {
             && snapshot.world.round() == self.lockstep.round()
             && snapshot.status == self.lockstep.status()
         {
-            self.apply(Event::Opened { at });
+            self.apply(at, Event::Opened { at });
         }
     }
 
-    /// Tells the barrier what happens now.
-    fn apply(&mut self, event: Event) -> Vec<Effect> {
-        let effects = self.lockstep.apply(self.host.clock.now(), event);
+    /// Tells the barrier what happens, and when.
+    fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
+        let effects = self.lockstep.apply(at, event);
         self.idle_at.store(self.lockstep.idle_at().as_millisecond(), Ordering::Release);
         effects
     }
@@ -361,7 +373,7 @@ impl Actor {
     /// were all kept before a restart.
     async fn take_up(&mut self) {
         let effects = self.lockstep.close();
-        self.perform(effects, |_| {}).await;
+        self.perform(self.host.clock.now(), effects, |_| {}).await;
         self.end_if_solved().await;
     }
 
@@ -374,7 +386,7 @@ impl Actor {
 
     async fn take(&mut self, message: Message) {
         match message {
-            Message::Submit { acts, reply } => self.submit(acts, reply).await,
+            Message::Submit { at, acts, reply } => self.submit(at, acts, reply).await,
             Message::Start { reply } => {
                 self.happen(Event::Start, Some(reply)).await;
                 self.end_if_solved().await;
@@ -389,8 +401,9 @@ impl Actor {
         reply: Option<oneshot::Sender<Result<(), JournalError>>>,
     ) {
         self.note_opening();
-        let effects = self.apply(event);
-        self.perform(effects, |result| {
+        let now = self.host.clock.now();
+        let effects = self.apply(now, event);
+        self.perform(now, effects, |result| {
             if let Some(reply) = reply {
                 // Whoever asked may have gone.
                 drop(reply.send(result));
@@ -399,7 +412,12 @@ impl Actor {
         .await;
     }
 
-    async fn submit(&mut self, acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes>) {
+    async fn submit(
+        &mut self,
+        at: Timestamp,
+        acts: Vec<(AgentId, Submission)>,
+        reply: oneshot::Sender<Outcomes>,
+    ) {
         self.note_opening();
         let mut effects = Vec::new();
         let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
@@ -414,7 +432,7 @@ impl Actor {
             };
             let text_bytes = submission.record.text_bytes();
             let room = self.host.quotas.check_act(self.owner, used, text_bytes);
-            for effect in self.apply(Event::Submit { agent, submission, earlier, room }) {
+            for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => outcomes.push(answer.map_err(ActError::from)),
                     other => {
@@ -425,7 +443,7 @@ impl Actor {
                 }
             }
         }
-        self.perform(effects, |result| {
+        self.perform(at, effects, |result| {
             // Nothing is acknowledged that may not be kept, not even for the second time.
             let confirm = |outcome: Result<Receipt, ActError>| match (outcome, &result) {
                 (Ok(_), Err(error)) => Err(ActError::Journal(error.clone())),
@@ -447,10 +465,11 @@ impl Actor {
         Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }
 
-    /// Performs effects: queues all that is to be kept in one piece; `then` is told once it, and
+    /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is told once it, and
     /// all that was queued before, is durable and published.
     async fn perform(
         &mut self,
+        at: Timestamp,
         effects: Vec<Effect>,
         then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
     ) {
@@ -461,13 +480,10 @@ impl Actor {
         let mut opens = false;
         for effect in effects {
             match effect {
-                Effect::KeepStart => {
-                    let at = self.host.clock.now();
-                    entries.push(Entry::Start { episode: self.key, at });
-                }
+                Effect::KeepStart => entries.push(Entry::Start { episode: self.key, at }),
                 Effect::KeepAct { agent, given } => {
                     acted.push((agent, kind(&given)));
-                    entries.push(self.act_entry(agent, &given));
+                    entries.push(self.act_entry(at, agent, &given));
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
@@ -503,7 +519,7 @@ impl Actor {
         self.host.journal.append(entries, Box::new(committed));
     }
 
-    fn act_entry(&mut self, agent: AgentId, given: &Given) -> Entry {
+    fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
         let record = RawRecord::write(&given.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
@@ -513,7 +529,7 @@ impl Actor {
             round: self.world.round(),
             agent,
             waiting_for: given.waiting_for,
-            at: self.host.clock.now(),
+            at,
             record,
         })
     }

@@ -302,7 +302,7 @@ impl Lockstep {
         }
     }
 
-    /// Takes an event.
+    /// Takes an event; `now` is when it happened.
     pub fn apply(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
         match event {
             Event::Start => self.start(now),
@@ -385,7 +385,8 @@ impl Lockstep {
             return effects;
         }
         record.bank_spent_ms = millis(self.overspent(now).min(seat.bank));
-        self.last_act_at = now;
+        // It may have waited for its turn while something else happened.
+        self.last_act_at = self.last_act_at.max(now);
         let waiting_for = self.waiting_for() - 1;
         let given = Given { record, waiting_for };
         self.seats[agent.index()].given = Some(given.clone());
