@@ -10,6 +10,7 @@ use super::actor::{Fresh, Keyframes, is_heavy};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
 use super::spec::Spec;
 use super::{Ending, Outcome};
+use crate::clock::Clock;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound};
@@ -33,11 +34,11 @@ pub enum RecoveryError {
     },
 }
 
-/// Takes a stored episode up.
+/// Takes a stored episode up. Its open round begins when that is done, however long it took.
 pub(super) async fn recover(
     journal: &Arc<dyn Journal>,
     stored: StoredEpisode,
-    now: jiff::Timestamp,
+    clock: &dyn Clock,
 ) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let spec = Arc::new(described(&stored)?);
@@ -60,6 +61,7 @@ pub(super) async fn recover(
     }
     let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
     track.bytes += bytes(&open);
+    let now = clock.now();
     let outcome = match &stored.end {
         None => None,
         Some(end) => Some(outcome(end, stored.ended_at.unwrap_or(now)).map_err(broken)?),

@@ -252,7 +252,7 @@ impl Registry {
         kept.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
-        let fresh = recover(&self.host.journal, stored, self.host.clock.now()).await?;
+        let fresh = recover(&self.host.journal, stored, &*self.host.clock).await?;
         let handle = spawn(self.host.clone(), fresh);
         if let Some(slot) = self.slots().get_mut(id) {
             slot.idle_at = None;

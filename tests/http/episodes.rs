@@ -161,7 +161,8 @@ mod create {
 
     #[tokio::test]
     async fn no_more_episodes_live_at_once_than_the_limit_says() {
-        let app = TestApp::builder().limits(|limits| limits.episodes_unfinished_max = 2).start().await;
+        let app =
+            TestApp::builder().limits(|limits| limits.episodes_unfinished_max = 2).start().await;
         let first = app.create(request(1, 1)).await;
         app.create(request(1, 1)).await;
         let call = || app.post("/api/v1/episodes").json(&request(1, 1));

@@ -206,7 +206,12 @@ impl Checker {
         }
     }
 
-    pub(crate) fn check(&mut self, invariant: Invariant, holds: bool, what: impl FnOnce() -> String) {
+    pub(crate) fn check(
+        &mut self,
+        invariant: Invariant,
+        holds: bool,
+        what: impl FnOnce() -> String,
+    ) {
         if !holds {
             self.violations.push(Violation { invariant, what: what() });
         }
@@ -270,7 +275,9 @@ impl Checker {
                     let at = arrived.at;
                     self.broken(
                         Invariant::Clocks,
-                        format!("{name}: its clock ran out at {deadline}, its act had come at {at}"),
+                        format!(
+                            "{name}: its clock ran out at {deadline}, its act had come at {at}"
+                        ),
                     );
                 }
             }
@@ -383,7 +390,8 @@ impl Checker {
         let name = format!("{}: the act of {} in round {}", episode.id, row.agent, row.round);
         let open = episode.world.round();
         if episode.end.is_some() || row.round != open {
-            wrong.push((Invariant::OneAct, format!("{name} came in round {open} or after the end")));
+            wrong
+                .push((Invariant::OneAct, format!("{name} came in round {open} or after the end")));
         }
         if episode.waiting || !episode.world.is_alive(row.agent) {
             wrong.push((Invariant::Barrier, format!("{name} came before the start or of nobody")));
@@ -486,9 +494,15 @@ impl Checker {
         if !open.values().map(|kept| &kept.record).eq(&end.open_acts) {
             wrong.push((Invariant::Replay, format!("{name} has other open acts")));
         }
-        let bytes: usize = episode.acts.iter().flat_map(BTreeMap::values).map(|kept| kept.raw.as_str().len()).sum();
+        let bytes: usize = episode
+            .acts
+            .iter()
+            .flat_map(BTreeMap::values)
+            .map(|kept| kept.raw.as_str().len())
+            .sum();
         if bytes as u64 != row.bytes {
-            wrong.push((Invariant::Quotas, format!("{name} counts {} bytes of {bytes}", row.bytes)));
+            wrong
+                .push((Invariant::Quotas, format!("{name} counts {} bytes of {bytes}", row.bytes)));
         }
         let (idle_at, now) = (episode.idle_at(), self.now);
         if ending == Ending::Idle && (row.at < idle_at || now < idle_at) {
@@ -765,11 +779,15 @@ impl Checker {
                 let is_kept = kept.is_some_and(|kept| {
                     kept.record == given.record && kept.waiting_for == given.waiting_for
                 });
-                self.check(Invariant::Durable, is_kept, || format!("{name} got a receipt for nothing"));
+                self.check(Invariant::Durable, is_kept, || {
+                    format!("{name} got a receipt for nothing")
+                });
                 // Whoever has a receipt finds the state that goes with it.
                 let is_past = snapshot.status.is_over() || snapshot.world.round() > place.1;
                 let shows = is_past || (given.waiting_for > 0 && snapshot.has_acted(agent));
-                self.check(Invariant::Barrier, shows, || format!("{name} is not shown to have acted"));
+                self.check(Invariant::Barrier, shows, || {
+                    format!("{name} is not shown to have acted")
+                });
                 self.stats.count(
                     if receipt.duplicate { "acts confirmed again" } else { "acts acknowledged" },
                     1,
@@ -820,8 +838,7 @@ impl Checker {
                 ("refused: escaped", !episode.world.is_alive(agent) && !had_acted)
             }
             Refusal::RoundOver { sent, .. } => {
-                let ran_out =
-                    episode.act(sent, agent).is_some_and(|kept| !kept.by_player());
+                let ran_out = episode.act(sent, agent).is_some_and(|kept| !kept.by_player());
                 ("refused: round_over", (episode.round() > sent || ran_out) && !had_acted)
             }
             Refusal::NoRoom { .. } => {
@@ -896,7 +913,8 @@ impl Checker {
     /// The places of which a receipt was given out.
     pub(crate) fn receipts(&self) -> BTreeSet<(EpisodeId, u32, AgentId)> {
         let id = |key: &EpisodeKey| Some(self.episodes.get(key)?.id.clone());
-        let known = self.acked.keys().filter_map(|(key, round, agent)| Some((id(key)?, *round, *agent)));
+        let known =
+            self.acked.keys().filter_map(|(key, round, agent)| Some((id(key)?, *round, *agent)));
         known.collect()
     }
 }
@@ -905,8 +923,6 @@ impl Checker {
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {
-        *agent == row.agent
-            && act.round == row.round
-            && act.record.text_bytes() <= ACT_BYTES_ALWAYS
+        *agent == row.agent && act.round == row.round && act.record.text_bytes() <= ACT_BYTES_ALWAYS
     })
 }

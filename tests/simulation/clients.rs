@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Handle, Outcomes};
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::recovery::{RecoveryError, state_at};
 use swarmbench::episode::registry::{CreateError, Creation, Registry};
 use swarmbench::episode::spec::{Spec, Visibility};
-use swarmbench::episode::Snapshot;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::JournalError;
 use swarmbench::journal::record::{ActRecord, Source, Usage};
@@ -243,4 +243,3 @@ fn settings(dice: &mut Dice) -> Settings {
         max_delay: below(2),
     }
 }
-

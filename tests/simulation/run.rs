@@ -19,7 +19,9 @@ use swarmbench_engine::AgentId;
 
 use crate::broken::Flaw;
 use crate::checker::{Checker, Episode, Invariant, Stats, Violation};
-use crate::clients::{Acts, Answer, Desk, News, Request, RequestId, Times, act, again, serve, spec};
+use crate::clients::{
+    Acts, Answer, Desk, News, Request, RequestId, Times, act, again, serve, spec,
+};
 use crate::dice::Dice;
 use crate::executor::{Executor, TaskId};
 use crate::journal::MemoryJournal;
@@ -554,7 +556,8 @@ impl Run {
                 let count = 1 + dice.below(3);
                 let acts = (0..count).map(|_| {
                     let agent = seats[dice.below(seats.len())];
-                    let round = (round + 2).saturating_sub(u32::try_from(dice.below(5)).expect("few"));
+                    let round =
+                        (round + 2).saturating_sub(u32::try_from(dice.below(5)).expect("few"));
                     (agent, act(dice, &episode.spec.config, agent, round))
                 });
                 Request::Send(acts.collect())
@@ -713,7 +716,9 @@ fn line(entry: &Entry) -> String {
             row.waiting_for,
             row.record.as_str()
         ),
-        Entry::Round(row) => format!("{} round {} resolved: {}", row.episode.0, row.round, row.head),
+        Entry::Round(row) => {
+            format!("{} round {} resolved: {}", row.episode.0, row.round, row.head)
+        }
         Entry::End(row) => format!("{} ends at {}: {}", row.episode.0, row.at, row.record.as_str()),
         Entry::ReplaceTokens { .. } | Entry::AddKey(_) | Entry::RevokeKey { .. } => {
             "not of an episode".to_owned()
