@@ -444,12 +444,13 @@ impl Actor {
             }
         }
         self.perform(at, effects, |result| {
-            // Nothing is acknowledged that may not be kept, not even for the second time.
-            let confirm = |outcome: Result<Receipt, ActError>| match (outcome, &result) {
-                (Ok(_), Err(error)) => Err(ActError::Journal(error.clone())),
-                (outcome, _) => outcome,
+            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing
+            // is refused for the sake of something that may not be kept.
+            let outcomes = match result {
+                Ok(()) => outcomes,
+                Err(error) => vec![Err(error.into()); outcomes.len()],
             };
-            drop(reply.send(outcomes.into_iter().map(confirm).collect()));
+            drop(reply.send(outcomes));
         })
         .await;
     }
