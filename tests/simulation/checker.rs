@@ -103,8 +103,9 @@ type Place = (EpisodeKey, u32, AgentId);
 struct Sent {
     id: EpisodeId,
     moment: u64,
-    is_creation: bool,
     arrived: Option<Arrived>,
+    /// How many places of episodes were taken since then, at most: in all, and of the key.
+    held: (usize, usize),
 }
 
 /// Acts that lie in a mailbox.
@@ -532,6 +533,7 @@ impl Checker {
             self.failed.get_or_insert(moment);
             return;
         }
+        self.note_held();
         for entry in &told.entries {
             let (key, round) = match entry {
                 Entry::Start { episode, .. } => (episode, 0),
@@ -554,12 +556,12 @@ impl Checker {
 
     pub(crate) fn sent(&mut self, number: RequestId, id: &EpisodeId, request: &Request) {
         let moment = self.next_moment();
-        let is_creation = matches!(request, Request::Create(..));
         if let Request::Create(_, owner) = request {
             self.creating.insert(id.clone(), *owner);
         }
         self.stats.count("requests", 1);
-        self.requests.insert(number, Sent { id: id.clone(), moment, is_creation, arrived: None });
+        let (id, held) = (id.clone(), self.held());
+        self.requests.insert(number, Sent { id, moment, arrived: None, held });
     }
 
     /// A client went away without waiting for the answer.
@@ -665,10 +667,13 @@ impl Checker {
                 true
             }
             Answer::Created(Err(CreateError::Full(full))) => {
+                self.full(full, &sent);
+                self.note_held();
                 self.creating.remove(&id);
-                return self.full(full, sent.is_creation);
+                return;
             }
             Answer::Created(Err(CreateError::Journal(error))) => {
+                self.note_held();
                 self.creating.remove(&id);
                 return self.failure(&id, failed, &error);
             }
@@ -727,21 +732,33 @@ impl Checker {
         self.check(Invariant::Progress, failed, || format!("{id}: {error}, and none failed"));
     }
 
-    /// The server is full: that must be so.
-    fn full(&mut self, full: Full, is_creation: bool) {
+    /// How many places are taken, in all and of the key: at most, as seen from outside.
+    fn held(&self) -> (usize, usize) {
+        let live = self.episodes.values().filter(|episode| !episode.end_told);
+        let owners = live.map(|episode| episode.owner).chain(self.creating.values().copied());
+        owners.fold((0, 0), |(all, owned), owner| (all + 1, owned + usize::from(owner.is_some())))
+    }
+
+    /// Notes for all creations on their way how many places were taken meanwhile; to be called before
+    /// one is given back.
+    fn note_held(&mut self) {
+        let (all, owned) = self.held();
+        for sent in self.requests.values_mut() {
+            sent.held = (sent.held.0.max(all), sent.held.1.max(owned));
+        }
+    }
+
+    /// The server is full: that must be so, or have been so since it was asked.
+    fn full(&mut self, full: Full, sent: &Sent) {
         self.stats.count("refused: full", 1);
-        let of = |counts: &dyn Fn(Option<OwnerKey>) -> bool| {
-            let live = self.episodes.values().filter(|episode| !episode.end_told);
-            let live = live.filter(|episode| counts(episode.owner)).count();
-            live + self.creating.values().filter(|&&owner| counts(owner)).count()
-        };
-        // The one that is refused is no longer counted.
-        let (is, most) = match full {
-            Full::Episodes(most) => (of(&|_| true), most),
-            Full::EpisodesOfKey(most) => (of(&|owner| owner.is_some()), most),
+        let (all, owned) = self.held();
+        // The one that was refused took no place.
+        let (was, most) = match full {
+            Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
+            Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
             Full::BytesOfEpisode(_) | Full::BytesOfKey(_) => return,
         };
-        self.check(Invariant::Quotas, is_creation && is >= most, || format!("{full}; it is {is}"));
+        self.check(Invariant::Quotas, was >= most, || format!("{full}; it was {was}"));
     }
 
     fn outcome(

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use futures::future::select;
+use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Handle, Outcomes};
 use swarmbench::episode::lockstep::Submission;
@@ -17,6 +19,10 @@ use swarmbench_engine::{Action, AgentId, Config, Control, Message, Settings, Tas
 
 use crate::dice::Dice;
 use crate::executor::pause;
+use crate::time::SimClock;
+
+/// How long a client waits for a round.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// The number of a request, in the order in which they were sent.
 pub(crate) type RequestId = u32;
@@ -78,6 +84,7 @@ pub(crate) type Desk = Arc<Mutex<VecDeque<(RequestId, News)>>>;
 /// How a request goes.
 pub(crate) async fn serve(
     registry: Registry,
+    clock: Arc<SimClock>,
     desk: Desk,
     number: RequestId,
     id: EpisodeId,
@@ -103,8 +110,10 @@ pub(crate) async fn serve(
         Request::Wait(round) => {
             let mut published = handle.follow();
             let past = |seen: &Arc<Snapshot>| seen.status.is_over() || seen.world.round() > round;
-            // Nobody publishes any more where the actor is gone; the server answers with what there is.
-            drop(published.wait_for(past).await);
+            // A wait has its end. Nobody publishes any more where the actor is gone; in both cases
+            // the answer is what there is.
+            let published = std::pin::pin!(async { drop(published.wait_for(past).await) });
+            drop(select(published, clock.sleep_until(after(clock.now(), PATIENCE))).await);
             say(News::Seen(handle.snapshot()));
             Answer::Looked
         }

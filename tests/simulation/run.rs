@@ -55,8 +55,8 @@ pub(crate) struct Options {
     long_waits: bool,
     crashes: usize,
     failures: usize,
-    /// Whether clients go away.
-    drops: bool,
+    /// How often clients go away.
+    drops: usize,
     aborts: bool,
     /// Whether acts are sent again, changed, too late and too early.
     strays: usize,
@@ -92,14 +92,14 @@ impl Options {
             long_waits: below(2) == 0,
             crashes: [0, 1, 3][below(3)],
             failures: [0, 0, 1, 2][below(4)],
-            drops: below(2) == 0,
+            drops: [0, 6, 40][below(3)],
             aborts: below(3) == 0,
             strays: below(3),
             group: [1, 3, 1_000][below(3)],
             pauses: below(3),
             caps,
             haste: [1, 4, 16][below(3)],
-            silence: below(3) == 0,
+            silence: below(2) == 0,
             flaw,
         }
     }
@@ -293,7 +293,7 @@ impl Run {
             (Step::Tell, when(self.journal.untold() > 0, 100)),
             (Step::Pass, 20),
             (Step::Ask, when(self.pending.len() < options.pending, 60)),
-            (Step::Leave, when(options.drops && !self.pending.is_empty(), 6)),
+            (Step::Leave, when(!self.pending.is_empty(), options.drops)),
             (Step::Sweep, 10),
             (
                 Step::Fail,
@@ -497,7 +497,8 @@ impl Run {
         self.checker.sent(number, &id, &request);
         let place = self.dice.below(self.servers.len());
         let registry = self.servers[place].registry.clone();
-        let task = serve(registry, Arc::clone(&self.desk), number, id, request);
+        let (clock, desk) = (Arc::clone(&self.clock), Arc::clone(&self.desk));
+        let task = serve(registry, clock, desk, number, id, request);
         let task = self.executor.spawn(task.boxed());
         self.pending.insert(number, task);
     }
@@ -506,14 +507,11 @@ impl Run {
     fn request(&mut self) -> Option<(EpisodeId, Request)> {
         let dice = &mut self.dice;
         let known: Vec<&Episode> = self.checker.episodes.values().collect();
-        if self.created < self.options.episodes && (known.is_empty() || dice.below(4) == 0) {
+        if known.is_empty() || (self.created < self.options.episodes && dice.below(4) == 0) {
             self.created += 1;
             let id = EpisodeId::from_text(format!("ep_{}", self.created));
             let owner = (dice.below(2) == 0).then_some(OwnerKey(1));
             return Some((id, Request::Create(Box::new(spec(dice, self.options.times)), owner)));
-        }
-        if known.is_empty() {
-            return None;
         }
         // Most requests are for episodes that are played.
         let live: Vec<&Episode> = known.iter().copied().filter(|e| e.end.is_none()).collect();
