@@ -48,19 +48,13 @@ pub enum ActError {
 pub type Outcomes = Vec<Result<Receipt, ActError>>;
 
 enum Message {
-    Submit {
-        /// When it came: the wait in the mailbox takes no player's time.
-        at: Timestamp,
-        acts: Vec<(AgentId, Submission)>,
-        reply: oneshot::Sender<Outcomes>,
-    },
-    Start {
-        reply: oneshot::Sender<Result<(), JournalError>>,
-    },
-    Abort {
-        reply: oneshot::Sender<Result<(), JournalError>>,
-    },
+    Submit { acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes> },
+    Start { reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { reply: oneshot::Sender<Result<(), JournalError>> },
 }
+
+/// A message and when it came: its wait in the mailbox takes no player's time.
+type Letter = (Timestamp, Message);
 
 /// Starts a task that runs on its own.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
@@ -97,7 +91,7 @@ pub struct Running {
     /// When it was created.
     pub created_at: Timestamp,
     clock: Arc<dyn Clock>,
-    mailbox: mpsc::Sender<Message>,
+    mailbox: mpsc::Sender<Letter>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     idle_at: Arc<AtomicI64>,
@@ -129,8 +123,7 @@ impl Handle {
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
         let count = acts.len();
         let (reply, outcomes) = oneshot::channel();
-        let at = self.clock.now();
-        match self.mailbox.try_send(Message::Submit { at, acts, reply }) {
+        match self.mailbox.try_send((self.clock.now(), Message::Submit { acts, reply })) {
             Ok(()) => outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count]),
             Err(mpsc::error::TrySendError::Full(_)) => vec![Err(ActError::Busy); count],
             Err(mpsc::error::TrySendError::Closed(_)) => vec![Err(gone().into()); count],
@@ -158,8 +151,8 @@ impl Handle {
         message: impl FnOnce(oneshot::Sender<Result<(), JournalError>>) -> Message,
     ) -> Result<(), JournalError> {
         let (reply, done) = oneshot::channel();
-        // Whether the actor is gone shows when nobody answers.
-        drop(self.mailbox.send(message(reply)).await);
+        let Ok(place) = self.mailbox.reserve().await else { return Err(gone()) };
+        place.send((self.clock.now(), message(reply)));
         done.await.unwrap_or_else(|_| Err(gone()))
     }
 
@@ -324,7 +317,7 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::Receiver<Message>) {
+    async fn run(mut self, mut messages: mpsc::Receiver<Letter>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
         self.take_up().await;
@@ -341,12 +334,12 @@ impl Actor {
                 biased;
                 () = failed.cancelled() => return,
                 message = messages.recv() => match message {
-                    Some(message) => self.take(message).await,
+                    Some((at, message)) => self.take(at, message).await,
                     None => return,
                 },
                 // A round was opened: its clock runs.
                 _ = published.changed() => self.note_opening(),
-                () = tick => self.happen(Event::Tick, None).await,
+                () = tick => self.happen(self.host.clock.now(), Event::Tick, None).await,
             }
         }
     }
@@ -380,30 +373,30 @@ impl Actor {
     /// A layout can be solved before the first round; nobody can act in it.
     async fn end_if_solved(&mut self) {
         if self.lockstep.status() == Status::Running && self.world.is_over() {
-            self.happen(Event::Done, None).await;
+            self.happen(self.host.clock.now(), Event::Done, None).await;
         }
     }
 
-    async fn take(&mut self, message: Message) {
+    async fn take(&mut self, at: Timestamp, message: Message) {
         match message {
-            Message::Submit { at, acts, reply } => self.submit(at, acts, reply).await,
+            Message::Submit { acts, reply } => self.submit(at, acts, reply).await,
             Message::Start { reply } => {
-                self.happen(Event::Start, Some(reply)).await;
+                self.happen(at, Event::Start, Some(reply)).await;
                 self.end_if_solved().await;
             }
-            Message::Abort { reply } => self.happen(Event::Abort, Some(reply)).await,
+            Message::Abort { reply } => self.happen(at, Event::Abort, Some(reply)).await,
         }
     }
 
     async fn happen(
         &mut self,
+        at: Timestamp,
         event: Event,
         reply: Option<oneshot::Sender<Result<(), JournalError>>>,
     ) {
         self.note_opening();
-        let now = self.host.clock.now();
-        let effects = self.apply(now, event);
-        self.perform(now, effects, |result| {
+        let effects = self.apply(at, event);
+        self.perform(at, effects, |result| {
             if let Some(reply) = reply {
                 // Whoever asked may have gone.
                 drop(reply.send(result));
