@@ -53,6 +53,9 @@ enum Message {
     Abort { reply: oneshot::Sender<Result<(), JournalError>> },
 }
 
+/// A message and when it came: its wait in the mailbox takes no player's time.
+type Letter = (Timestamp, Message);
+
 /// Starts a task that runs on its own.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 
@@ -87,7 +90,8 @@ pub struct Running {
     pub spec: Arc<Spec>,
     /// When it was created.
     pub created_at: Timestamp,
-    mailbox: mpsc::Sender<Message>,
+    clock: Arc<dyn Clock>,
+    mailbox: mpsc::Sender<Letter>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     idle_at: Arc<AtomicI64>,
@@ -119,7 +123,7 @@ impl Handle {
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
         let count = acts.len();
         let (reply, outcomes) = oneshot::channel();
-        match self.mailbox.try_send(Message::Submit { acts, reply }) {
+        match self.mailbox.try_send((self.clock.now(), Message::Submit { acts, reply })) {
             Ok(()) => outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count]),
             Err(mpsc::error::TrySendError::Full(_)) => vec![Err(ActError::Busy); count],
             Err(mpsc::error::TrySendError::Closed(_)) => vec![Err(gone().into()); count],
@@ -147,8 +151,8 @@ impl Handle {
         message: impl FnOnce(oneshot::Sender<Result<(), JournalError>>) -> Message,
     ) -> Result<(), JournalError> {
         let (reply, done) = oneshot::channel();
-        // Whether the actor is gone shows when nobody answers.
-        drop(self.mailbox.send(message(reply)).await);
+        let Ok(place) = self.mailbox.reserve().await else { return Err(gone()) };
+        place.send((self.clock.now(), message(reply)));
         done.await.unwrap_or_else(|_| Err(gone()))
     }
 
@@ -246,6 +250,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         owner: fresh.owner,
         spec: fresh.spec,
         created_at: fresh.created_at,
+        clock: Arc::clone(&host.clock),
         mailbox,
         published,
         keyframes: Arc::clone(&keyframes),
@@ -312,7 +317,7 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::Receiver<Message>) {
+    async fn run(mut self, mut messages: mpsc::Receiver<Letter>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
         self.take_up().await;
@@ -329,15 +334,16 @@ impl Actor {
                 biased;
                 () = failed.cancelled() => return,
                 message = messages.recv() => match message {
-                    Some(message) => self.take(message).await,
+                    Some((at, message)) => self.take(at, message).await,
                     None => return,
                 },
                 // A round was opened: its clock runs.
                 _ = published.changed() => self.note_opening(),
                 () = tick => {
+                    let now = self.host.clock.now();
                     self.note_opening();
-                    let effects = self.apply(Event::Tick);
-                    self.perform(effects, |_| {}).await;
+                    let effects = self.apply(now, Event::Tick);
+                    self.perform(now, effects, |_| {}).await;
                 }
             }
         }
@@ -350,13 +356,13 @@ impl Actor {
             && snapshot.world.round() == self.lockstep.round()
             && snapshot.status == self.lockstep.status()
         {
-            self.apply(Event::Opened { at });
+            self.apply(at, Event::Opened { at });
         }
     }
 
-    /// Tells the barrier what happens now.
-    fn apply(&mut self, event: Event) -> Vec<Effect> {
-        let effects = self.lockstep.apply(self.host.clock.now(), event);
+    /// Tells the barrier what happens, and when.
+    fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
+        let effects = self.lockstep.apply(at, event);
         self.idle_at.store(self.lockstep.idle_at().as_millisecond(), Ordering::Release);
         effects
     }
@@ -364,32 +370,33 @@ impl Actor {
     /// What is due before the first event: a layout that is solved already, or a round whose acts
     /// were all kept before a restart.
     async fn take_up(&mut self) {
+        let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
-        effects.extend(self.end_if_solved());
+        effects.extend(self.end_if_solved(now));
         if !effects.is_empty() {
-            self.perform(effects, |_| {}).await;
+            self.perform(now, effects, |_| {}).await;
         }
     }
 
     /// A layout can be solved before the first round; nobody can act in it.
-    fn end_if_solved(&mut self) -> Vec<Effect> {
+    fn end_if_solved(&mut self, at: Timestamp) -> Vec<Effect> {
         if self.lockstep.status() == Status::Running && self.world.is_over() {
-            return self.apply(Event::Done);
+            return self.apply(at, Event::Done);
         }
         Vec::new()
     }
 
-    async fn take(&mut self, message: Message) {
+    async fn take(&mut self, at: Timestamp, message: Message) {
         match message {
-            Message::Submit { acts, reply } => self.submit(acts, reply).await,
+            Message::Submit { acts, reply } => self.submit(at, acts, reply).await,
             Message::Start { reply } => {
-                let mut effects = self.apply(Event::Start);
-                effects.extend(self.end_if_solved());
-                self.perform_for(effects, reply).await;
+                let mut effects = self.apply(at, Event::Start);
+                effects.extend(self.end_if_solved(at));
+                self.perform_for(at, effects, reply).await;
             }
             Message::Abort { reply } => {
-                let effects = self.apply(Event::Abort);
-                self.perform_for(effects, reply).await;
+                let effects = self.apply(at, Event::Abort);
+                self.perform_for(at, effects, reply).await;
             }
         }
     }
@@ -397,13 +404,19 @@ impl Actor {
     /// Performs effects and tells whoever asked for them; they may have gone.
     async fn perform_for(
         &mut self,
+        at: Timestamp,
         effects: Vec<Effect>,
         reply: oneshot::Sender<Result<(), JournalError>>,
     ) {
-        self.perform(effects, |result| drop(reply.send(result))).await;
+        self.perform(at, effects, |result| drop(reply.send(result))).await;
     }
 
-    async fn submit(&mut self, acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes>) {
+    async fn submit(
+        &mut self,
+        at: Timestamp,
+        acts: Vec<(AgentId, Submission)>,
+        reply: oneshot::Sender<Outcomes>,
+    ) {
         self.note_opening();
         let mut effects = Vec::new();
         let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
@@ -418,7 +431,7 @@ impl Actor {
             };
             let text_bytes = submission.record.text_bytes();
             let room = self.host.quotas.check_act(self.owner, used, text_bytes);
-            for effect in self.apply(Event::Submit { agent, submission, earlier, room }) {
+            for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => outcomes.push(answer.map_err(ActError::from)),
                     other => {
@@ -429,14 +442,14 @@ impl Actor {
                 }
             }
         }
-        self.perform(effects, |result| {
-            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing is
-            // refused because of what may not be kept, such as a clock that ran out.
-            let confirm = |outcome: Result<Receipt, ActError>| match &result {
-                Ok(()) => outcome,
-                Err(error) => Err(ActError::Journal(error.clone())),
+        self.perform(at, effects, |result| {
+            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing
+            // is refused for the sake of something that may not be kept.
+            let outcomes = match result {
+                Ok(()) => outcomes,
+                Err(error) => vec![Err(error.into()); outcomes.len()],
             };
-            drop(reply.send(outcomes.into_iter().map(confirm).collect()));
+            drop(reply.send(outcomes));
         })
         .await;
     }
@@ -452,10 +465,11 @@ impl Actor {
         Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }
 
-    /// Performs effects: queues all that is to be kept in one piece; `then` is told once it, and
-    /// all that was queued before, is durable and published.
+    /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is
+    /// told once it, and all that was queued before, is durable and published.
     async fn perform(
         &mut self,
+        at: Timestamp,
         effects: Vec<Effect>,
         then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
     ) {
@@ -466,13 +480,10 @@ impl Actor {
         let mut opens = false;
         for effect in effects {
             match effect {
-                Effect::KeepStart => {
-                    let at = self.host.clock.now();
-                    entries.push(Entry::Start { episode: self.key, at });
-                }
+                Effect::KeepStart => entries.push(Entry::Start { episode: self.key, at }),
                 Effect::KeepAct { agent, given } => {
                     acted.push((agent, kind(&given)));
-                    entries.push(self.act_entry(agent, &given));
+                    entries.push(self.act_entry(at, agent, &given));
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
@@ -508,7 +519,7 @@ impl Actor {
         self.host.journal.append(entries, Box::new(committed));
     }
 
-    fn act_entry(&mut self, agent: AgentId, given: &Given) -> Entry {
+    fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
         let record = RawRecord::write(&given.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
@@ -518,7 +529,7 @@ impl Actor {
             round: self.world.round(),
             agent,
             waiting_for: given.waiting_for,
-            at: self.host.clock.now(),
+            at,
             record,
         })
     }

@@ -308,7 +308,7 @@ impl Lockstep {
         }
     }
 
-    /// Takes an event.
+    /// Takes an event; `now` is when it happened.
     pub fn apply(&mut self, now: Timestamp, event: Event) -> Vec<Effect> {
         match event {
             Event::Start => self.start(now),
@@ -317,7 +317,7 @@ impl Lockstep {
             Event::Submit { agent, submission, earlier, room } => {
                 self.submit(now, agent, submission, earlier, room)
             }
-            Event::Tick => self.tick(now),
+            Event::Tick => self.tick(now, |due| due <= now),
             Event::Opened { at } => {
                 self.opened_at.get_or_insert(at);
                 Vec::new()
@@ -359,9 +359,9 @@ impl Lockstep {
         room: Result<(), Full>,
     ) -> Vec<Effect> {
         let Submission { round: sent, mut record } = submission;
-        // Clocks may have run out before the act came, only nobody has ticked since.
-        let is_late = self.wakes_at().is_some_and(|due| due < now);
-        let mut effects = if is_late { self.tick(now) } else { Vec::new() };
+        // Clocks may have run out before the act came, only nobody has ticked since. A clock that ends
+        // at this moment has not: the act may be for its seat.
+        let mut effects = self.tick(now, |due| due < now);
         let round = self.round;
         let waiting = self.phase == Phase::Waiting;
         let seat = &self.seats[agent.index()];
@@ -391,7 +391,8 @@ impl Lockstep {
             return effects;
         }
         record.bank_spent_ms = millis(self.overspent(now).min(seat.bank));
-        self.last_act_at = now;
+        // It may have waited for its turn while something else happened.
+        self.last_act_at = self.last_act_at.max(now);
         let waiting_for = self.waiting_for() - 1;
         let given = Given { record, waiting_for };
         self.seats[agent.index()].given = Some(given.clone());
@@ -401,19 +402,19 @@ impl Lockstep {
         effects
     }
 
-    fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+    fn tick(&mut self, now: Timestamp, is_due: impl Fn(Timestamp) -> bool) -> Vec<Effect> {
         let mut effects = Vec::new();
         match self.phase {
             Phase::Waiting | Phase::Open => {}
             Phase::Closed | Phase::Over(_) => return effects,
         }
-        if self.idle_at() <= now {
+        if is_due(self.idle_at()) {
             return self.end(now, Ending::Idle);
         }
         if self.phase == Phase::Open {
             for place in 0..self.seats.len() {
                 let seat = &self.seats[place];
-                let is_late = self.deadline(seat).is_some_and(|deadline| deadline <= now);
+                let is_late = self.deadline(seat).is_some_and(&is_due);
                 if !seat.alive || seat.given.is_some() || !is_late {
                     continue;
                 }
@@ -654,6 +655,19 @@ mod tests {
             "nobody had ticked"
         );
         assert!(matches!(late[0], Effect::KeepAct { agent: AgentId(1), .. }));
+    }
+
+    #[test]
+    fn an_act_at_its_deadline_is_in_time_though_another_clock_has_run_out() {
+        let mut machine = fresh(2, clocks(Some(10), 1));
+        submit(&mut machine, at(11), 0, 0, "UP");
+        submit(&mut machine, at(10), 1, 0, "UP");
+        machine.apply(at(11), Event::Resolved { alive: vec![true; 2], ending: None });
+        machine.apply(at(11), Event::Opened { at: at(11) });
+        assert_eq!(machine.banks(), [Duration::ZERO, Duration::from_secs(1)]);
+        let effects = submit(&mut machine, at(22), 1, 1, "UP");
+        assert!(matches!(effects[0], Effect::KeepAct { agent: AgentId(0), .. }));
+        assert_eq!(answer(&effects).expect("just in time").given.record.bank_spent_ms, 1000);
     }
 
     #[test]

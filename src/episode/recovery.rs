@@ -34,7 +34,7 @@ pub enum RecoveryError {
     },
 }
 
-/// Takes a stored episode up.
+/// Takes a stored episode up. Its open round begins when that is done, however long it took.
 pub(super) async fn recover(
     journal: &Arc<dyn Journal>,
     stored: StoredEpisode,

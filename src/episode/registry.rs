@@ -275,9 +275,13 @@ impl Registry {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked } in &all {
-            self.host.quotas.note(*episode, *owner);
+            let mut slots = self.slots();
+            // One that somebody has asked for meanwhile is counted where it is taken up, and may have
+            // ended since it was listed.
+            if !slots.contains_key(id) {
+                self.host.quotas.note(*episode, *owner);
+            }
             if !clocked {
-                let mut slots = self.slots();
                 slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).idle_at = Some(now);
             }
         }
@@ -298,10 +302,12 @@ impl Registry {
     pub async fn look_after_idle(&self) {
         let now = self.host.clock.now();
         let is_due = |slot: &Slot| slot.idle_at.is_some_and(|at| at <= now);
-        let due: Vec<EpisodeId> = {
+        let mut due: Vec<EpisodeId> = {
             let slots = self.slots();
             slots.iter().filter(|(_, slot)| is_due(slot)).map(|(id, _)| id.clone()).collect()
         };
+        // The oldest first, and always in the same order.
+        due.sort_unstable();
         for id in due {
             match self.idle_at(&id).await {
                 Ok(Some(at)) if at > now => {

@@ -1,17 +1,20 @@
 //! Every route on one page.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, StatusCode};
+use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
-use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
+use tower_http::request_id::{
+    MakeRequestId, PropagateRequestIdLayer, RequestId, SetRequestIdLayer,
+};
 use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -49,7 +52,7 @@ pub fn router(app: App) -> Router {
         .config(Config::default().validator_url("none"));
     let request_id = HeaderName::from_static("x-request-id");
     let layers = ServiceBuilder::new()
-        .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
+        .layer(SetRequestIdLayer::new(request_id.clone(), NumberedRequests::new(app.boot)))
         .layer(TraceLayer::new_for_http().make_span_with(span).on_response(()).on_failure(()))
         .layer(PropagateRequestIdLayer::new(request_id))
         .layer(CatchPanicLayer::custom(panicked));
@@ -63,6 +66,28 @@ pub fn router(app: App) -> Router {
         .layer(middleware::from_fn(measure))
         .layer(layers)
         .with_state(app)
+}
+
+/// Names requests by the run of the server and their number in it: drawing a name for each would ask
+/// the host for randomness with every request.
+#[derive(Clone)]
+struct NumberedRequests {
+    boot: u64,
+    next: Arc<AtomicU64>,
+}
+
+impl NumberedRequests {
+    fn new(boot: u64) -> Self {
+        Self { boot, next: Arc::default() }
+    }
+}
+
+impl MakeRequestId for NumberedRequests {
+    fn make_request_id<B>(&mut self, _: &axum::http::Request<B>) -> Option<RequestId> {
+        let number = self.next.fetch_add(1, Ordering::Relaxed);
+        let name = format!("{:016x}-{number}", self.boot);
+        HeaderValue::try_from(name).ok().map(RequestId::new)
+    }
 }
 
 /// Where the files of the documentation page lie; they are part of the binary.

@@ -190,11 +190,13 @@ impl Player {
         }
         compare("the number of rounds", &end.rounds, &self.world.round())?;
         compare("the final score", &end.score, &self.world.score())?;
+        // A layout may have solved the task; that counts once the episode is started.
+        let never_started = self.world.round() == 0 && self.opening.config.start == "manual";
         let (done, over) = (self.world.is_done(), self.world.is_over());
         let fits = match (end.status.as_str(), end.reason.as_str()) {
             ("finished", "task_done") => done,
             ("finished", "rounds_played") => over && !done,
-            ("aborted", "aborted") | ("abandoned", "idle") => !over,
+            ("aborted", "aborted") | ("abandoned", "idle") => !over || never_started,
             _ => false,
         };
         if !fits {

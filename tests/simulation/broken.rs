@@ -1,0 +1,91 @@
+//! Deliberately broken parts: for every invariant at least one that breaks it. A checker that finds
+//! none of them would prove nothing where it finds no fault in the server.
+
+use swarmbench::journal::Entry;
+
+use crate::checker::Invariant;
+
+/// What is broken. It is always something around the server, whose own code is the same as ever.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Flaw {
+    /// The journal tells that entries are durable when it has taken them.
+    AcknowledgesEarly,
+    /// The journal does not write one act in eight.
+    LosesActs,
+    /// A crash leaves a part of a job on the disk.
+    TearsPieces,
+    /// The journal keeps another number of seats to wait for.
+    KeepsAnotherReceipt,
+    /// The journal never finds the act of an earlier round.
+    ForgetsEarlierActs,
+    /// Whoever waits for the journal does not wait for what was handed over before.
+    DoesNotWait,
+    /// The journal keeps another digest.
+    AltersDigests,
+    /// The journal acknowledges after a failed commit.
+    AcknowledgesAfterFailure,
+    /// The journal does not tell of one job in twenty.
+    ForgetsToTell,
+    /// The journal does not know when the last act came.
+    ForgetsTheLastAct,
+    /// The journal lists an unfinished episode that does not exist.
+    ListsAGhost,
+    /// Two servers run over one journal.
+    TwoServers,
+    /// Now and then the clock is 20 seconds ahead.
+    ClockAhead,
+    /// Now and then the clock is 20 seconds behind.
+    ClockBehind,
+    /// Whoever sleeps never wakes.
+    NeverWakes,
+    /// Chance does not come from the seed alone.
+    OtherChance,
+}
+
+/// Each flaw and the invariant that it breaks. `OtherChance` is not here: it breaks none of them,
+/// but that a run follows from its seed.
+pub(crate) const FLAWS: [(Flaw, Invariant); 15] = [
+    (Flaw::AcknowledgesEarly, Invariant::Durable),
+    (Flaw::LosesActs, Invariant::Barrier),
+    (Flaw::TearsPieces, Invariant::Barrier),
+    (Flaw::KeepsAnotherReceipt, Invariant::StableReceipts),
+    (Flaw::ForgetsEarlierActs, Invariant::StableReceipts),
+    (Flaw::DoesNotWait, Invariant::TrueRefusals),
+    (Flaw::AltersDigests, Invariant::Replay),
+    (Flaw::AcknowledgesAfterFailure, Invariant::NoFalseAck),
+    (Flaw::ForgetsToTell, Invariant::Progress),
+    (Flaw::ForgetsTheLastAct, Invariant::Idle),
+    (Flaw::ListsAGhost, Invariant::Quotas),
+    (Flaw::TwoServers, Invariant::OneAct),
+    (Flaw::ClockAhead, Invariant::Clocks),
+    (Flaw::ClockBehind, Invariant::Clocks),
+    (Flaw::NeverWakes, Invariant::Progress),
+];
+
+impl Flaw {
+    /// What becomes of entries on their way to the disk.
+    pub(crate) fn on_the_way_to_the_disk(self, mut entries: Vec<Entry>) -> Vec<Entry> {
+        match self {
+            Self::LosesActs => entries.retain(|entry| match entry {
+                Entry::Act(row) => !(u32::from(row.agent.0) + row.round).is_multiple_of(8),
+                _ => true,
+            }),
+            Self::KeepsAnotherReceipt => {
+                for entry in &mut entries {
+                    if let Entry::Act(row) = entry {
+                        row.waiting_for += 1;
+                    }
+                }
+            }
+            Self::AltersDigests => {
+                for entry in &mut entries {
+                    if let Entry::Round(row) = entry {
+                        row.digest[0] ^= 1;
+                    }
+                }
+            }
+            _ => {}
+        }
+        entries
+    }
+}

@@ -1,0 +1,254 @@
+//! What clients ask for, and how a request goes: what the handlers of the server do, without HTTP.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use futures::future::select;
+use swarmbench::clock::{Clock, after};
+use swarmbench::episode::Snapshot;
+use swarmbench::episode::actor::{Handle, Outcomes};
+use swarmbench::episode::lockstep::Submission;
+use swarmbench::episode::recovery::{RecoveryError, state_at};
+use swarmbench::episode::registry::{CreateError, Creation, Registry};
+use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::ids::EpisodeId;
+use swarmbench::journal::JournalError;
+use swarmbench::journal::record::{ActRecord, Source, Usage};
+use swarmbench_engine::{Action, AgentId, Config, Control, Message, Settings, TaskName, answer};
+
+use crate::dice::Dice;
+use crate::executor::pause;
+use crate::time::SimClock;
+
+/// How long a client waits for a round.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The number of a request, in the order in which they were sent.
+pub(crate) type RequestId = u32;
+
+/// Acts with their seats, as `/swarm/act` takes them.
+pub(crate) type Acts = Vec<(AgentId, Submission)>;
+
+/// What a client asks for.
+#[derive(Clone, Debug)]
+pub(crate) enum Request {
+    /// A new episode.
+    Create(Box<Spec>, Option<swarmbench::keys::OwnerKey>),
+    /// What there is to see.
+    Look,
+    /// The same, once the round is past this one.
+    Wait(u32),
+    /// Look, think, and act for those of these seats for which the round waits.
+    Turn(Vec<AgentId>, u64),
+    /// Acts that were thought of earlier.
+    Send(Acts),
+    /// The manual start.
+    Start,
+    /// The end.
+    Abort,
+    /// The state after so many rounds.
+    State(u32),
+}
+
+/// What happens to a request.
+pub(crate) enum News {
+    /// Its acts lie in the mailbox of the episode.
+    Arrived(Acts),
+    /// It saw this.
+    Seen(Arc<Snapshot>),
+    /// It is answered.
+    Answered(Answer),
+}
+
+/// What a client is told.
+pub(crate) enum Answer {
+    Created(Result<(), CreateError>),
+    /// There is no such episode.
+    Nothing,
+    /// The episode cannot be taken up.
+    NotTakenUp(RecoveryError),
+    /// What was to be seen was told before.
+    Looked,
+    /// What became of acts, and what is published when that is known.
+    Acted(Acts, Outcomes, Arc<Snapshot>),
+    Started(Result<(), JournalError>),
+    Aborted(Result<(), JournalError>),
+    /// The digest of the state after so many rounds.
+    State(u32, Result<[u8; 32], RecoveryError>),
+}
+
+/// Where requests leave their news; the run takes them after each step.
+pub(crate) type Desk = Arc<Mutex<VecDeque<(RequestId, News)>>>;
+
+/// How a request goes.
+pub(crate) async fn serve(
+    registry: Registry,
+    clock: Arc<SimClock>,
+    desk: Desk,
+    number: RequestId,
+    id: EpisodeId,
+    request: Request,
+) {
+    let say = |news| desk.lock().expect("one thread").push_back((number, news));
+    if let Request::Create(spec, owner) = request {
+        let creation = Creation { id, owner, spec: *spec, tokens: Vec::new(), idempotency: None };
+        let created = registry.create(creation).await;
+        let created = created.map(|handle| say(News::Seen(handle.snapshot())));
+        return say(News::Answered(Answer::Created(created)));
+    }
+    let handle = match registry.find(&id).await {
+        Ok(Some(handle)) => handle,
+        Ok(None) => return say(News::Answered(Answer::Nothing)),
+        Err(error) => return say(News::Answered(Answer::NotTakenUp(error))),
+    };
+    let answer = match request {
+        Request::Create(..) | Request::Look => {
+            say(News::Seen(handle.snapshot()));
+            Answer::Looked
+        }
+        Request::Wait(round) => {
+            let mut published = handle.follow();
+            let past = |seen: &Arc<Snapshot>| seen.status.is_over() || seen.world.round() > round;
+            // A wait has its end. Nobody publishes any more where the actor is gone; in both cases
+            // the answer is what there is.
+            let published = std::pin::pin!(async { drop(published.wait_for(past).await) });
+            drop(select(published, clock.sleep_until(after(clock.now(), PATIENCE))).await);
+            say(News::Seen(handle.snapshot()));
+            Answer::Looked
+        }
+        Request::Turn(seats, seed) => {
+            let seen = handle.snapshot();
+            say(News::Seen(Arc::clone(&seen)));
+            let mut dice = Dice(seed);
+            let config = Arc::clone(&handle.spec.config);
+            drop(handle);
+            pause(dice.below(3)).await;
+            let acts: Acts = (seats.into_iter().filter(|&seat| seen.waits_for(seat)))
+                .map(|seat| (seat, act(&mut dice, &config, seat, seen.world.round())))
+                .collect();
+            drop(seen);
+            if acts.is_empty() {
+                Answer::Looked
+            } else {
+                // Looking and acting are two requests.
+                match registry.find(&id).await {
+                    Ok(Some(handle)) => send(&handle, acts, say).await,
+                    Ok(None) => Answer::Nothing,
+                    Err(error) => Answer::NotTakenUp(error),
+                }
+            }
+        }
+        Request::Send(acts) => send(&handle, acts, say).await,
+        Request::Start => Answer::Started(handle.start().await),
+        Request::Abort => Answer::Aborted(handle.abort().await),
+        Request::State(round) => {
+            let state = state_at(registry.journal(), &handle, round).await;
+            Answer::State(round, state.map(|world| world.digest().0))
+        }
+    };
+    say(News::Answered(answer));
+}
+
+async fn send(handle: &Handle, acts: Acts, say: impl Fn(News)) -> Answer {
+    say(News::Arrived(acts.clone()));
+    let outcomes = handle.submit(acts.clone()).await;
+    Answer::Acted(acts, outcomes, handle.snapshot())
+}
+
+/// Some act for a seat.
+pub(crate) fn act(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) -> Submission {
+    let actions = Action::of_task(config.task());
+    let action = actions[dice.below(actions.len())];
+    let response = match dice.below(10) {
+        0 => Some("I do not know what to do.".to_owned()),
+        1 | 2 => Some(format!("Well.\nACTION: {}\nMSG: on my way", action.name())),
+        _ => None,
+    };
+    let message = (dice.below(3) == 0).then(|| Message::new("the block is to the left")).flatten();
+    let (act, valid) = if let Some(response) = &response {
+        let read = answer::parse(response, config, agent);
+        (read.act, read.valid)
+    } else {
+        let commands = config.control() == Control::Centralized && agent == AgentId::COMMANDER;
+        let to = (commands && message.is_some()).then_some(AgentId(config.num_agents() - 1));
+        let to = to.filter(|&to| to != agent);
+        (swarmbench_engine::Act { action: Some(action), message, to }, true)
+    };
+    let record = ActRecord {
+        agent: agent.to_string(),
+        source: Source::Player,
+        action: act.action.map(|action| action.name().to_owned()),
+        message: act.message.map(|message| message.to_string()),
+        to: act.to.map(|to| to.to_string()),
+        valid,
+        response,
+        usage: None,
+        reasoning: (dice.below(8) == 0).then(|| "so it is said ".repeat(200)),
+        bank_spent_ms: 0,
+    };
+    Submission { round, record }
+}
+
+/// The same act once more, told with other circumstances.
+pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
+    let mut again = sent.clone();
+    match dice.below(3) {
+        0 => again.record.usage = Some(Usage { latency_ms: Some(7), ..Usage::default() }),
+        1 => again.record.reasoning = Some("again".to_owned()),
+        _ => {}
+    }
+    again
+}
+
+/// What clocks the episodes of a run have.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
+    /// Whether rounds have deadlines: never, sometimes or always.
+    pub(crate) clocked: usize,
+    /// Whether episodes that have none are abandoned after 30 seconds, not hours.
+    pub(crate) short_idle: bool,
+}
+
+/// Some small episode.
+pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
+    let config = std::iter::from_fn(|| Some(settings(dice)))
+        .find_map(|settings| Config::check(&settings).ok())
+        .expect("most settings can be played");
+    let clocked = dice.below(2) < times.clocked;
+    let bank = [0, 0, 2_500, 60_000][dice.below(4)];
+    let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
+    Spec {
+        config: Arc::new(config),
+        round_deadline: clocked
+            .then(|| Duration::from_millis([50, 1_000, 5_000, 5_000][dice.below(4)])),
+        bank: Duration::from_millis(bank),
+        manual_start: dice.below(4) == 0,
+        idle_timeout: Duration::from_secs(idle_s),
+        visibility: Visibility::Public,
+        model: "simulated".to_owned(),
+        agent_meta: serde_json::Map::new(),
+        prompt_template: "".into(),
+        custom_template: false,
+    }
+}
+
+fn settings(dice: &mut Dice) -> Settings {
+    let mut below = |n: usize| i64::try_from(dice.below(n)).expect("a small number");
+    let size = 8 + below(3);
+    let reference = below(4) == 0;
+    Settings {
+        task: TaskName::ALL[usize::try_from(below(5)).expect("a place")].name().to_owned(),
+        rules: if reference { "reference" } else { "paper" }.to_owned(),
+        control: if below(4) == 0 { "centralized" } else { "decentralized" }.to_owned(),
+        seed: below(1 << 20),
+        num_agents: [1, 2, 2, 3, 3, 4, 5][usize::try_from(below(7)).expect("a place")],
+        width: size,
+        height: if reference { size } else { 8 + below(3) },
+        view_size: 3 + 2 * below(2),
+        memory: below(3),
+        max_round: 1 + below(7),
+        noise: if below(4) == 0 { 0.3 } else { 0.0 },
+        max_delay: below(2),
+    }
+}

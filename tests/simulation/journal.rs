@@ -1,0 +1,376 @@
+//! A journal in memory. Nothing becomes durable, and nobody is told, before the run says so: a crash
+//! can come between any two of these.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard};
+
+use futures::future::BoxFuture;
+use swarmbench::episode::Status;
+use swarmbench::ids::EpisodeId;
+use swarmbench::journal::record::{ActRecord, Source};
+use swarmbench::journal::{
+    ActRow, Committed, EndRow, Entry, EpisodeKey, Journal, JournalError, OpeningRow, RoundActs,
+    RoundRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
+use swarmbench::keys::OwnerKey;
+use swarmbench_engine::AgentId;
+
+use crate::broken::Flaw;
+use crate::dice::Dice;
+use crate::executor::pause;
+
+/// Keeps entries in the order in which they were handed over, all of a job or none. It refuses
+/// nothing: what should not have been handed over is for the checker to find.
+pub(crate) struct MemoryJournal {
+    flaw: Option<Flaw>,
+    pauses_max: usize,
+    state: Mutex<State>,
+}
+
+struct State {
+    /// What survives a crash.
+    durable: Vec<Entry>,
+    /// What a failed commit left on the disk all the same: it is found after a restart.
+    limbo: Vec<Entry>,
+    /// Jobs that are not durable yet.
+    queue: VecDeque<Job>,
+    /// Jobs that are, of which nobody was told.
+    telling: VecDeque<(Job, Result<(), JournalError>)>,
+    /// What was handed over since somebody asked.
+    handed: Vec<Vec<Entry>>,
+    has_failed: bool,
+    dice: Dice,
+}
+
+struct Job {
+    entries: Vec<Entry>,
+    committed: Committed,
+}
+
+/// A job of which the one who handed it over was told now.
+pub(crate) struct Told {
+    pub(crate) entries: Vec<Entry>,
+    pub(crate) result: Result<(), JournalError>,
+}
+
+impl MemoryJournal {
+    /// An empty journal; a read lets others go first up to `pauses_max` times, before and after.
+    pub(crate) fn new(seed: u64, pauses_max: usize, flaw: Option<Flaw>) -> Self {
+        let state = State {
+            durable: Vec::new(),
+            limbo: Vec::new(),
+            queue: VecDeque::new(),
+            telling: VecDeque::new(),
+            handed: Vec::new(),
+            has_failed: false,
+            dice: Dice(seed),
+        };
+        Self { flaw, pauses_max, state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("one thread")
+    }
+
+    /// What was handed over since this was last asked, by job.
+    pub(crate) fn take_handed(&self) -> Vec<Vec<Entry>> {
+        std::mem::take(&mut self.state().handed)
+    }
+
+    /// How many jobs wait to be durable. The next group begins when all of the one before are told.
+    pub(crate) fn queued(&self) -> usize {
+        let state = self.state();
+        if state.telling.is_empty() { state.queue.len() } else { 0 }
+    }
+
+    /// How many jobs are to be told.
+    pub(crate) fn untold(&self) -> usize {
+        self.state().telling.len()
+    }
+
+    /// Whether a commit failed since the start.
+    pub(crate) fn has_failed(&self) -> bool {
+        self.state().has_failed
+    }
+
+    /// Makes the first jobs of the queue durable, all of them or none; returns what is durable now
+    /// and was not before.
+    pub(crate) fn commit(&self, jobs: usize) -> Vec<Entry> {
+        let mut state = self.state();
+        let group: Vec<Job> = state.queue.drain(..jobs).collect();
+        let mut kept = Vec::new();
+        let lies = self.flaw == Some(Flaw::AcknowledgesAfterFailure);
+        for job in group {
+            if state.has_failed {
+                let result = if lies { Ok(()) } else { Err(failure()) };
+                state.telling.push_back((job, result));
+                continue;
+            }
+            let entries = match self.flaw {
+                Some(flaw) => flaw.on_the_way_to_the_disk(job.entries.clone()),
+                None => job.entries.clone(),
+            };
+            kept.extend(entries);
+            state.telling.push_back((job, Ok(())));
+        }
+        state.durable.extend(kept.iter().cloned());
+        kept
+    }
+
+    /// Fails to commit the first jobs of the queue. What they held may be on the disk all the same,
+    /// where it is found only after a restart.
+    pub(crate) fn fail(&self, jobs: usize, is_on_disk: bool) {
+        let mut state = self.state();
+        state.has_failed = true;
+        for job in state.queue.drain(..jobs).collect::<Vec<_>>() {
+            if is_on_disk {
+                state.limbo.extend(job.entries.iter().cloned());
+            }
+            state.telling.push_back((job, Err(failure())));
+        }
+    }
+
+    /// Tells the one who handed over the oldest job that is not told.
+    pub(crate) fn tell(&self) -> Option<Told> {
+        let (job, result) = self.state().telling.pop_front()?;
+        if self.flaw == Some(Flaw::ForgetsToTell) && self.state().dice.below(20) == 0 {
+            // It will never be called, and never dropped.
+            std::mem::forget(job.committed);
+            return None;
+        }
+        (job.committed)(result.clone());
+        Some(Told { entries: job.entries, result })
+    }
+
+    /// What is lost is lost; returns what was on the disk though nobody knew.
+    pub(crate) fn crash(&self) -> Vec<Entry> {
+        let mut state = self.state();
+        let mut found = std::mem::take(&mut state.limbo);
+        if self.flaw == Some(Flaw::TearsPieces)
+            && let Some(job) = state.queue.front()
+        {
+            found.extend(job.entries.iter().skip(1).cloned());
+        }
+        state.durable.extend(found.iter().cloned());
+        state.has_failed = false;
+        let lost = (std::mem::take(&mut state.queue), std::mem::take(&mut state.telling));
+        state.handed.clear();
+        drop(state);
+        // Whoever still listens to one of these hears that it is gone, without a lock.
+        drop(lost);
+        found
+    }
+
+    /// All that survives a crash, in its order.
+    pub(crate) fn durable(&self) -> Vec<Entry> {
+        self.state().durable.clone()
+    }
+
+    /// The number of the newest episode, 0 where there is none.
+    pub(crate) fn last_key(&self) -> i64 {
+        self.state().openings().map(|row| row.episode.0).max().unwrap_or(0)
+    }
+
+    /// How many bytes the acts of all episodes of each key take.
+    pub(crate) fn bytes_by_owner(&self) -> Vec<(OwnerKey, u64)> {
+        let state = self.state();
+        let owned = state.openings().filter_map(|row| Some((row.owner?, row.episode)));
+        owned
+            .map(|(owner, key)| {
+                let acts = state.acts(key).map(|row| row.record.as_str().len() as u64);
+                (owner, acts.sum())
+            })
+            .collect()
+    }
+
+    /// Reads: others may go first before it, and before whoever asked goes on.
+    async fn read<T>(&self, look: impl FnOnce(&State) -> T) -> T {
+        let (before, after) = {
+            let dice = &mut self.state().dice;
+            (dice.below(self.pauses_max + 1), dice.below(self.pauses_max + 1))
+        };
+        pause(before).await;
+        let found = look(&self.state());
+        pause(after).await;
+        found
+    }
+}
+
+fn failure() -> JournalError {
+    JournalError("a commit failed".into())
+}
+
+impl State {
+    fn openings(&self) -> impl Iterator<Item = &OpeningRow> {
+        self.durable.iter().filter_map(|entry| match entry {
+            Entry::Open(row) => Some(&**row),
+            _ => None,
+        })
+    }
+
+    fn acts(&self, key: EpisodeKey) -> impl Iterator<Item = &ActRow> {
+        self.durable.iter().filter_map(move |entry| match entry {
+            Entry::Act(row) if row.episode == key => Some(row),
+            _ => None,
+        })
+    }
+
+    fn rounds(&self, key: EpisodeKey) -> impl Iterator<Item = &RoundRow> {
+        self.durable.iter().filter_map(move |entry| match entry {
+            Entry::Round(row) if row.episode == key => Some(row),
+            _ => None,
+        })
+    }
+
+    fn end(&self, key: EpisodeKey) -> Option<&EndRow> {
+        self.durable.iter().find_map(|entry| match entry {
+            Entry::End(row) if row.episode == key => Some(row),
+            _ => None,
+        })
+    }
+
+    fn started_at(&self, key: EpisodeKey) -> Option<jiff::Timestamp> {
+        self.durable.iter().find_map(|entry| match entry {
+            Entry::Start { episode, at } if *episode == key => Some(*at),
+            _ => None,
+        })
+    }
+
+    fn episode(&self, row: &OpeningRow) -> StoredEpisode {
+        let key = row.episode;
+        let (last, end, started_at) =
+            (self.rounds(key).last(), self.end(key), self.started_at(key));
+        let status = match end {
+            Some(end) => end.status,
+            None if row.waiting && started_at.is_none() => Status::Waiting.name(),
+            None => Status::Running.name(),
+        };
+        let by_player = |act: &&ActRow| record(act).source == Source::Player;
+        StoredEpisode {
+            episode: key,
+            id: row.id.clone(),
+            owner: row.owner,
+            opening: row.record.clone(),
+            status: status.to_owned(),
+            end: end.map(|end| end.record.clone()),
+            head: end.map_or_else(|| last.map_or(row.head, |round| round.head), |end| end.head),
+            rounds: last.map_or(0, |round| round.round + 1),
+            score: last.map_or(0.0, |round| round.score),
+            created_at: row.at,
+            last_act_at: self.acts(key).filter(by_player).map(|act| act.at).max().or(started_at),
+            ended_at: end.map(|end| end.at),
+        }
+    }
+}
+
+fn record(row: &ActRow) -> ActRecord {
+    row.record.read().expect("it was written as an act")
+}
+
+fn stored(row: &ActRow) -> StoredAct {
+    StoredAct { record: record(row), raw: row.record.clone(), waiting_for: row.waiting_for }
+}
+
+impl Journal for MemoryJournal {
+    fn append(&self, entries: Vec<Entry>, committed: Committed) {
+        let mut state = self.state();
+        state.handed.push(entries.clone());
+        let early = match self.flaw {
+            Some(Flaw::AcknowledgesEarly) => true,
+            Some(Flaw::DoesNotWait) => entries.is_empty() && !state.has_failed,
+            _ => false,
+        };
+        if early {
+            state.queue.push_back(Job { entries, committed: Box::new(drop) });
+            drop(state);
+            committed(Ok(()));
+        } else {
+            state.queue.push_back(Job { entries, committed });
+        }
+    }
+
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {
+        let forgets = self.flaw == Some(Flaw::ForgetsTheLastAct);
+        Box::pin(self.read(move |state| {
+            let mut found = state.openings().find(|row| row.id == id).map(|row| state.episode(row));
+            if let Some(episode) = found.as_mut().filter(|_| forgets) {
+                episode.last_act_at = None;
+            }
+            Ok(found)
+        }))
+    }
+
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
+        let haunted = self.flaw == Some(Flaw::ListsAGhost);
+        Box::pin(self.read(move |state| {
+            let unfinished = |row: &OpeningRow| Unfinished {
+                episode: row.episode,
+                id: row.id.clone(),
+                owner: row.owner,
+                clocked: row.clocked,
+            };
+            let running = state.openings().filter(|row| state.end(row.episode).is_none());
+            let mut all: Vec<_> = running.map(unfinished).collect();
+            if haunted {
+                all.push(Unfinished {
+                    episode: EpisodeKey(1_000),
+                    id: EpisodeId::from_text("ep_ghost".to_owned()),
+                    owner: None,
+                    clocked: true,
+                });
+            }
+            all.sort_by_key(|episode| (!episode.clocked, episode.episode));
+            Ok(all)
+        }))
+    }
+
+    fn acts(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>> {
+        Box::pin(self.read(move |state| {
+            let mut rows: Vec<&ActRow> =
+                state.acts(episode).filter(|row| (from..to).contains(&row.round)).collect();
+            rows.sort_by_key(|row| (row.round, row.agent));
+            let by_round = rows.chunk_by(|a, b| a.round == b.round);
+            Ok(by_round
+                .map(|rows| {
+                    (rows[0].round, rows.iter().map(|row| (row.agent, stored(row))).collect())
+                })
+                .collect())
+        }))
+    }
+
+    fn act(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+        agent: AgentId,
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>> {
+        let forgets = self.flaw == Some(Flaw::ForgetsEarlierActs);
+        Box::pin(self.read(move |state| {
+            let found = state.acts(episode).find(|row| row.round == round && row.agent == agent);
+            Ok(found.filter(|_| !forgets).map(stored))
+        }))
+    }
+
+    fn rounds(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>> {
+        Box::pin(self.read(move |state| {
+            let rows = state.rounds(episode).filter(|row| (from..to).contains(&row.round));
+            let round = |row: &RoundRow| StoredRound {
+                round: row.round,
+                digest: row.digest,
+                score: row.score,
+                head: row.head,
+            };
+            Ok(rows.map(round).collect())
+        }))
+    }
+}

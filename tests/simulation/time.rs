@@ -1,0 +1,76 @@
+//! The time of a run: it stands still, but for the steps that move it.
+
+use std::collections::BTreeSet;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use swarmbench::clock::{Clock, ManualClock, after, until};
+
+use crate::broken::Flaw;
+
+/// A manual clock that knows for what moments somebody waits.
+pub(crate) struct SimClock {
+    time: ManualClock,
+    awaited: Mutex<BTreeSet<Timestamp>>,
+}
+
+impl SimClock {
+    pub(crate) fn new(start: Timestamp) -> Self {
+        Self { time: ManualClock::new(start), awaited: Mutex::default() }
+    }
+
+    /// Moves the time on.
+    pub(crate) fn advance(&self, by: Duration) {
+        self.time.advance(by);
+        let now = self.now();
+        self.awaited.lock().expect("one thread").retain(|&at| at > now);
+    }
+
+    /// The moments to come for which somebody waits, or did.
+    pub(crate) fn awaited(&self) -> Vec<Duration> {
+        let now = self.now();
+        self.awaited.lock().expect("one thread").iter().map(|&at| until(now, at)).collect()
+    }
+}
+
+impl Clock for SimClock {
+    fn now(&self) -> Timestamp {
+        self.time.now()
+    }
+
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        if at > self.now() {
+            self.awaited.lock().expect("one thread").insert(at);
+        }
+        self.time.sleep_until(at)
+    }
+}
+
+/// What the server takes for the time.
+pub(crate) struct ServerClock {
+    pub(crate) time: Arc<SimClock>,
+    pub(crate) flaw: Option<Flaw>,
+    pub(crate) asked: AtomicU64,
+}
+
+impl Clock for ServerClock {
+    fn now(&self) -> Timestamp {
+        let asked = self.asked.fetch_add(1, Ordering::Relaxed);
+        let (now, wrong) = (self.time.now(), Duration::from_secs(20));
+        match self.flaw {
+            Some(Flaw::ClockAhead) if asked % 5 == 4 => after(now, wrong),
+            Some(Flaw::ClockBehind) if asked % 3 == 2 => now.saturating_sub(wrong).unwrap_or(now),
+            _ => now,
+        }
+    }
+
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        if self.flaw == Some(Flaw::NeverWakes) {
+            return Box::pin(std::future::pending());
+        }
+        self.time.sleep_until(at)
+    }
+}
