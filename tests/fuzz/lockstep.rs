@@ -113,11 +113,11 @@ impl Table {
         let earlier = self.kept.get(&(round, agent)).filter(|_| round < self.round).cloned();
         let submission = Submission { round, record };
         let room = if has_room(agent, action) { Ok(()) } else { Err(FULL) };
-        self.apply(Event::Submit { agent, submission, earlier, room });
+        self.apply(&Event::Submit { agent, submission, earlier, room });
     }
 
     /// Tells an event and checks everything that must hold then.
-    fn apply(&mut self, event: Event) {
+    fn apply(&mut self, event: &Event) {
         let was = self.machine.status();
         let effects = self.machine.apply(self.now, event.clone());
         let answers = effects.iter().filter(|effect| matches!(effect, Effect::Answer(_))).count();
@@ -139,7 +139,7 @@ impl Table {
                     });
                     assert!(!late || given.record.source == Source::Clock, "it came too late");
                 }
-                Effect::Answer(answer) => self.check_answer(&event, answer.as_ref()),
+                Effect::Answer(answer) => self.check_answer(event, answer.as_ref()),
                 Effect::Resolve => assert_eq!(self.missing(), 0, "it closes when all are in"),
                 Effect::KeepStart => assert_eq!(was, Status::Waiting),
                 Effect::End(ending) => {
@@ -165,7 +165,7 @@ impl Table {
         assert!(!is_told || wakes_at.is_none_or(|at| at > self.now), "{wakes_at:?}");
         assert_eq!(wakes_at.is_none(), self.machine.status().is_over());
         if effects.contains(&Effect::Publish) {
-            self.apply(Event::Opened { at: self.now });
+            self.apply(&Event::Opened { at: self.now });
         }
     }
 
@@ -209,7 +209,7 @@ impl Table {
                         assert!(!has_room(*agent, action));
                     }
                     Refusal::EpisodeOver { escaped: true, .. } => {
-                        assert!(!self.alive[agent.index()])
+                        assert!(!self.alive[agent.index()]);
                     }
                     Refusal::EpisodeOver { escaped: false, .. } => {
                         assert!(self.machine.status().is_over());
@@ -240,7 +240,7 @@ impl Table {
             (false, true) => Some(Ending::RoundsPlayed),
             (false, false) => None,
         };
-        self.apply(Event::Resolved { alive: self.alive.clone(), ending });
+        self.apply(&Event::Resolved { alive: self.alive.clone(), ending });
         assert_eq!(self.machine.records().count(), 0, "the next round begins without acts");
         assert_eq!(self.machine.banks(), banks, "what was overspent is taken from the banks");
     }
@@ -259,18 +259,18 @@ impl Table {
             Move::Pass { tenths: count, ticks } => {
                 self.now = after(self.now, tenths(*count));
                 if *ticks {
-                    self.apply(Event::Tick);
+                    self.apply(&Event::Tick);
                 }
             }
             Move::Wake => {
                 let soon = after(self.now, NEVER / 2);
                 let wakes_at = self.machine.wakes_at().filter(|at| *at < soon);
                 self.now = wakes_at.unwrap_or(self.now).max(self.now);
-                self.apply(Event::Tick);
+                self.apply(&Event::Tick);
             }
-            Move::Start => self.apply(Event::Start),
+            Move::Start => self.apply(&Event::Start),
             // Most games are to go on.
-            Move::Abort if self.now.as_second() % 16 == 15 => self.apply(Event::Abort),
+            Move::Abort if self.now.as_second() % 16 == 15 => self.apply(&Event::Abort),
             Move::Abort => {}
         }
     }
@@ -286,6 +286,8 @@ fn every_order_of_events_keeps_the_barrier() {
         ))
         .for_each(|(setting, moves)| {
             let mut table = Table::new(setting.clone());
-            moves.iter().for_each(|step| table.play(step));
+            for step in moves {
+                table.play(step);
+            }
         });
 }

@@ -78,15 +78,17 @@ enum How {
     Abandoned,
 }
 
+#[expect(clippy::too_many_lines, reason = "it is a table")]
 fn games() -> Vec<Game> {
+    use RuleSet::{Paper, Reference};
+    use TaskName::{Flocking, Foraging, Pursuit, Synchronization, Transport};
+
     let game = |name, task: TaskName, rules: RuleSet, rest: Value, how| {
         let mut config = json!({ "task": task.name(), "rules": rules.name(), "model": name });
         let fields = config.as_object_mut().expect("an object");
         fields.extend(rest.as_object().expect("an object").clone());
         Game { name, config, how }
     };
-    use RuleSet::{Paper, Reference};
-    use TaskName::{Flocking, Foraging, Pursuit, Synchronization, Transport};
     let seed = |seed: u64| json!({ "seed": seed, "max_round": 16 });
     vec![
         // Every task by its default player, in both rule sets. Those of Transport end by `task_done`.
@@ -291,7 +293,7 @@ impl Game {
             How::Abandoned => {
                 players.play(app, &episode, 3, Players::act).await;
                 players.some_act(app, &episode).await;
-                app.pass(Duration::from_secs(60));
+                app.pass(Duration::from_mins(1));
                 app.obs_after(episode.seat(0), 3).await;
             }
         }
