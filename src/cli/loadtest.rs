@@ -44,9 +44,10 @@ pub(super) struct Args {
     /// obs: connections, on each of which one request follows the other.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..))]
     connections: u16,
-    /// acts: episodes of 12 seats at once.
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u16).range(1..))]
-    writers: u16,
+    /// acts: how many episodes of 12 seats at once, two lines for each: the more there are, the larger are the groups.
+    #[arg(long, value_delimiter = ',', default_value = "8,128",
+          value_parser = clap::value_parser!(u16).range(1..))]
+    writers: Vec<u16>,
     /// acts: where the bare writer puts its database; should be on the disk of the server's own.
     #[arg(long, default_value = ".")]
     dir: PathBuf,
@@ -212,9 +213,9 @@ async fn measure(
         report.obs = Some(done);
     }
     if named(Scenario::Acts) {
-        for by_seats in [true, false] {
+        for (&episodes, by_seats) in args.writers.iter().flat_map(|n| [(n, true), (n, false)]) {
             let each = if by_seats { SEATS } else { 1 };
-            let episodes = scaled("acts", args.writers.into(), connections_max / each);
+            let episodes = scaled("acts", episodes.into(), connections_max / each);
             let times = (turns, turn);
             let done = acts::run(target, &args.dir, by_seats, episodes, times, progress).await?;
             report.acts.push(done);
@@ -306,6 +307,7 @@ fn show_obs(obs: &obs::Comparison) {
 fn show_acts(all: &[acts::Comparison]) {
     let mut shown = numbers(&[
         "durable acts",
+        "episodes",
         "acts/s",
         "entries a commit",
         "commits/s",
@@ -319,6 +321,7 @@ fn show_acts(all: &[acts::Comparison]) {
     for acts in all {
         shown.add_row([
             acts.by.to_owned(),
+            acts.episodes.to_string(),
             round(acts.acts_per_s),
             format!("{:.1}", acts.entries_per_commit),
             round(acts.commits_per_s),
@@ -332,9 +335,9 @@ fn show_acts(all: &[acts::Comparison]) {
     }
     if let Some(acts) = all.first() {
         println!(
-            "\nActs that are on the disk, of {} episodes at once, and a bare SQLite writer with groups of the same \
-             size (records of {} bytes), {} turns of {} s",
-            acts.episodes, acts.record_bytes, acts.turns, acts.turn_s
+            "\nActs that are on the disk, and a bare SQLite writer with groups of the same size (records of {} bytes), \
+             {} turns of {} s",
+            acts.record_bytes, acts.turns, acts.turn_s
         );
     }
     println!("{shown}");
@@ -393,16 +396,23 @@ fn show_polls(polls: &polls::Report) {
         shown.add_row([name.to_owned(), count.to_string()].into_iter().chain(times));
     }
     println!(
-        "\n{} requests waited at once, on {} episodes of {} seats; {}",
-        polls.polls,
-        polls.episodes,
-        polls.seats,
-        polls.bytes_per_poll.map_or_else(
-            || "the server does not tell its memory".to_owned(),
-            |bytes| format!("each added {:.1} kB to the server's memory", bytes / 1000.0)
-        )
+        "\n{} requests waited at once, on {} episodes of {} seats",
+        polls.polls, polls.episodes, polls.seats
     );
     println!("{shown}");
+    let memory = polls.memory_before_bytes.zip(polls.memory_held_bytes).zip(polls.bytes_per_poll);
+    let Some(((before, held), grown)) = memory else {
+        println!("the server does not tell its memory");
+        return;
+    };
+    println!(
+        "the server's memory grew from {:.1} to {:.1} MB, {:.1} kB for each request (episodes and all, the server has \
+         {:.1} kB for each; if it did much before, it may have used memory again, and only that counts)",
+        before / 1e6,
+        held / 1e6,
+        grown / 1e3,
+        held / 1e3 / f64::from(u32::try_from(polls.polls.max(1)).unwrap_or(u32::MAX))
+    );
 }
 
 fn show_slow(slow: &slow::Report) {
