@@ -66,7 +66,7 @@ struct Place {
     /// The database, as long as no server runs on it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// The address of the running server; needs an organizer's key in SWARMBENCH_KEY.
+    /// The address of the running server; needs an organizer's key.
     #[arg(long)]
     server: Option<String>,
     /// An organizer's key, for `--server`.

@@ -4,7 +4,6 @@ use axum::Json as JsonBody;
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use serde_json::value::RawValue;
 use swarmbench_engine::{Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
@@ -13,7 +12,7 @@ use super::super::auth::Seat;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Json, Params, wait};
 use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
-use super::obs::{is_past, observation};
+use super::obs::{is_past, json, observation, with_field};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use crate::journal::record::{self, ActRecord, Source};
@@ -72,21 +71,7 @@ pub(in super::super) async fn post_act(
     } else {
         b"null".to_vec()
     };
-    Ok(JsonBody(WithNext { receipt, obs: raw(next) }).into_response())
-}
-
-/// The same as [`ActResponse`], with an observation that is written out already.
-#[derive(serde::Serialize)]
-struct WithNext {
-    #[serde(flatten)]
-    receipt: Receipt,
-    obs: Box<RawValue>,
-}
-
-/// JSON that is written out already.
-pub(in super::super) fn raw(json: Vec<u8>) -> Box<RawValue> {
-    let text = String::from_utf8(json).expect("JSON is text");
-    RawValue::from_string(text).expect("it was written as JSON")
+    Ok(json(with_field(&receipt, "obs", &next)))
 }
 
 impl App {

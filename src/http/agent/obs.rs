@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use swarmbench_engine::AgentId;
 use utoipa::IntoParams;
 
@@ -67,7 +67,26 @@ pub(in super::super) async fn get_obs(
         None => seat.handle.snapshot(),
     };
     let body = observation(&app, &seat.handle, &snapshot, seat.agent, params.prompt).await?;
-    Ok(([(header::CONTENT_TYPE, "application/json")], body).into_response())
+    Ok(json(body))
+}
+
+/// An answer whose body is written out already.
+pub(in super::super) fn json(body: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], body).into_response()
+}
+
+/// An object as JSON, with one more field whose value is written out already.
+pub(in super::super) fn with_field(object: &impl Serialize, name: &str, value: &[u8]) -> Vec<u8> {
+    let mut body = serde_json::to_vec(object).expect("string keys");
+    let end = body.pop();
+    debug_assert!(end == Some(b'}') && body.len() > 1, "an object with fields");
+    body.reserve(name.len() + value.len() + 8);
+    body.extend_from_slice(b",\"");
+    body.extend_from_slice(name.as_bytes());
+    body.extend_from_slice(b"\":");
+    body.extend_from_slice(value);
+    body.push(b'}');
+    body
 }
 
 /// Whether there is more to see than in round `round`.

@@ -1,15 +1,13 @@
 //! `GET /swarm/obs`: the observations that wait for an act.
 
 use axum::extract::State;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use serde::Deserialize;
-use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
 use utoipa::IntoParams;
 
 use super::super::App;
-use super::super::agent::act::raw;
-use super::super::agent::obs::observation;
+use super::super::agent::obs::{json, observation, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
@@ -73,26 +71,25 @@ pub(in super::super) async fn get_swarm_obs(
         snapshot.status.is_over() || open_seats(snapshot, after).next().is_some()
     };
     let snapshot = app.wait_until(&handle, patience, wanted).await?;
-    let mut observations: Vec<Box<RawValue>> = Vec::new();
+    let mut observations = b"[".to_vec();
     let mut cursor = after;
     for seat in open_seats(&snapshot, after).take(limit) {
         let agent = AgentId(seat.agent);
         let body = observation(&app, &handle, &snapshot, agent, params.prompt).await?;
-        observations.push(raw(body));
+        if observations.len() > 1 {
+            observations.push(b',');
+        }
+        observations.extend_from_slice(&body);
         cursor = seat;
     }
-    let response = Written {
-        observations,
-        cursor: cursor.write(app.boot),
-        finished: snapshot.status.is_over(),
-    };
-    Ok(axum::Json(response).into_response())
+    observations.push(b']');
+    let rest = Rest { cursor: cursor.write(app.boot), finished: snapshot.status.is_over() };
+    Ok(json(with_field(&rest, "observations", &observations)))
 }
 
-/// The same as [`SwarmObsResponse`], with observations that are written out already.
+/// What a [`SwarmObsResponse`] has beside observations, which are written out already.
 #[derive(serde::Serialize)]
-struct Written {
-    observations: Vec<Box<RawValue>>,
+struct Rest {
     cursor: String,
     finished: bool,
 }
