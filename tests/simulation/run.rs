@@ -243,10 +243,11 @@ impl Run {
     /// Starts the server over what is durable, as [`swarmbench::server`] does.
     fn start(&mut self) {
         let count = if self.options.flaw == Some(Flaw::TwoServers) { 2 } else { 1 };
-        self.servers = (0..count).map(|_| self.server()).collect();
+        self.servers = (0..count).map(|place| self.server(100 * place)).collect();
     }
 
-    fn server(&mut self) -> Server {
+    /// One that counts its episodes from the newest, and `keys` more, on.
+    fn server(&mut self, keys: i64) -> Server {
         let quotas = Arc::new(Quotas::new(self.options.caps));
         for (owner, bytes) in self.journal.bytes_by_owner() {
             quotas.add_bytes(Some(owner), bytes);
@@ -261,7 +262,7 @@ impl Run {
             Arc::new(clock),
             Arc::clone(&quotas),
             self.executor.spawner(),
-            self.journal.last_key(),
+            self.journal.last_key() + keys,
         );
         let recovery = registry.clone();
         self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
