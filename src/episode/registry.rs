@@ -254,14 +254,17 @@ impl Registry {
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let fresh = recover(&self.host.journal, stored, &*self.host.clock).await?;
         let handle = spawn(self.host.clone(), fresh);
+        // Whoever takes it up now may go before it is found: then it is still to be looked after, and
+        // what its actor handed over is still to be waited for.
         if let Some(slot) = self.slots().get_mut(id) {
-            slot.idle_at = None;
-            // Whoever takes it up now may go before it is found.
             slot.leaving = Some(handle.gone());
         }
         if !handle.snapshot().status.is_over() && handle.idle_at() <= self.host.clock.now() {
             // It was abandoned while it was not in memory; nobody is to find it running.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
+        }
+        if let Some(slot) = self.slots().get_mut(id) {
+            slot.idle_at = None;
         }
         Ok(handle)
     }

@@ -14,16 +14,16 @@ pub(crate) enum Flaw {
     LosesActs,
     /// A crash leaves a part of a job on the disk.
     TearsPieces,
-    /// The journal keeps another number of seats to wait for.
-    KeepsAnotherReceipt,
+    /// The journal finds the act of an earlier round with another number of seats to wait for.
+    FindsAnotherReceipt,
     /// The journal never finds the act of an earlier round.
     ForgetsEarlierActs,
     /// Whoever waits for the journal does not wait for what was handed over before.
     DoesNotWait,
     /// The journal keeps another digest.
     AltersDigests,
-    /// The journal acknowledges after a failed commit.
-    AcknowledgesAfterFailure,
+    /// After a failed commit the journal keeps and acknowledges what comes next.
+    GoesOnAfterFailure,
     /// The journal does not tell of one job in twenty.
     ForgetsToTell,
     /// The journal does not know when the last act came.
@@ -48,11 +48,11 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 15] = [
     (Flaw::AcknowledgesEarly, Invariant::Durable),
     (Flaw::LosesActs, Invariant::Barrier),
     (Flaw::TearsPieces, Invariant::Barrier),
-    (Flaw::KeepsAnotherReceipt, Invariant::StableReceipts),
+    (Flaw::FindsAnotherReceipt, Invariant::StableReceipts),
     (Flaw::ForgetsEarlierActs, Invariant::StableReceipts),
     (Flaw::DoesNotWait, Invariant::TrueRefusals),
     (Flaw::AltersDigests, Invariant::Replay),
-    (Flaw::AcknowledgesAfterFailure, Invariant::NoFalseAck),
+    (Flaw::GoesOnAfterFailure, Invariant::NoFalseAck),
     (Flaw::ForgetsToTell, Invariant::Progress),
     (Flaw::ForgetsTheLastAct, Invariant::Idle),
     (Flaw::ListsAGhost, Invariant::Quotas),
@@ -70,13 +70,6 @@ impl Flaw {
                 Entry::Act(row) => !(u32::from(row.agent.0) + row.round).is_multiple_of(8),
                 _ => true,
             }),
-            Self::KeepsAnotherReceipt => {
-                for entry in &mut entries {
-                    if let Entry::Act(row) = entry {
-                        row.waiting_for += 1;
-                    }
-                }
-            }
             Self::AltersDigests => {
                 for entry in &mut entries {
                     if let Entry::Round(row) = entry {

@@ -99,11 +99,10 @@ impl MemoryJournal {
         let mut state = self.state();
         let group: Vec<Job> = state.queue.drain(..jobs).collect();
         let mut kept = Vec::new();
-        let lies = self.flaw == Some(Flaw::AcknowledgesAfterFailure);
+        let goes_on = self.flaw == Some(Flaw::GoesOnAfterFailure);
         for job in group {
-            if state.has_failed {
-                let result = if lies { Ok(()) } else { Err(failure()) };
-                state.telling.push_back((job, result));
+            if state.has_failed && !goes_on {
+                state.telling.push_back((job, Err(failure())));
                 continue;
             }
             let entries = match self.flaw {
@@ -349,10 +348,18 @@ impl Journal for MemoryJournal {
         round: u32,
         agent: AgentId,
     ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>> {
-        let forgets = self.flaw == Some(Flaw::ForgetsEarlierActs);
+        let flaw = self.flaw;
         Box::pin(self.read(move |state| {
             let found = state.acts(episode).find(|row| row.round == round && row.agent == agent);
-            Ok(found.filter(|_| !forgets).map(stored))
+            let mut found = found.map(stored);
+            match flaw {
+                Some(Flaw::ForgetsEarlierActs) => found = None,
+                Some(Flaw::FindsAnotherReceipt) => {
+                    found = found.map(|act| StoredAct { waiting_for: act.waiting_for + 1, ..act });
+                }
+                _ => {}
+            }
+            Ok(found)
         }))
     }
 

@@ -30,6 +30,9 @@ use crate::time::{ServerClock, SimClock};
 /// No run takes so many steps.
 const STEPS_MAX: usize = 20_000;
 
+/// No game has more rounds.
+pub(crate) const ROUNDS_MAX: i64 = 20;
+
 /// How a fault begins in a trace.
 const FAULT: &str = "does not hold: ";
 
@@ -240,10 +243,11 @@ impl Run {
     /// Starts the server over what is durable, as [`swarmbench::server`] does.
     fn start(&mut self) {
         let count = if self.options.flaw == Some(Flaw::TwoServers) { 2 } else { 1 };
-        self.servers = (0..count).map(|_| self.server()).collect();
+        self.servers = (0..count).map(|place| self.server(100 * place)).collect();
     }
 
-    fn server(&mut self) -> Server {
+    /// One that counts its episodes from the newest, and `keys` more, on.
+    fn server(&mut self, keys: i64) -> Server {
         let quotas = Arc::new(Quotas::new(self.options.caps));
         for (owner, bytes) in self.journal.bytes_by_owner() {
             quotas.add_bytes(Some(owner), bytes);
@@ -258,7 +262,7 @@ impl Run {
             Arc::new(clock),
             Arc::clone(&quotas),
             self.executor.spawner(),
-            self.journal.last_key(),
+            self.journal.last_key() + keys,
         );
         let recovery = registry.clone();
         self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
@@ -599,6 +603,9 @@ impl Run {
         } else {
             self.play_on();
         }
+        for (id, ..) in self.unfinished() {
+            self.checker.check(Invariant::Progress, false, || format!("{id} has not ended"));
+        }
         self.send_again();
         self.leave_memory();
         let disk = self.journal.durable();
@@ -612,22 +619,56 @@ impl Run {
 
     /// Clients play all that is unfinished to its end.
     fn play_on(&mut self) {
-        // A round each time: no game has more.
-        for _ in 0..20 {
+        // A round each time, or nearly: an act that is too long for its episode is not taken.
+        for _ in 0..3 * ROUNDS_MAX {
             for (id, waiting, seats) in self.unfinished() {
                 if waiting {
                     self.ask(id.clone(), Request::Start);
                     self.settle();
                 }
                 let seed = self.dice.below(1 << 30) as u64;
-                self.ask(id, Request::Turn(seats, seed));
+                self.ask(id.clone(), Request::Turn(seats, seed));
+                self.settle();
+                self.ask_for_the_escaped(id);
                 self.settle();
             }
         }
     }
 
-    /// Nobody asks for anything, and hours pass.
+    /// Whoever plays an agent that is gone tries to go on.
+    fn ask_for_the_escaped(&mut self, id: EpisodeId) {
+        let Some(episode) = self.checker.episode(&id) else { return };
+        let round = episode.world.round();
+        let gone = episode.world.agents().filter(|&agent| !episode.world.is_alive(agent));
+        let acts: Acts = gone
+            .map(|agent| (agent, act(&mut self.dice, &episode.spec.config, agent, round)))
+            .collect();
+        if !acts.is_empty() {
+            self.ask(id, Request::Send(acts));
+        }
+    }
+
+    /// The last clients go away half-way. Then nobody asks for anything, and hours pass.
     fn fall_silent(&mut self) {
+        if self.options.crashes > 0 {
+            self.crash();
+            let hours = [0, 1, 3][self.dice.below(3)];
+            self.pass(UNUSED + Duration::from_hours(hours));
+        }
+        for (id, ..) in self.unfinished() {
+            self.ask(id, Request::Look);
+        }
+        while !self.pending.is_empty() {
+            if self.dice.below(3) == 0 {
+                self.step(Step::Leave);
+            } else if !self.executor.runnable().is_empty() {
+                self.step(Step::Poll);
+            } else if self.journal.untold() > 0 {
+                self.tell();
+            } else if self.journal.queued() > 0 {
+                self.step(Step::Commit);
+            }
+        }
         for _ in 0..40 {
             self.pass(Duration::from_mins(10));
             self.settle();
