@@ -180,14 +180,15 @@ async fn many_large_bodies_at_once_are_told_to_come_again() {
     }
 }
 
-fn metric(text: &str, name: &str) -> f64 {
+/// What `/metrics` says of something that is counted in whole numbers.
+fn metric(text: &str, name: &str) -> u64 {
     let line = text.lines().find(|line| line.starts_with(name) && !line.starts_with('#'));
     line.and_then(|line| line.rsplit(' ').next()?.parse().ok())
         .unwrap_or_else(|| panic!("{name} is missing in {text}"))
 }
 
 /// Waits until the server has looked after what nobody asks for.
-async fn until_in_memory(app: &TestApp, expected: f64) {
+async fn until_in_memory(app: &TestApp, expected: u64) {
     for _ in 0..2_000 {
         let metrics = app.get("/metrics").send().await.text();
         if metric(&metrics, "swarmbench_episodes_in_memory") == expected {
@@ -205,15 +206,15 @@ async fn episodes_that_nobody_asks_for_leave_memory_and_come_back() {
     app.all_act(&episode, "SWITCH").await;
     app.act(episode.seat(0), &json!({ "round": 1, "action": "STAY" })).await;
     let before = (app.state(&episode).await, app.journal(&episode).await);
-    until_in_memory(&app, 0.0).await;
+    until_in_memory(&app, 0).await;
     let metrics = app.get("/metrics").send().await.text();
-    assert_eq!(metric(&metrics, "swarmbench_episodes_unfinished"), 1.0);
+    assert_eq!(metric(&metrics, "swarmbench_episodes_unfinished"), 1);
     assert_eq!((app.state(&episode).await, app.journal(&episode).await), before);
     let again = app.act(episode.seat(0), &json!({ "round": 1, "action": "STAY" })).await;
     assert_eq!(again["duplicate"], true);
     app.act(episode.seat(1), &json!({ "round": 1, "action": "STAY" })).await;
     assert_eq!(app.state(&episode).await["round"], 2);
-    until_in_memory(&app, 0.0).await;
+    until_in_memory(&app, 0).await;
 }
 
 #[tokio::test]
@@ -222,7 +223,7 @@ async fn a_clock_keeps_its_episode_in_memory() {
     let slow = json!({ "task": "Synchronization", "num_agents": 2, "round_deadline_s": 3600 });
     let episode = app.create(slow).await;
     app.create(request()).await;
-    until_in_memory(&app, 1.0).await;
+    until_in_memory(&app, 1).await;
     app.pass(Duration::from_secs(3600));
     assert_eq!(app.obs_after(episode.seat(0), 0).await["round"], 1, "the clock ran out");
 }
@@ -234,7 +235,7 @@ async fn forgotten_episodes_are_abandoned_in_memory_or_not() {
     forgotten["idle_timeout_s"] = json!(7200);
     let episode = app.create(forgotten.clone()).await;
     app.all_act(&episode, "SWITCH").await;
-    until_in_memory(&app, 0.0).await;
+    until_in_memory(&app, 0).await;
     for restart in [false, true] {
         let other = app.create(forgotten.clone()).await;
         if restart {
@@ -256,5 +257,5 @@ async fn forgotten_episodes_are_abandoned_in_memory_or_not() {
         assert_eq!(app.show(&other).await["result"]["reason"], "idle");
     }
     let metrics = app.get("/metrics").send().await.text();
-    assert_eq!(metric(&metrics, "swarmbench_episodes_unfinished"), 0.0);
+    assert_eq!(metric(&metrics, "swarmbench_episodes_unfinished"), 0);
 }
