@@ -224,7 +224,7 @@ async fn a_clock_keeps_its_episode_in_memory() {
     let episode = app.create(slow).await;
     app.create(request()).await;
     until_in_memory(&app, 1).await;
-    app.pass(Duration::from_secs(3600));
+    app.pass(Duration::from_hours(1));
     assert_eq!(app.obs_after(episode.seat(0), 0).await["round"], 1, "the clock ran out");
 }
 
