@@ -234,8 +234,10 @@ pub(super) struct Fresh {
 /// Starts the actor of an episode.
 pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     let (mailbox, messages) = mpsc::channel(MAILBOX_MAX);
-    if fresh.lockstep.outcome().is_none() {
-        host.quotas.note(fresh.key, fresh.owner);
+    match fresh.lockstep.outcome() {
+        None => host.quotas.note(fresh.key, fresh.owner),
+        // It may have been counted from a list that was older than its end.
+        Some(_) => host.quotas.release(fresh.key),
     }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));

@@ -323,9 +323,10 @@ impl Registry {
         }
     }
 
-    /// When an episode that is not in memory is abandoned unless somebody acts.
+    /// When an episode that is not in memory is abandoned unless somebody acts; never, if it has ended.
     async fn idle_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
-        let Some(stored) = self.host.journal.episode(id.clone()).await? else { return Ok(None) };
+        let stored = self.host.journal.episode(id.clone()).await?;
+        let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
         let timeout = described(&stored)?.idle_timeout;
         Ok(Some(after(stored.last_act_at.unwrap_or(stored.created_at), timeout)))
     }
