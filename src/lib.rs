@@ -10,12 +10,12 @@
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
-//! - [`clock`], [`disk`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
+//! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub mod cli;
 pub mod clock;
-pub mod disk;
 pub mod episode;
+pub mod host;
 pub mod http;
 pub mod ids;
 pub mod journal;

@@ -9,10 +9,10 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
-use crate::disk::{Disk, HostDisk};
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
+use crate::host::{Disk, HostDisk, raise_open_files};
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
@@ -56,13 +56,7 @@ const FILES_RESERVED: u64 = 256;
 /// Lets this process open as many files as the host allows, and takes no more connections than fit.
 #[must_use]
 pub fn fit_open_files(limits: Limits) -> Limits {
-    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let raised = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
-    if let Err(error) = raised {
-        tracing::warn!(%error, "the limit of open files cannot be raised");
-    }
-    let files = if raised.is_ok() { maximum } else { current };
+    let files = raise_open_files();
     let fitting = within_files(limits, files);
     if fitting.connections_max < limits.connections_max {
         tracing::warn!(
@@ -137,7 +131,7 @@ impl Server {
     /// Whether a key was ever made for this server.
     #[must_use]
     pub fn has_keys(&self) -> bool {
-        self.app.has_keys()
+        self.app.has_keys
     }
 
     /// Closes the database again without serving.

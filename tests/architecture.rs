@@ -8,7 +8,7 @@ use std::process::Command;
 /// What each module of the server may name of the others, beside itself.
 const MAY_NAME: [(&str, &[&str]); 16] = [
     ("clock", &[]),
-    ("disk", &[]),
+    ("host", &[]),
     ("ids", &["clock"]),
     ("keys", &["clock", "ids"]),
     ("telemetry", &[]),
@@ -21,8 +21,8 @@ const MAY_NAME: [(&str, &[&str]); 16] = [
         "http",
         &[
             "clock",
-            "disk",
             "episode",
+            "host",
             "ids",
             "journal",
             "keys",
@@ -32,13 +32,14 @@ const MAY_NAME: [(&str, &[&str]); 16] = [
             "wire",
         ],
     ),
-    ("server", &["clock", "disk", "episode", "http", "journal", "store", "telemetry"]),
+    ("server", &["clock", "episode", "host", "http", "journal", "store", "telemetry"]),
     ("players", &["clock", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
         "cli",
         &[
             "clock",
+            "host",
             "http",
             "journal",
             "keys",
@@ -61,7 +62,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("hyper", &["http"]),
     ("sqlx", &["store", "loadtest"]),
     ("governor", &["http"]),
-    ("rustix", &["disk", "loadtest", "server", "store"]),
+    ("rustix", &["host", "store"]),
     ("minijinja", &["prompt"]),
     ("reqwest", &["players", "loadtest"]),
     ("clap", &["cli", "keys", "telemetry"]),

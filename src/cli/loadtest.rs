@@ -15,7 +15,10 @@ use crate::loadtest::connection::{Answers, Target};
 use crate::loadtest::games::SEATS;
 use crate::loadtest::latencies::Spread;
 use crate::loadtest::metrics::Metrics;
-use crate::loadtest::{Progress, acts, bare_handler, obs, open_files, play, polls, slow};
+use crate::loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
+
+/// Files that are open beside connections: the terminal, the runtime, the database of the bare writer.
+const FILES_RESERVED: u64 = 100;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -171,7 +174,9 @@ fn progress(bar: &ProgressBar) -> Progress {
 
 /// How many connections may be held, by the limits of both processes and what was asked for.
 fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize {
-    let own = open_files::connections_max();
+    let own = crate::host::raise_open_files().map_or(usize::MAX, |files| {
+        usize::try_from(files.saturating_sub(FILES_RESERVED)).unwrap_or(usize::MAX)
+    });
     let servers = metrics.connections_left().unwrap_or(usize::MAX);
     let most = usize::from(args.connections_max).min(own).min(servers);
     if most < usize::from(args.connections_max) {

@@ -1,7 +1,7 @@
 //! Who asks, and what they may.
 //!
 //! Whoever holds a token of an episode's seats, or the key with which it was created, is told apart
-//! from everybody else here, and only here: handlers ask [`Caller`].
+//! from everybody else here, and only here: handlers ask `Caller`.
 
 use axum::extract::FromRequestParts;
 use axum::http::header;
@@ -72,7 +72,7 @@ impl FromRequestParts<App> for Caller {
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let Some(value) = parts.headers.get(header::AUTHORIZATION) else {
             let is_local = parts.extensions.get::<Client>().is_some_and(|client| client.is_local);
-            let may_create = !app.has_keys() && (app.access.open || is_local);
+            let may_create = !app.has_keys && (app.access.open || is_local);
             return Ok(Self::Anonymous { may_create });
         };
         let unknown = || {
@@ -171,7 +171,7 @@ impl Caller {
         match self {
             Self::Key(key) => Ok(key.number),
             Self::Anonymous { may_create: true } => Ok(None),
-            Self::Anonymous { may_create: false } if app.has_keys() => Err(needs_token("a key")),
+            Self::Anonymous { may_create: false } if app.has_keys => Err(needs_token("a key")),
             Self::Anonymous { may_create: false } => Err(ApiError::new(
                 Code::Forbidden,
                 "this server has no keys and is open to programs on its own machine only, that ask for localhost themselves; \

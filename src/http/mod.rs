@@ -26,9 +26,9 @@ use tokio::sync::{Mutex, MutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::{Clock, Entropy};
-use crate::disk::Disk;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
+use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::store::Store;
 use crate::store::tokens::Grant;
@@ -54,8 +54,8 @@ const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Clone)]
 pub struct App(Arc<Shared>);
 
-/// See [`App`].
-pub struct Shared {
+/// What a server is put together from.
+pub struct Foundation {
     /// Where things are kept.
     pub store: Store,
     /// All episodes.
@@ -70,12 +70,18 @@ pub struct Shared {
     pub limits: Limits,
     /// To whom the server opens.
     pub access: Access,
+    /// Whether a key was ever made. From then on nobody creates anything without one, whatever became
+    /// of the key.
+    pub has_keys: bool,
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
-    /// Whether all unfinished episodes were taken up.
+}
+
+/// See [`App`].
+pub struct Shared {
+    foundation: Foundation,
+    /// Whether all unfinished episodes with clocks were taken up.
     pub ready: AtomicBool,
-    /// Whether a key was ever made.
-    has_keys: AtomicBool,
     rates: Rates,
     tokens: Cache<TokenHash, Grant>,
     /// How often tokens were revoked.
@@ -89,40 +95,16 @@ pub struct Shared {
     creating: [Mutex<()>; CREATION_LOCKS],
 }
 
-/// What an [`App`] is made of.
-#[expect(missing_docs, reason = "the fields are those of Shared, described there")]
-pub struct Foundation {
-    pub store: Store,
-    pub registry: Registry,
-    pub clock: Arc<dyn Clock>,
-    pub entropy: Arc<dyn Entropy>,
-    pub disk: Arc<dyn Disk>,
-    pub limits: Limits,
-    pub access: Access,
-    pub has_keys: bool,
-    pub stop: CancellationToken,
-}
-
 impl App {
     /// What handlers share.
     #[must_use]
     pub fn new(foundation: Foundation) -> Self {
-        let Foundation { store, registry, clock, entropy, disk, limits, access, has_keys, stop } =
-            foundation;
         let mut boot = [0; 8];
-        entropy.fill(&mut boot);
+        foundation.entropy.fill(&mut boot);
         Self(Arc::new(Shared {
-            store,
-            registry,
-            rates: Rates::new(&limits, Arc::clone(&clock)),
-            clock,
-            entropy,
-            disk,
-            limits,
-            access,
-            stop,
+            rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
+            foundation,
             ready: AtomicBool::new(false),
-            has_keys: AtomicBool::new(has_keys),
             tokens: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
@@ -131,13 +113,6 @@ impl App {
             renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
-    }
-
-    /// Whether a key was ever made. From then on nobody creates anything without one, whatever
-    /// became of the key.
-    #[must_use]
-    pub fn has_keys(&self) -> bool {
-        self.has_keys.load(Ordering::Acquire)
     }
 
     /// Forgets what is not needed any more; to be called now and then.
@@ -205,5 +180,13 @@ impl Deref for App {
 
     fn deref(&self) -> &Shared {
         &self.0
+    }
+}
+
+impl Deref for Shared {
+    type Target = Foundation;
+
+    fn deref(&self) -> &Foundation {
+        &self.foundation
     }
 }

@@ -4,7 +4,7 @@
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: how far the server is from what the
 //!   libraries below it could do at best, measured in turns.
 //! - [`connection`]: a client that costs little. [`games`]: episodes to play. [`latencies`], [`metrics`],
-//!   [`open_files`], [`rounds`]: what all of them need.
+//!   [`rounds`]: what all of them need.
 
 pub mod acts;
 pub mod bare_commit;
@@ -14,7 +14,6 @@ pub mod games;
 pub mod latencies;
 pub mod metrics;
 pub mod obs;
-pub mod open_files;
 pub mod play;
 pub mod polls;
 pub mod rounds;

@@ -8,7 +8,7 @@ use std::time::Duration;
 use reqwest::{Client, Method, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
 use swarmbench::clock::{ManualClock, SeededEntropy, SystemClock};
-use swarmbench::disk::ManualDisk;
+use swarmbench::host::ManualDisk;
 use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
 use swarmbench::journal::{Entry, Journal};

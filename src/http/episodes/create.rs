@@ -215,7 +215,7 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     if !["now", "manual"].contains(&start) {
         refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
     }
-    let usual = if app.has_keys() { Visibility::Owner } else { Visibility::Public };
+    let usual = if app.has_keys { Visibility::Owner } else { Visibility::Public };
     let visibility = request.visibility.as_deref().unwrap_or(usual.name());
     let found = Visibility::ALL.into_iter().find(|known| known.name() == visibility);
     if visibility == "sealed" {

@@ -1,7 +1,22 @@
-//! How much room the disk of the database has, as an argument.
+//! What the host has to give beside time and randomness: room on a disk, and open files.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Lets this process open as many files as the host allows, and says how many that are; none means
+/// any number.
+#[must_use]
+pub fn raise_open_files() -> Option<u64> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    match setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }) {
+        Ok(()) => maximum,
+        Err(error) => {
+            tracing::warn!(%error, "the limit of open files cannot be raised");
+            current
+        }
+    }
+}
 
 /// The disk on which the database lies.
 pub trait Disk: Send + Sync + 'static {
