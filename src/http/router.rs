@@ -127,13 +127,15 @@ async fn measure(path: Option<MatchedPath>, request: Request, next: Next) -> Res
     let status = response.status();
     let taken = started.elapsed();
     let route = path.as_ref().map_or("none", MatchedPath::as_str).to_owned();
+    // That the server is not ready is an answer to a question, and no news.
+    let is_news = status.is_server_error() && route != "/readyz";
     metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone()).record(taken);
     metrics::counter!(
         "swarmbench_http_requests_total",
         "route" => route, "method" => method, "status" => status.as_u16().to_string()
     )
     .increment(1);
-    if status.is_server_error() {
+    if is_news {
         tracing::warn!(status = status.as_u16(), taken_us = micros(taken), "answered");
     } else {
         tracing::debug!(status = status.as_u16(), taken_us = micros(taken), "answered");
