@@ -423,8 +423,9 @@ impl Actor {
         let mut effects = Vec::new();
         let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
         let mut used = self.bytes;
+        let mut is_kept = false;
         for (agent, submission) in acts {
-            let earlier = match self.earlier(agent, submission.round).await {
+            let earlier = match self.earlier(agent, submission.round, &mut is_kept).await {
                 Ok(earlier) => earlier,
                 Err(error) => {
                     outcomes.push(Err(error.into()));
@@ -456,13 +457,21 @@ impl Actor {
         .await;
     }
 
-    /// What a seat did in a round that is over.
-    async fn earlier(&self, agent: AgentId, round: u32) -> Result<Option<Given>, JournalError> {
+    /// What a seat did in a round that is over. `is_kept` says that all rounds so far are durable.
+    async fn earlier(
+        &self,
+        agent: AgentId,
+        round: u32,
+        is_kept: &mut bool,
+    ) -> Result<Option<Given>, JournalError> {
         if round >= self.world.round() {
             return Ok(None);
         }
-        // The round may still be on its way to the disk: what is found must include it.
-        self.host.journal.keep(Vec::new()).await?;
+        if !*is_kept {
+            // The round may still be on its way to the disk: what is found must include it.
+            self.host.journal.keep(Vec::new()).await?;
+            *is_kept = true;
+        }
         let act = self.host.journal.act(self.key, round, agent).await?;
         Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }
@@ -593,6 +602,7 @@ impl Actor {
         Entry::End(EndRow {
             episode: self.key,
             status,
+            reason: ending.name(),
             record,
             head: self.head,
             bytes: self.bytes,

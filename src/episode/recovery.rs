@@ -168,7 +168,8 @@ fn outcome(
     Ok(Outcome { ending, at })
 }
 
-/// The state after `round` rounds, from a kept state before it and the stored acts.
+/// The state after `round` rounds, from a kept state before it, or from `near` where that is nearer,
+/// and the stored acts.
 ///
 /// # Errors
 /// Where the journal cannot be read or does not play again.
@@ -176,8 +177,12 @@ pub async fn state_at(
     journal: &Arc<dyn Journal>,
     handle: &super::actor::Handle,
     round: u32,
+    near: Option<&Arc<World>>,
 ) -> Result<Arc<World>, RecoveryError> {
     let mut world = handle.keyframe(round);
+    if let Some(near) = near.filter(|near| (world.round()..=round).contains(&near.round())) {
+        world = Arc::clone(near);
+    }
     while world.round() < round {
         let from = world.round();
         let to = round.min(from + CHUNK);

@@ -67,6 +67,8 @@ struct Slot {
     /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
     /// for it earlier: then it is abandoned.
     idle_at: Option<Timestamp>,
+    /// Whether its rounds have a deadline: then it is taken up whenever it is not in memory.
+    clocked: bool,
     /// The actor that was let go of. It may still have something to do, and an episode never has
     /// two of them.
     leaving: Option<CancellationToken>,
@@ -74,7 +76,7 @@ struct Slot {
 
 impl Slot {
     fn empty(now: Timestamp) -> Self {
-        Self { handle: Arc::default(), used_at: now, idle_at: None, leaving: None }
+        Self { handle: Arc::default(), used_at: now, idle_at: None, clocked: false, leaving: None }
     }
 
     /// Whether anybody holds the episode, or is about to.
@@ -284,9 +286,9 @@ impl Registry {
             if !slots.contains_key(id) {
                 self.host.quotas.note(*episode, *owner);
             }
-            if !clocked {
-                slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).idle_at = Some(now);
-            }
+            let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
+            slot.idle_at = Some(now);
+            slot.clocked = *clocked;
         }
         for Unfinished { id, .. } in all.iter().filter(|episode| episode.clocked) {
             self.look_after(id).await;
@@ -304,16 +306,20 @@ impl Registry {
     /// which that is not known.
     pub async fn look_after_idle(&self) {
         let now = self.host.clock.now();
-        let is_due = |slot: &Slot| slot.idle_at.is_some_and(|at| at <= now);
-        let mut due: Vec<EpisodeId> = {
-            let slots = self.slots();
-            slots.iter().filter(|(_, slot)| is_due(slot)).map(|(id, _)| id.clone()).collect()
-        };
+        let mut due: Vec<(EpisodeId, bool)> = Vec::new();
+        for (id, slot) in self.slots().iter_mut() {
+            if slot.handle.initialized() {
+                // Its actor looks after it.
+                slot.idle_at = None;
+            } else if slot.idle_at.is_some_and(|at| at <= now) {
+                due.push((id.clone(), slot.clocked));
+            }
+        }
         // The oldest first, and always in the same order.
         due.sort_unstable();
-        for id in due {
+        for (id, clocked) in due {
             match self.idle_at(&id).await {
-                Ok(Some(at)) if at > now => {
+                Ok(Some(at)) if at > now && !clocked => {
                     if let Some(slot) = self.slots().get_mut(&id) {
                         slot.idle_at = slot.idle_at.map(|_| at);
                     }
@@ -343,7 +349,12 @@ impl Registry {
             if handle.snapshot().status.is_over() {
                 return false;
             }
-            if handle.spec.round_deadline.is_none() {
+            if handle.gone().is_cancelled() {
+                // Its actor ended though the episode has not; it is taken up again.
+                slot.idle_at = Some(now);
+                slot.clocked = handle.spec.round_deadline.is_some();
+                slot.handle = Arc::default();
+            } else if handle.spec.round_deadline.is_none() {
                 slot.idle_at = Some(handle.idle_at());
                 slot.leaving = Some(handle.gone());
                 slot.handle = Arc::default();

@@ -55,17 +55,6 @@ pub(super) struct Subject<'a> {
     pub(super) is_over: bool,
 }
 
-impl<'a> Subject<'a> {
-    pub(super) fn of(handle: &'a Handle) -> Self {
-        Self {
-            id: &handle.id,
-            owner: handle.owner,
-            visibility: handle.spec.visibility,
-            is_over: handle.snapshot().status.is_over(),
-        }
-    }
-}
-
 impl FromRequestParts<App> for Caller {
     type Rejection = ApiError;
 

@@ -65,6 +65,8 @@ pub struct Limits {
     pub agent_meta_bytes_max: usize,
     /// Characters of an idempotency key.
     pub idempotency_key_chars_max: usize,
+    /// Journals that are read at once.
+    pub journals_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
 }
@@ -101,6 +103,7 @@ impl Default for Limits {
             model_chars_max: 200,
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
+            journals_max: 32,
             events_pending_max: 64,
         }
     }
@@ -120,7 +123,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 30] {
+    pub fn table(&self) -> [(&'static str, u64); 31] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -151,6 +154,7 @@ impl Limits {
             ("model_chars_max", self.model_chars_max as u64),
             ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
+            ("journals_max", self.journals_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
         ]
     }

@@ -92,6 +92,8 @@ pub struct Shared {
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
+    /// Turns to read a journal; each may take as much memory as a round has text.
+    journals: Arc<Semaphore>,
     creating: [Mutex<()>; CREATION_LOCKS],
 }
 
@@ -103,6 +105,7 @@ impl App {
         foundation.entropy.fill(&mut boot);
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
+            journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
@@ -119,6 +122,15 @@ impl App {
     pub fn tidy(&self) {
         self.registry.let_go();
         self.rates.forget_idle();
+    }
+
+    /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
+    /// it waits when its client hangs up.
+    async fn to_its_end<T: Send + 'static>(
+        work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let done = tokio::spawn(work).await;
+        done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
     /// One creation with the same idempotency key goes on at a time.

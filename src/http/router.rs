@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use axum::Router;
 use axum::extract::{MatchedPath, Request};
-use axum::http::{HeaderName, HeaderValue, StatusCode};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
@@ -122,25 +122,36 @@ fn span(request: &Request) -> tracing::Span {
 /// Counts and times requests by route, and logs them.
 async fn measure(path: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let started = Instant::now();
-    let method = request.method().as_str().to_owned();
+    let method = known(request.method());
     let response = next.run(request).await;
     let status = response.status();
     let taken = started.elapsed();
     let route = path.as_ref().map_or("none", MatchedPath::as_str).to_owned();
     // That the server is not ready is an answer to a question, and no news.
     let is_news = status.is_server_error() && route != "/readyz";
-    metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone()).record(taken);
-    metrics::counter!(
-        "swarmbench_http_requests_total",
-        "route" => route, "method" => method, "status" => status.as_u16().to_string()
-    )
-    .increment(1);
+    // Only what there is gets a name in the metrics: clients could think of any number of others.
+    if path.is_some() && status != StatusCode::METHOD_NOT_ALLOWED {
+        metrics::histogram!("swarmbench_http_request_seconds", "route" => route.clone())
+            .record(taken);
+        metrics::counter!(
+            "swarmbench_http_requests_total",
+            "route" => route, "method" => method, "status" => status.as_u16().to_string()
+        )
+        .increment(1);
+    }
     if is_news {
         tracing::warn!(status = status.as_u16(), taken_us = micros(taken), "answered");
     } else {
         tracing::debug!(status = status.as_u16(), taken_us = micros(taken), "answered");
     }
     response
+}
+
+/// The name of a method that some route has.
+fn known(method: &Method) -> &'static str {
+    let all = [(Method::GET, "GET"), (Method::POST, "POST"), (Method::DELETE, "DELETE")];
+    let found = all.into_iter().find(|(known, _)| known == method);
+    found.map_or("other", |(_, name)| name)
 }
 
 fn micros(taken: std::time::Duration) -> u64 {

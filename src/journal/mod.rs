@@ -140,6 +140,8 @@ pub struct EndRow {
     pub episode: EpisodeKey,
     /// `finished`, `aborted` or `abandoned`.
     pub status: &'static str,
+    /// Why; the name of an ending.
+    pub reason: &'static str,
     /// The end record, to the byte.
     pub record: RawRecord,
     /// The head of the whole chain.
@@ -171,7 +173,10 @@ pub struct StoredEpisode {
     pub opening: RawRecord,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: String,
-    /// The end record of an episode that has ended.
+    /// Why it ended, if it has; the name of an ending.
+    pub reason: Option<String>,
+    /// The end record of an episode that has ended. It holds the acts of the open round, so it may be
+    /// large; it is not told in summaries.
     pub end: Option<RawRecord>,
     /// The head of its chain after the last stored record.
     pub head: Head,
@@ -181,7 +186,7 @@ pub struct StoredEpisode {
     pub score: f64,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When the last act of a player came, or else the manual start; not told in lists.
+    /// When the last act of a player came, or else the manual start; not told in summaries.
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,

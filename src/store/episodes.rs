@@ -42,15 +42,28 @@ pub enum Readable {
     Nothing,
 }
 
-/// Asks for all that a [`StoredEpisode`] has; the caller adds a condition. When the last act came
-/// is asked for one episode alone, as its acts have to be looked through for it.
-fn select(last_act_at: &str) -> QueryBuilder<Sqlite> {
+/// How much of an episode is asked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Detail {
+    /// What is shown of it.
+    Summary,
+    /// Also the end record, which may be large, and when the last act came, for which its acts have to
+    /// be looked through.
+    All,
+}
+
+/// Asks for episodes; the caller adds a condition.
+fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.owner, e.opening, e.status, e.ending, e.created_at, e.ended_at,
-                CASE WHEN e.ending IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
+        "SELECT e.key, e.id, e.owner, e.opening, e.status, e.reason, e.created_at, e.ended_at,
+                CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
-    query.push(last_act_at).push(
+    match detail {
+        Detail::Summary => query.push("NULL AS ending, NULL"),
+        Detail::All => query.push("e.ending, ").push(LAST_ACT_AT),
+    };
+    query.push(
         " AS last_act_at FROM episodes e
           LEFT JOIN rounds r ON r.episode = e.key
               AND r.round = (SELECT max(round) FROM rounds WHERE episode = e.key)
@@ -75,7 +88,26 @@ impl Store {
         &self,
         id: &EpisodeId,
     ) -> Result<Option<StoredEpisode>, JournalError> {
-        let mut query = select(LAST_ACT_AT);
+        self.find(id, Detail::All).await
+    }
+
+    /// What is shown of an episode: all but its end record and when its last act came.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn find_summary(
+        &self,
+        id: &EpisodeId,
+    ) -> Result<Option<StoredEpisode>, JournalError> {
+        self.find(id, Detail::Summary).await
+    }
+
+    async fn find(
+        &self,
+        id: &EpisodeId,
+        detail: Detail,
+    ) -> Result<Option<StoredEpisode>, JournalError> {
+        let mut query = select(detail);
         query.push("e.id = ").push_bind(id.as_str());
         let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
         row.map(|row| episode(&row)).transpose()
@@ -91,7 +123,7 @@ impl Store {
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, JournalError> {
-        let mut query = select("NULL");
+        let mut query = select(Detail::Summary);
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         for (column, value) in
             [("status", &filter.status), ("task", &filter.task), ("model", &filter.model)]
@@ -100,7 +132,7 @@ impl Store {
                 query.push(" AND e.").push(column).push(" = ").push_bind(value);
             }
         }
-        let public = "(e.visibility = 'public' OR e.ending IS NOT NULL)";
+        let public = "(e.visibility = 'public' OR e.ended_at IS NOT NULL)";
         match &filter.readable {
             Readable::All => &mut query,
             Readable::Public => query.push(" AND ").push(public),
@@ -210,6 +242,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
             opening: raw(row.try_get("opening")?)?,
             status: row.try_get("status")?,
+            reason: row.try_get("reason")?,
             end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,
             head: head(&row.try_get::<Vec<u8>, _>("head")?)?,
             rounds: row.try_get("rounds")?,

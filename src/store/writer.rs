@@ -219,9 +219,11 @@ async fn start(
 
 async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "UPDATE episodes SET status = ?, ending = ?, head = ?, bytes = ?, ended_at = ? WHERE key = ?",
+        "UPDATE episodes
+         SET status = ?, reason = ?, ending = ?, head = ?, bytes = ?, ended_at = ? WHERE key = ?",
     )
     .bind(row.status)
+    .bind(row.reason)
     .bind(row.record.as_str())
     .bind(&row.head.0[..])
     .bind(i64::try_from(row.bytes).unwrap_or(i64::MAX))

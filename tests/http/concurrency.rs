@@ -111,3 +111,54 @@ async fn many_episodes_are_played_at_once_by_the_built_in_players() {
         assert!(twins.map(|twin| twin.score.to_bits()).all(|bits| bits == summary.score.to_bits()));
     }
 }
+
+/// Sends a request and hangs up before the answer is there, somewhere on the way.
+async fn hang_up(app: &TestApp, call: crate::app::Call) {
+    tokio::select! {
+        biased;
+        _ = call.open() => {}
+        _ = app.get("/healthz").send() => {}
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_creation_that_was_given_up_is_found_by_its_repeat() {
+    let app = TestApp::start().await;
+    let large = json!({ "task": "Pursuit", "num_agents": 600, "width": 128, "height": 128 });
+    for number in 0..12 {
+        let key = format!("creation {number}");
+        let create = || app.post("/api/v1/episodes").header("Idempotency-Key", &key).json(&large);
+        hang_up(&app, create()).await;
+        let episode = create().ok().await;
+        assert_eq!(create().ok().await["id"], episode["id"]);
+    }
+    // Every creation was made once, and none did the journal any harm.
+    let listed = app.get("/api/v1/episodes?limit=100").ok().await;
+    assert_eq!(crate::app::list(&listed["items"]).len(), 12);
+    app.get("/readyz").ok().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_key_is_revoked_though_the_organizer_hangs_up() {
+    let app = TestApp::builder().keys().start().await;
+    let mut revoked = 0;
+    for number in 0..30 {
+        let (secret, id) = app.key(json!({ "name": format!("team {number}") })).await;
+        app.get("/api/v1/episodes").token(&secret).ok().await;
+        let path = format!("/api/v1/keys/{id}");
+        hang_up(&app, app.delete(&path).token(&app.organizer)).await;
+        let listed = app.get("/api/v1/keys").token(&app.organizer).ok().await;
+        let listed = crate::app::list(&listed["items"]);
+        let key = listed.iter().find(|key| key["id"] == id.as_str()).expect("the key");
+        if key["state"] == "revoked" {
+            revoked += 1;
+            // The server may still be about to forget it, but not for long.
+            let mut left = 1000;
+            while app.get("/api/v1/episodes").token(&secret).send().await.status != 401 {
+                left -= 1;
+                assert!(left > 0, "a revoked key is good");
+            }
+        }
+    }
+    assert!(revoked > 0, "nobody was quick enough");
+}

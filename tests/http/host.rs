@@ -207,3 +207,20 @@ async fn the_front_page_needs_no_other_host_and_trusts_no_names() {
         assert!(!page.contains(banned), "{banned}");
     }
 }
+
+#[tokio::test]
+async fn clients_do_not_name_what_is_counted() {
+    let app = TestApp::start().await;
+    for path in ["/healthz", "/nowhere", "/obs"] {
+        for method in ["BREW", "PATCH", "TRACE"] {
+            let method = method.parse().expect("a method");
+            app.call(method, path).send().await;
+        }
+    }
+    app.get("/healthz").ok().await;
+    let metrics = app.get("/metrics").send().await.text();
+    assert!(metrics.contains("route=\"/healthz\",method=\"GET\""), "{metrics}");
+    for thought_up in ["BREW", "PATCH", "nowhere", "route=\"none\""] {
+        assert!(!metrics.contains(thought_up), "{thought_up}: {metrics}");
+    }
+}

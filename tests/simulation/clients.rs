@@ -148,7 +148,7 @@ pub(crate) async fn serve(
         Request::Start => Answer::Started(handle.start().await),
         Request::Abort => Answer::Aborted(handle.abort().await),
         Request::State(round) => {
-            let state = state_at(registry.journal(), &handle, round).await;
+            let state = state_at(registry.journal(), &handle, round, None).await;
             Answer::State(round, state.map(|world| world.digest().0))
         }
     };

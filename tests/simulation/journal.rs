@@ -251,6 +251,7 @@ impl State {
             owner: row.owner,
             opening: row.record.clone(),
             status: status.to_owned(),
+            reason: end.map(|end| end.reason.to_owned()),
             end: end.map(|end| end.record.clone()),
             head: end.map_or_else(|| last.map_or(row.head, |round| round.head), |end| end.head),
             rounds: last.map_or(0, |round| round.round + 1),

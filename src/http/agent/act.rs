@@ -52,8 +52,10 @@ pub(in super::super) async fn post_act(
     State(app): State<App>,
     seat: Seat,
     Params(params): Params<ActParams>,
-    Json(request, _): Json<ActRequest>,
+    Json(request, body): Json<ActRequest>,
 ) -> Result<Response, ApiError> {
+    // It may be large, and the wait long.
+    drop(body);
     let patience = wait(&app, params.wait)?;
     app.check_backlog()?;
     let Seat { handle, agent } = seat;
@@ -65,11 +67,11 @@ pub(in super::super) async fn post_act(
         return Ok(JsonBody(receipt).into_response());
     }
     let round = receipt.round;
-    let snapshot = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await?;
-    let next = if is_past(&snapshot, round) {
-        observation(&app, &handle, &snapshot, agent, false).await?
-    } else {
-        b"null".to_vec()
+    // The act is durable: where there is no place to wait, its receipt is told all the same.
+    let waited = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
+    let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
+        Some(snapshot) => observation(&app, &handle, &snapshot, agent, false).await?,
+        None => b"null".to_vec(),
     };
     Ok(json(with_field(&receipt, "obs", &next)))
 }

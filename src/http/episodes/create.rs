@@ -63,16 +63,28 @@ pub(in super::super) async fn create_episode(
         Some(OwnerKey(number)) => format!("{number}/{key}"),
         None => format!("/{key}"),
     };
+    // A repeat must find what the first one creates, whoever has hung up meanwhile.
+    App::to_its_end(async move { create_or_repeat(&app, owner, spec, key, body).await }).await
+}
+
+/// Creates an episode, or gives out new tokens for the one that was created with this key and body.
+async fn create_or_repeat(
+    app: &App,
+    owner: Option<OwnerKey>,
+    spec: Spec,
+    key: String,
+    body: [u8; 32],
+) -> Result<Response, ApiError> {
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
-        None => new_episode(&app, owner, spec, Some((key, body))).await,
+        None => new_episode(app, owner, spec, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::new(
             Code::Invalid,
             "this Idempotency-Key was used with another body; send that body, or another key",
         )),
         Some((id, _)) => {
             let handle = app.episode(&id).await?;
-            let tokens = Tokens::new(&app, handle.spec.config.num_agents());
+            let tokens = Tokens::new(app, handle.spec.config.num_agents());
             let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
             app.store.keep(vec![entry]).await?;
             app.forget_tokens(

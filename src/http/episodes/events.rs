@@ -1,6 +1,7 @@
 //! `GET /api/v1/episodes/{id}/events`: resolved rounds as Server-Sent Events.
 
 use std::convert::Infallible;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -96,6 +97,7 @@ async fn tell(
     events: &mpsc::Sender<Result<Event, Infallible>>,
 ) {
     let mut published = handle.follow();
+    let mut last: Option<Arc<World>> = None;
     loop {
         let snapshot = published.borrow_and_update().clone();
         while told < snapshot.world.round() {
@@ -103,7 +105,7 @@ async fn tell(
             let world = if told == snapshot.world.round() {
                 snapshot.world.clone()
             } else {
-                match state_at(app.registry.journal(), handle, told).await {
+                match state_at(app.registry.journal(), handle, told, last.as_ref()).await {
                     Ok(world) => world,
                     Err(error) => {
                         tracing::error!(%error, "events cannot be told");
@@ -114,6 +116,7 @@ async fn tell(
             if !send(events, round(&world)).await {
                 return;
             }
+            last = Some(world);
         }
         if snapshot.status.is_over() {
             let data = serde_json::to_string(&result(&snapshot)).expect("string keys");

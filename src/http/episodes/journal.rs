@@ -1,24 +1,29 @@
 //! `GET /api/v1/episodes/{id}/journal`: JSON Lines, enough to play the episode again.
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures::stream;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::super::App;
-use super::super::auth::{Caller, Subject};
+use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::subject;
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, round_record};
 use crate::journal::{JournalError, StoredEpisode};
 use crate::wire::problem::Problem;
 
 /// Rounds that are read at once.
-const CHUNK: u32 = 64;
+const CHUNK: u32 = 8;
 
 /// Read an episode's journal (JSON Lines).
 ///
@@ -46,15 +51,22 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let handle = app.readable(&caller, id).await?;
-    let subject = Subject::of(&handle);
-    if !subject.is_over && !caller.owns(subject) {
+    let (stored, visibility) = app.known(&caller, id).await?;
+    let subject = subject(&stored, visibility);
+    if !caller.may_read(&app.access, subject) || !(subject.is_over || caller.owns(subject)) {
         let detail = "a journal holds the seed: until the end only the creator may read it";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let stored = app.store.find_episode(&handle.id).await?;
+    let most = app.limits.journals_max;
+    let Ok(turn) = Arc::clone(&app.journals).try_acquire_owned() else {
+        let detail = format!("{most} journals are being read already; come again later");
+        return Err(ApiError::limit(Code::Overloaded, "journals_max", most, detail)
+            .retry_after(Duration::from_secs(1)));
+    };
+    // Its last record, too, and all as it stands now.
+    let stored = app.store.find_episode(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
-    let reader = Reader { app, stored, at: Place::Opening };
+    let reader = Reader { app, stored, at: Place::Opening, _turn: turn };
     let lines = stream::try_unfold(reader, |mut reader| async move {
         let lines = reader.next().await?;
         Ok::<_, JournalError>(lines.map(|lines| (lines, reader)))
@@ -68,6 +80,8 @@ struct Reader {
     app: App,
     stored: StoredEpisode,
     at: Place,
+    /// Held until the journal was sent, or its reader is gone.
+    _turn: OwnedSemaphorePermit,
 }
 
 enum Place {

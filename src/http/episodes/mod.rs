@@ -16,47 +16,55 @@ use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::Status;
 use crate::episode::actor::Handle;
-use crate::episode::spec::Spec;
+use crate::episode::spec::{Spec, Visibility};
 use crate::ids::EpisodeId;
 use crate::journal::StoredEpisode;
-use crate::journal::record::{End, Record};
+use crate::journal::record::Record;
 use crate::wire::Seconds;
 use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 
 impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let handle = self.known(caller, id).await?;
-        if !caller.may_read(&self.access, Subject::of(&handle)) {
+        let (stored, visibility) = self.known(caller, id).await?;
+        if !caller.may_read(&self.access, subject(&stored, visibility)) {
             let detail = "until the end of this episode only its creator may read this";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        Ok(handle)
+        self.episode(&stored.id).await
     }
 
     /// An episode that the caller created.
     async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let handle = self.known(caller, id).await?;
-        if !caller.owns(Subject::of(&handle)) {
+        let (stored, visibility) = self.known(caller, id).await?;
+        if !caller.owns(subject(&stored, visibility)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        Ok(handle)
+        self.episode(&stored.id).await
     }
 
-    /// An episode of which the caller may know.
-    async fn known(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let handle = self.episode(&EpisodeId::from_text(id)).await?;
-        if caller.may_know(&self.access, Subject::of(&handle)) {
-            Ok(handle)
+    /// What is stored of an episode of which the caller may know. Nothing is taken up for somebody
+    /// who may not read it, or who wants to know no more.
+    async fn known(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<(StoredEpisode, Visibility), ApiError> {
+        let unknown = || ApiError::not_found("the episode");
+        let stored = self.store.find_summary(&EpisodeId::from_text(id)).await?;
+        let stored = stored.ok_or_else(unknown)?;
+        let visibility = spec(&stored)?.visibility;
+        if caller.may_know(&self.access, subject(&stored, visibility)) {
+            Ok((stored, visibility))
         } else {
-            Err(ApiError::not_found("the episode"))
+            Err(unknown())
         }
     }
 
     /// An episode as it is shown, from what is stored of it.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
-        let stored = self.store.find_episode(id).await?;
+        let stored = self.store.find_summary(id).await?;
         self.summary_of(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
     }
 
@@ -68,24 +76,13 @@ impl App {
     ) -> Result<EpisodeSummary, ApiError> {
         let spec = spec(stored)?;
         let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
-        let result = match &stored.end {
-            None => None,
-            Some(end) => match end.read() {
-                Ok(Record::End(End { reason, score, rounds, .. })) => Some(EpisodeResult {
-                    reason,
-                    score,
-                    rounds,
-                    journal_head: stored.head.to_string(),
-                }),
-                _ => return Err(broken("no end")),
-            },
-        };
-        let subject = Subject {
-            id: &stored.id,
-            owner: stored.owner,
-            visibility: spec.visibility,
-            is_over: status.is_over(),
-        };
+        let result = stored.reason.as_ref().map(|reason| EpisodeResult {
+            reason: reason.clone(),
+            score: stored.score,
+            rounds: stored.rounds,
+            journal_head: stored.head.to_string(),
+        });
+        let subject = subject(stored, spec.visibility);
         let may_read = caller.may_read(&self.access, subject);
         let may_know_seed = caller.owns(subject) || (may_read && subject.is_over);
         Ok(EpisodeSummary {
@@ -102,6 +99,12 @@ impl App {
             config: config(&spec, may_know_seed),
         })
     }
+}
+
+/// What decides who may do what with a stored episode.
+fn subject(stored: &StoredEpisode, visibility: Visibility) -> Subject<'_> {
+    let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
+    Subject { id: &stored.id, owner: stored.owner, visibility, is_over }
 }
 
 fn broken(problem: &str) -> ApiError {

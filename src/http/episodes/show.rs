@@ -31,6 +31,6 @@ pub(in super::super) async fn show_episode(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
-    let handle = app.known(&caller, id).await?;
-    Ok(Json(app.summary(&caller, &handle.id).await?))
+    let (stored, _) = app.known(&caller, id).await?;
+    Ok(Json(app.summary_of(&caller, &stored)?))
 }

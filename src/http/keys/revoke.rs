@@ -38,11 +38,15 @@ pub(in super::super) async fn revoke_key(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
-    let now = app.clock.now();
-    app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
-    app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
-    let keys = app.store.keys().await?;
-    let key = keys.iter().find(|key| key.id == id);
-    let key = key.ok_or_else(|| ApiError::not_found("the key"))?;
-    Ok(Json(KeySummary::of(key, now)))
+    // What is revoked must be forgotten, too, whoever has hung up meanwhile.
+    App::to_its_end(async move {
+        let now = app.clock.now();
+        app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
+        app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
+        let keys = app.store.keys().await?;
+        let key = keys.iter().find(|key| key.id == id);
+        let key = key.ok_or_else(|| ApiError::not_found("the key"))?;
+        Ok(Json(KeySummary::of(key, now)))
+    })
+    .await
 }

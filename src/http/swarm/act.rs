@@ -46,6 +46,7 @@ pub(in super::super) async fn post_swarm_act(
     let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
     let Envelope { acts } = read(&bytes)?;
+    drop(bytes);
     let most = app.limits.acts_max;
     if acts.len() > most {
         let detail = format!("{} acts came, at most {most} are taken at once", acts.len());
