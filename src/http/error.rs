@@ -217,6 +217,10 @@ impl IntoResponse for ApiError {
 
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
+        if error.is_busy() {
+            return Self::new(Code::Overloaded, "too many read the journal; come again later")
+                .retry_after(Duration::from_secs(1));
+        }
         tracing::error!(%error, "a request failed");
         Self::new(
             Code::Unavailable,

@@ -157,6 +157,22 @@ pub struct EndRow {
 #[error("the journal failed: {0}")]
 pub struct JournalError(pub Arc<str>);
 
+impl JournalError {
+    const BUSY: &'static str = "too many read at once";
+
+    /// Nothing is broken; too many others read at the moment.
+    #[must_use]
+    pub fn busy() -> Self {
+        Self(Self::BUSY.into())
+    }
+
+    /// Whether the same will work later.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        &*self.0 == Self::BUSY
+    }
+}
+
 /// Told once entries are durable, or that they will never be.
 pub type Committed = Box<dyn FnOnce(Result<(), JournalError>) + Send>;
 

@@ -142,9 +142,11 @@ impl Store {
     }
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "the shape of map_err")]
 fn failure(error: sqlx::Error) -> JournalError {
-    JournalError(error.to_string().into())
+    match error {
+        sqlx::Error::PoolTimedOut => JournalError::busy(),
+        error => JournalError(error.to_string().into()),
+    }
 }
 
 /// Takes the lock of a database: one process owns it.

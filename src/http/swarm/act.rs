@@ -2,7 +2,8 @@
 
 use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
-use serde::Deserialize;
+use serde::de::{IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
 
@@ -45,11 +46,11 @@ pub(in super::super) async fn post_swarm_act(
     let limit = app.limits.swarm_body_bytes_max;
     let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
-    let Envelope { acts } = read(&bytes)?;
+    let Envelope { acts: Acts { acts, count } } = read(&bytes)?;
     drop(bytes);
     let most = app.limits.acts_max;
-    if acts.len() > most {
-        let detail = format!("{} acts came, at most {most} are taken at once", acts.len());
+    if count > most {
+        let detail = format!("{count} acts came, at most {most} are taken at once");
         return Err(ApiError::limit(Code::TooLarge, "acts_max", most, detail));
     }
     let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
@@ -82,7 +83,45 @@ pub(in super::super) async fn post_swarm_act(
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Envelope {
+    acts: Acts,
+}
+
+/// So many acts are kept; what comes beyond is counted.
+const ACTS_KEPT: usize = 4096;
+
+/// The acts of a body, and how many came.
+struct Acts {
     acts: Vec<Box<RawValue>>,
+    count: usize,
+}
+
+impl<'de> Deserialize<'de> for Acts {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct List;
+        impl<'de> Visitor<'de> for List {
+            type Value = Acts;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a sequence")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Acts, A::Error> {
+                let mut acts = Vec::new();
+                while acts.len() < ACTS_KEPT {
+                    let Some(act) = list.next_element()? else {
+                        return Ok(Acts { count: acts.len(), acts });
+                    };
+                    acts.push(act);
+                }
+                let mut count = acts.len();
+                while list.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                Ok(Acts { acts, count })
+            }
+        }
+        deserializer.deserialize_seq(List)
+    }
 }
 
 impl Named for Envelope {
