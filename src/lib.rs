@@ -12,6 +12,7 @@
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
+pub mod board;
 pub mod cli;
 pub mod clock;
 pub mod episode;
