@@ -3,10 +3,13 @@
 //! All that is written goes through one task that commits in groups (`writer.rs`); readers have
 //! connections of their own and never wait for it (WAL).
 
+pub mod audit;
 pub mod backup;
 pub mod episodes;
 pub mod keys;
 pub mod records;
+pub mod results;
+pub mod runs;
 pub mod tokens;
 mod writer;
 
