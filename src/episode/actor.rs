@@ -100,7 +100,7 @@ pub struct Running {
     mailbox: mpsc::Sender<Letter>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
-    idle_at: Arc<AtomicI64>,
+    ends_at: Arc<AtomicI64>,
     gone: CancellationToken,
 }
 
@@ -168,9 +168,9 @@ impl Handle {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }
 
-    /// When the episode is abandoned unless somebody acts.
-    pub(super) fn idle_at(&self) -> Timestamp {
-        Timestamp::from_millisecond(self.idle_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
+    /// When the episode ends unless somebody asks for something.
+    pub(super) fn ends_at(&self) -> Timestamp {
+        Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
 
     /// Cancelled when the actor has ended and hands nothing more to the journal.
@@ -249,7 +249,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         Some(_) => host.quotas.release(fresh.key),
     }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
-    let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));
+    let ends_at = Arc::new(AtomicI64::new(fresh.lockstep.ends_at().as_millisecond()));
     let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
     snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
@@ -266,7 +266,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         mailbox,
         published,
         keyframes: Arc::clone(&keyframes),
-        idle_at: Arc::clone(&idle_at),
+        ends_at: Arc::clone(&ends_at),
         gone: gone.clone(),
     }));
     let spawn = Arc::clone(&host.spawn);
@@ -283,7 +283,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         bytes: fresh.bytes,
         tally: fresh.tally,
         keyframes,
-        idle_at,
+        ends_at,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -325,7 +325,7 @@ struct Actor {
     bytes: u64,
     tally: Tally,
     keyframes: Arc<Mutex<Keyframes>>,
-    idle_at: Arc<AtomicI64>,
+    ends_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
@@ -381,7 +381,7 @@ impl Actor {
     /// Tells the barrier what happens, and when.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         let effects = self.lockstep.apply(at, event);
-        self.idle_at.store(self.lockstep.idle_at().as_millisecond(), Ordering::Release);
+        self.ends_at.store(self.lockstep.ends_at().as_millisecond(), Ordering::Release);
         effects
     }
 
@@ -605,10 +605,11 @@ impl Actor {
             self.world.is_over().then_some(Ending::RoundsPlayed)
         };
         let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
-        self.lockstep.apply(now, Event::Resolved { alive, ending });
-        if let Some(ending) = ending {
-            let entry = self.end_entry(ending);
-            entries.push(entry);
+        for effect in self.lockstep.apply(now, Event::Resolved { alive, ending }) {
+            // The next round is published with whatever else is to be kept.
+            if let Effect::End(ending) = effect {
+                entries.push(self.end_entry(ending));
+            }
         }
         Ok(())
     }

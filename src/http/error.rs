@@ -34,6 +34,7 @@ pub enum Code {
     RoundAhead,
     AlreadyActed,
     EpisodeOver,
+    Closed,
     TooLarge,
     UnsupportedMediaType,
     Invalid,
@@ -46,7 +47,7 @@ pub enum Code {
 
 impl Code {
     /// All codes, by status.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Malformed,
         Self::Unauthorized,
         Self::Forbidden,
@@ -56,6 +57,7 @@ impl Code {
         Self::RoundAhead,
         Self::AlreadyActed,
         Self::EpisodeOver,
+        Self::Closed,
         Self::TooLarge,
         Self::UnsupportedMediaType,
         Self::Invalid,
@@ -78,6 +80,7 @@ impl Code {
             Self::RoundAhead => ("round_ahead", 409, "The round is not open yet"),
             Self::AlreadyActed => ("already_acted", 409, "The seat has acted in this round"),
             Self::EpisodeOver => ("episode_over", 409, "The episode, or the agent's part, is over"),
+            Self::Closed => ("closed", 409, "It is not open now"),
             Self::TooLarge => ("too_large", 413, "The request is too large"),
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
             Self::Invalid => ("invalid", 422, "The request is not allowed"),
@@ -294,6 +297,7 @@ impl From<CreateError> for ApiError {
             CreateError::Full(full) => Self::new(Code::Overloaded, full.to_string())
                 .with_limit(full)
                 .retry_after(Duration::from_secs(10)),
+            error @ CreateError::Closed(_) => Self::new(Code::Closed, error.to_string()),
             CreateError::Journal(error) => error.into(),
         }
     }

@@ -5,6 +5,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 use std::time::Duration;
 
 use futures::future::select;
+use jiff::Timestamp;
 use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Handle, Outcomes};
@@ -246,7 +247,7 @@ pub(crate) struct Times {
 }
 
 /// Some small episode.
-pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
+pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let rehearsed = dice.below(10) == 0;
     let settings = |dice: &mut Dice| if rehearsed { REHEARSED.0.clone() } else { settings(dice) };
     let config = std::iter::from_fn(|| Some(settings(dice)))
@@ -254,6 +255,9 @@ pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
         .expect("most settings can be played");
     let clocked = dice.below(2) < times.clocked;
     let bank = [0, 0, 2_500, 60_000][dice.below(4)];
+    let closes_ms = [20, 3_000, 60_000, 1_500_000][dice.below(4)];
+    let closes_at =
+        (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
     let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
     Spec {
         config: Arc::new(config),
@@ -269,7 +273,7 @@ pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
         custom_template: false,
         run: None,
         salt: None,
-        closes_at: None,
+        closes_at,
         open_seats: Vec::new(),
         fill_after: None,
         fill_with: None,

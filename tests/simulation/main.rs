@@ -31,7 +31,7 @@ const SEEDS: u64 = 500;
 const SEEDS_OF_A_FLAW: u64 = 200;
 
 /// What the seeds of a test have to reach, all together.
-const REACHED: [&str; 24] = [
+const REACHED: [&str; 27] = [
     "episodes",
     "rounds",
     "clocks run out",
@@ -50,6 +50,9 @@ const REACHED: [&str; 24] = [
     "ended: rounds played",
     "ended: aborted",
     "ended: idle",
+    "ended: closed",
+    "rounds over the closing time",
+    "refused: closed",
     "earlier states",
     "crashes",
     "requests cut off",
