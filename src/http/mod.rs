@@ -164,6 +164,7 @@ impl App {
         let grant = match token.kind() {
             TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
             TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
+            TokenKind::Invitation => None,
         };
         let Some(grant) = grant else { return Ok(None) };
         self.tokens.insert(hash, grant.clone());

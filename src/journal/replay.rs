@@ -4,10 +4,12 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::value::RawValue;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 
+use super::Tally;
 use super::chain::Head;
 use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Source};
 
@@ -45,6 +47,8 @@ pub struct Report {
     pub end: Option<End>,
     /// The head of the chain.
     pub head: Head,
+    /// What all its acts were, those of a round that was not resolved too.
+    pub tally: Tally,
 }
 
 /// Plays a journal file again and checks every hash, digest, act and score.
@@ -69,7 +73,7 @@ pub fn verify(
             break;
         }
         let mut at = String::new();
-        let checked = check_line(&line, &mut head).and_then(|record| match record {
+        let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
                 played = Some(Player::new(*opening)?);
                 Ok(())
@@ -101,6 +105,7 @@ pub fn verify(
         opening: player.opening,
         end: player.end,
         head,
+        tally: player.tally,
     })
 }
 
@@ -114,7 +119,7 @@ struct Line<'a> {
 }
 
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
-fn check_line(line: &[u8], head: &mut Head) -> Result<Record, String> {
+pub(crate) fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
     let parsed: Line<'_> =
         serde_json::from_str(text).map_err(|error| format!("not a line of a journal: {error}"))?;
@@ -139,6 +144,7 @@ struct Player {
     config: Arc<Config>,
     world: World,
     end: Option<End>,
+    tally: Tally,
 }
 
 impl Player {
@@ -155,7 +161,7 @@ impl Player {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = World::new(Arc::clone(&config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        Ok(Self { opening, config, world, end: None })
+        Ok(Self { opening, config, world, end: None, tally: Tally::default() })
     }
 
     fn play(&mut self, round: &super::record::Round, solver: Solver) -> Result<(), String> {
@@ -177,6 +183,7 @@ impl Player {
         }
         for act in &round.acts {
             check_answer(act, &self.config)?;
+            self.tally.add(act);
         }
         let acts = acts_of(&self.config, &round.acts)?;
         self.world.step_with(&acts, solver).map_err(|error| error.to_string())?;
@@ -202,6 +209,9 @@ impl Player {
         if !fits {
             let (status, reason) = (end.status, end.reason);
             return Err(format!("it does not end here as {status:?} by {reason:?}"));
+        }
+        for act in &end.open_acts {
+            self.tally.add(act);
         }
         self.end = Some(end);
         Ok(())

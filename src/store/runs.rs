@@ -50,6 +50,24 @@ pub(super) async fn end(
     Ok(())
 }
 
+/// The host broke a run; one that was voided keeps its reason.
+pub(super) async fn void(
+    connection: &mut SqliteConnection,
+    run: RunKey,
+    reason: &str,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE runs SET voided_at = ?, void_reason = ? WHERE key = ? AND voided_at IS NULL",
+    )
+    .bind(at.as_millisecond())
+    .bind(reason)
+    .bind(run.0)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
 pub(super) async fn replace_token(
     connection: &mut SqliteConnection,
     run: RunKey,
