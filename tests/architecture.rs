@@ -17,7 +17,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
     ("episode", &["clock", "ids", "journal", "keys"]),
     ("wire", &["episode", "keys"]),
     ("prompt", &["wire"]),
-    ("run", &["clock", "episode", "ids", "journal", "keys", "store"]),
+    ("run", &["clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
     (
         "http",
         &[
@@ -28,12 +28,13 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
             "journal",
             "keys",
             "prompt",
+            "run",
             "store",
             "telemetry",
             "wire",
         ],
     ),
-    ("server", &["clock", "episode", "host", "http", "journal", "store", "telemetry"]),
+    ("server", &["clock", "episode", "host", "http", "journal", "run", "store", "telemetry"]),
     ("players", &["clock", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
@@ -67,7 +68,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("minijinja", &["prompt"]),
     ("reqwest", &["players", "loadtest"]),
     ("clap", &["cli", "keys", "telemetry"]),
-    ("swarmbench_players", &["players", "cli"]),
+    ("swarmbench_players", &["players", "cli", "run"]),
     ("indicatif", &["cli"]),
 ];
 

@@ -4,6 +4,9 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{Config, Settings, TaskName};
 
+use super::standings::Declaration;
+use crate::episode::spec::Visibility;
+use crate::run::definition as run;
 use crate::run::suite::{Suite, SuiteSettings};
 
 /// Characters of a competition's name.
@@ -277,6 +280,32 @@ impl Definition {
             rules: self.rules.clone(),
             settings: self.settings.clone(),
         }
+    }
+
+    /// The run of an attempt, counted from 1, of whoever declared this, on these seeds. None where there is no such
+    /// attempt.
+    #[must_use]
+    pub fn run(
+        &self,
+        id: &str,
+        declaration: &Declaration,
+        attempt: u32,
+        seeds: Vec<u64>,
+    ) -> Option<run::Definition> {
+        let window = self.window(attempt)?;
+        Some(run::Definition {
+            suite: self.suite(id, seeds),
+            model: declaration.model.clone(),
+            temperature: declaration.temperature,
+            top_p: declaration.top_p,
+            meta: declaration.agent_meta.clone(),
+            prompt_template: declaration.prompt_template.clone(),
+            player: None,
+            parallel: self.parallel,
+            visibility: Visibility::Sealed.name().to_owned(),
+            idle_timeout_ms: self.idle_timeout_ms,
+            closes_at: Some(window.closes_at),
+        })
     }
 
     /// The tasks, in the order of the board.

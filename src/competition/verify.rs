@@ -18,8 +18,8 @@ use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{self, Attempt, Entrant, Row, standings};
 use crate::board::{Game, Slot};
 use crate::journal::chain::Head;
-use crate::journal::record::RecordedConfig;
 use crate::journal::replay::{self, Report as Played, check_line};
+use crate::run::definition::Definition as Run;
 use crate::run::suite::Game as Planned;
 
 /// What is wrong with a file.
@@ -310,7 +310,8 @@ impl Checker {
     ) -> Result<(), Fault> {
         let place = format!("attempt {} of {}", told.attempt, told.entrant);
         reader.place.clone_from(&place);
-        let (entrant, window, plan) = self.place(&told).map_err(|what| reader.wrong(what))?;
+        let (entrant, window, run) = self.place(&told).map_err(|what| reader.wrong(what))?;
+        let plan = run.suite.plan();
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
             seed: game.seed,
@@ -358,7 +359,7 @@ impl Checker {
             }
             let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
             let played = reader.journal(header.lines, head, solver)?;
-            let asked = Asked { told: &told, game, entrant: &entrant, window, planned };
+            let asked = Asked { told: &told, game, run: &run, window, planned };
             self.check_game(&asked, &played).map_err(|what| reader.wrong(what))?;
             self.episodes += 1;
             self.rounds += u64::from(played.rounds);
@@ -377,7 +378,7 @@ impl Checker {
     }
 
     /// Who plays an attempt, when it may be played, and what.
-    fn place(&self, told: &export::Attempt) -> Result<(Entrant, Window, Vec<Planned>), String> {
+    fn place(&self, told: &export::Attempt) -> Result<(Entrant, Window, Run), String> {
         let definition = self.definition();
         let entrant = self.entrants.iter().find(|entrant| entrant.id == told.entrant);
         let entrant = entrant.ok_or("there is no such entrant")?;
@@ -395,13 +396,14 @@ impl Checker {
         let from = window.opens_at.max(entrant.registered_at);
         check_time("it was started", told.created_at, from, window.closes_at)?;
         let seeds = self.sealed.of_attempt(told.attempt, definition.seeds);
-        let plan = definition.suite(&self.competition.id, seeds).plan();
-        Ok((entrant.clone(), window, plan))
+        let id = &self.competition.id;
+        let run = definition.run(id, &entrant.declaration, told.attempt, seeds);
+        Ok((entrant.clone(), window, run.ok_or("the competition has fewer attempts")?))
     }
 
     /// Checks that a game that plays again is the one that belongs in its place.
     fn check_game(&self, asked: &Asked<'_>, played: &Played) -> Result<(), String> {
-        let Asked { told, game, entrant, window, planned } = *asked;
+        let Asked { told, game, run, window, planned } = *asked;
         let opening = &played.opening;
         if opening.episode != game.episode {
             return Err(format!("its journal is that of {}", opening.episode));
@@ -415,14 +417,13 @@ impl Checker {
                 opening.config.seed, planned.seed
             ));
         }
-        let expected = config(self.definition(), entrant, window, planned)?;
-        differs("setting", &opening.config, &expected)?;
-        let declaration = &entrant.declaration;
-        if opening.agent_meta != declaration.agent_meta {
-            return Err("it tells other things of who plays than the entrant".to_owned());
+        let expected = run.spec(&told.run, planned, None)?;
+        differs("setting", &opening.config, &expected.recorded())?;
+        if opening.agent_meta != expected.agent_meta {
+            return Err("it tells other things of who plays than the entrant declared".to_owned());
         }
         // The built-in template may have been another one when it was played.
-        if declaration.prompt_template.as_ref().is_some_and(|own| *own != opening.prompt_template) {
+        if expected.custom_template && opening.prompt_template != *expected.prompt_template {
             return Err("it has another prompt template than the entrant declared".to_owned());
         }
         check_time("it was created", opening.created_at, told.created_at, window.closes_at)?;
@@ -450,46 +451,9 @@ impl Checker {
 struct Asked<'a> {
     told: &'a export::Attempt,
     game: &'a export::Game,
-    entrant: &'a Entrant,
+    run: &'a Run,
     window: Window,
     planned: &'a Planned,
-}
-
-/// What the opening of a game must say.
-fn config(
-    definition: &Definition,
-    entrant: &Entrant,
-    window: Window,
-    planned: &Planned,
-) -> Result<RecordedConfig, String> {
-    let settings = &definition.settings;
-    let too_large = |_| "a setting is too large".to_owned();
-    Ok(RecordedConfig {
-        task: planned.task.clone(),
-        rules: definition.rules.clone(),
-        control: settings.control.clone(),
-        seed: planned.seed,
-        num_agents: settings.num_agents.try_into().map_err(too_large)?,
-        width: settings.width,
-        height: settings.height,
-        view_size: settings.view_size,
-        memory: settings.memory,
-        max_round: settings.max_round.try_into().map_err(too_large)?,
-        noise: settings.noise,
-        max_delay: settings.max_delay,
-        round_deadline_ms: settings.round_deadline_ms,
-        bank_ms: settings.bank_ms,
-        start: "now".to_owned(),
-        idle_timeout_ms: definition.idle_timeout_ms,
-        visibility: "sealed".to_owned(),
-        model: entrant.declaration.model.clone(),
-        custom_template: entrant.declaration.prompt_template.is_some(),
-        closes_at: Some(window.closes_at),
-        open_seats: Vec::new(),
-        fill_after_ms: None,
-        fill_with: None,
-        player: None,
-    })
 }
 
 fn check_time(

@@ -30,6 +30,7 @@ use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
+use crate::run::manager::Runs;
 use crate::store::Store;
 use crate::store::tokens::Grant;
 use auth::Access;
@@ -60,6 +61,8 @@ pub struct Foundation {
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
+    /// All runs.
+    pub runs: Runs,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// Where randomness comes from.
