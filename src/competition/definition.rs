@@ -76,6 +76,20 @@ pub enum Admission {
     Codes,
 }
 
+impl Admission {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Anybody, Self::Codes];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Anybody => "anybody",
+            Self::Codes => "codes",
+        }
+    }
+}
+
 /// When an attempt may be played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -98,6 +112,21 @@ pub enum Counts {
     First,
 }
 
+impl Counts {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Best, Self::Last, Self::First];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Last => "last",
+            Self::First => "first",
+        }
+    }
+}
+
 /// What is shown of the board before the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -108,6 +137,21 @@ pub enum BoardRule {
     Hidden,
     /// Ranks and totals of what was over at some time.
     Frozen,
+}
+
+impl BoardRule {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Public, Self::Hidden, Self::Frozen];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Public => "public",
+            Self::Hidden => "hidden",
+            Self::Frozen => "frozen",
+        }
+    }
 }
 
 /// A field that is not allowed, and why.

@@ -1,4 +1,5 @@
-//! Competitions: runs on seeds that nobody knows before the end. Pure: no storage, no clock, no network.
+//! Competitions: runs on seeds that nobody knows before the end. All but [`closing`] is pure: no storage, no clock, no
+//! network.
 //!
 //! - [`definition`]: what an organizer decides, and what is wrong with it.
 //! - [`sealed`]: the seeds, and the commitment that shows that they were never changed.
@@ -6,6 +7,7 @@
 //! - [`standings`]: which attempt of each entrant counts, and who is ahead.
 //! - [`export`]: a whole competition in one file; [`verify`]: whether such a file is true.
 
+pub mod closing;
 pub mod definition;
 pub mod export;
 pub mod phase;

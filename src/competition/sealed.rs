@@ -35,7 +35,7 @@ impl Sealed {
     pub fn draw(seeds: usize, entropy: &dyn Entropy) -> Self {
         let mut salt = [0; SALT_BYTES];
         entropy.fill(&mut salt);
-        let mut draw = || {
+        let draw = || {
             let mut seed = [0; SEED_BYTES];
             entropy.fill(&mut seed);
             seed

@@ -15,7 +15,7 @@ use swarmbench_engine::physics::Solver;
 use super::definition::{Definition, Window};
 use super::export::{self, FORMAT, Line};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
-use super::standings::{self, Attempt, Entrant, Row, standings};
+use super::standings::{Attempt, Entrant, Row, standings};
 use crate::board::{Game, Slot};
 use crate::journal::chain::Head;
 use crate::journal::replay::{self, Report as Played, check_line};
@@ -310,7 +310,7 @@ impl Checker {
     ) -> Result<(), Fault> {
         let place = format!("attempt {} of {}", told.attempt, told.entrant);
         reader.place.clone_from(&place);
-        let (entrant, window, run) = self.place(&told).map_err(|what| reader.wrong(what))?;
+        let (window, run) = self.place(&told).map_err(|what| reader.wrong(what))?;
         let plan = run.suite.plan();
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
@@ -377,8 +377,8 @@ impl Checker {
         Ok(())
     }
 
-    /// Who plays an attempt, when it may be played, and what.
-    fn place(&self, told: &export::Attempt) -> Result<(Entrant, Window, Run), String> {
+    /// When an attempt may be played, and what.
+    fn place(&self, told: &export::Attempt) -> Result<(Window, Run), String> {
         let definition = self.definition();
         let entrant = self.entrants.iter().find(|entrant| entrant.id == told.entrant);
         let entrant = entrant.ok_or("there is no such entrant")?;
@@ -398,7 +398,7 @@ impl Checker {
         let seeds = self.sealed.of_attempt(told.attempt, definition.seeds);
         let id = &self.competition.id;
         let run = definition.run(id, &entrant.declaration, told.attempt, seeds);
-        Ok((entrant.clone(), window, run.ok_or("the competition has fewer attempts")?))
+        Ok((window, run.ok_or("the competition has fewer attempts")?))
     }
 
     /// Checks that a game that plays again is the one that belongs in its place.

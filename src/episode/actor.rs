@@ -52,7 +52,7 @@ pub type Outcomes = Vec<Result<Receipt, ActError>>;
 enum Message {
     Submit { acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes> },
     Start { reply: oneshot::Sender<Result<(), JournalError>> },
-    Abort { reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { deeds: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
 }
 
 /// A message and when it came: its wait in the mailbox takes no player's time.
@@ -149,7 +149,15 @@ impl Handle {
     /// # Errors
     /// Where that could not be kept.
     pub async fn abort(&self) -> Result<(), JournalError> {
-        self.command(|reply| Message::Abort { reply }).await
+        self.abort_with(Vec::new()).await
+    }
+
+    /// Aborts the episode, and keeps what goes with that in the same transaction; nothing where it has ended.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn abort_with(&self, deeds: Vec<Entry>) -> Result<(), JournalError> {
+        self.command(|reply| Message::Abort { deeds, reply }).await
     }
 
     async fn command(
@@ -282,6 +290,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         lockstep: fresh.lockstep,
         bytes: fresh.bytes,
         tally: fresh.tally,
+        deeds: Vec::new(),
         keyframes,
         ends_at,
         publish,
@@ -324,6 +333,8 @@ struct Actor {
     lockstep: Lockstep,
     bytes: u64,
     tally: Tally,
+    /// What is kept with the next entries.
+    deeds: Vec<Entry>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
@@ -412,8 +423,11 @@ impl Actor {
                 effects.extend(self.end_if_solved(at));
                 self.perform_for(at, effects, reply).await;
             }
-            Message::Abort { reply } => {
+            Message::Abort { deeds, reply } => {
                 let effects = self.apply(at, Event::Abort);
+                if !effects.is_empty() {
+                    self.deeds = deeds;
+                }
                 self.perform_for(at, effects, reply).await;
             }
         }
@@ -502,7 +516,7 @@ impl Actor {
     ) {
         // The acts belong to the latest state, which may still be on its way to be published.
         let open = Arc::clone(&self.latest);
-        let mut entries = Vec::new();
+        let mut entries = std::mem::take(&mut self.deeds);
         let mut acted = Vec::new();
         let mut opens = false;
         for effect in effects {

@@ -113,6 +113,26 @@ impl Caller {
         matches!(self, Self::Key(key) if key.role == Role::Organizer)
     }
 
+    /// Somebody's key.
+    pub(super) fn needs_key(&self) -> Result<&Key, ApiError> {
+        match self {
+            Self::Key(key) => Ok(key),
+            Self::Anonymous { .. } => Err(needs_token("a key")),
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+                let detail = "a token of an episode is for playing; send the key";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
+        }
+    }
+
+    /// Whether the caller may read what belongs to no episode: everybody, but on a private server.
+    pub(super) fn may_look_around(&self, access: &Access) -> Result<(), ApiError> {
+        match self {
+            Self::Anonymous { .. } if access.private => Err(needs_token("a key")),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether the caller stands where the creator of the episode does.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         if episode.visibility == Visibility::Sealed {
@@ -185,6 +205,10 @@ impl Caller {
     /// The key to which a new episode belongs, where the caller may create one.
     pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
         match self {
+            Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
+                Code::Forbidden,
+                "this key is for attempts in competitions; ask the organizer for a member's key",
+            )),
             Self::Key(key) => Ok(key.number),
             Self::Anonymous { may_create: true } => Ok(None),
             Self::Anonymous { may_create: false } if app.has_keys => Err(needs_token("a key")),
@@ -247,8 +271,8 @@ impl FromRequestParts<App> for Swarm {
     }
 }
 
-/// Whoever runs the server; nobody else gets past this.
-pub(super) struct Organizer;
+/// Whoever runs the server, by the id of the key; nobody else gets past this.
+pub(super) struct Organizer(pub(super) String);
 
 impl FromRequestParts<App> for Organizer {
     type Rejection = ApiError;
@@ -256,7 +280,7 @@ impl FromRequestParts<App> for Organizer {
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         match Caller::from_request_parts(parts, app).await? {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
-            caller if caller.is_organizer() => Ok(Self),
+            Caller::Key(key) if key.role == Role::Organizer => Ok(Self(key.id)),
             _ => Err(ApiError::new(Code::Forbidden, "this takes an organizer's key")),
         }
     }

@@ -19,6 +19,7 @@ use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::CreateError;
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
+use crate::run::manager;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
 
 /// The kind of an error, stable on the wire.
@@ -284,6 +285,21 @@ impl From<ActError> for ApiError {
                     .retry_after(Duration::from_secs(1))
             }
             ActError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<manager::CreateError> for ApiError {
+    fn from(error: manager::CreateError) -> Self {
+        match error {
+            manager::CreateError::Full(full) => CreateError::Full(full).into(),
+            manager::CreateError::Journal(error) => error.into(),
+            manager::CreateError::DiskFull(least) => {
+                let detail = format!("{error}: what runs goes on, nothing new is created");
+                Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
+                    .retry_after(Duration::from_mins(1))
+            }
+            manager::CreateError::Definition(_) => Self::new(Code::Invalid, error.to_string()),
         }
     }
 }

@@ -15,6 +15,9 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::competition::{
+    AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest, VoidRequest,
+};
 use crate::wire::episode::EpisodeRequest;
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
@@ -34,6 +37,30 @@ impl Named for SwarmAct {
 }
 
 impl Named for KeyRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for CompetitionRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for CodesRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for EntrantRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for EntrantChange {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for AttemptRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for VoidRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -215,6 +242,63 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let id = Path::<String>::from_request_parts(parts, state).await;
         id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the id"))
+    }
+}
+
+/// The two ids in a path.
+pub(super) struct Ids(pub(super) String, pub(super) String);
+
+impl<S: Sync + Send> FromRequestParts<S> for Ids {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let ids = Path::<(String, String)>::from_request_parts(parts, state).await;
+        ids.map(|Path((of, id))| Self(of, id)).map_err(|_| ApiError::not_found("the id"))
+    }
+}
+
+/// Which page of a list is asked for: the items whose numbers are below `before`, so many at most.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Page {
+    pub(super) before: Option<i64>,
+    pub(super) limit: u32,
+}
+
+impl Page {
+    /// Checks what was asked for.
+    pub(super) fn read(
+        app: &App,
+        limit: Option<u32>,
+        cursor: Option<&str>,
+    ) -> Result<Self, ApiError> {
+        let most = app.limits.page_items_max;
+        let limit = limit.unwrap_or(app.limits.page_items_default);
+        if !(1..=most).contains(&limit) {
+            let detail = format!("limit must be from 1 to {most}, is {limit}");
+            return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
+        }
+        let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
+        let before = match cursor {
+            None => None,
+            Some(text) => Some(number(text).filter(|number| *number >= 0).ok_or_else(|| {
+                let detail = "cursor must be the next_cursor of an earlier page";
+                ApiError::new(Code::Malformed, detail)
+            })?),
+        };
+        Ok(Self { before, limit })
+    }
+
+    /// The items of the page, of one more than it may have, and the cursor of the next page.
+    pub(super) fn cut<T>(
+        self,
+        mut items: Vec<T>,
+        number: impl Fn(&T) -> i64,
+    ) -> (Vec<T>, Option<String>) {
+        let has_more = items.len() > self.limit as usize;
+        items.truncate(self.limit as usize);
+        let last = items.last().filter(|_| has_more);
+        let next = last.map(|last| format!("c{:x}", number(last)));
+        (items, next)
     }
 }
 

@@ -69,6 +69,8 @@ pub struct Limits {
     pub journals_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
+    /// Entrants of a competition.
+    pub entrants_max: usize,
 }
 
 impl Default for Limits {
@@ -105,6 +107,7 @@ impl Default for Limits {
             idempotency_key_chars_max: 200,
             journals_max: 32,
             events_pending_max: 64,
+            entrants_max: 10_000,
         }
     }
 }
@@ -123,7 +126,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 31] {
+    pub fn table(&self) -> [(&'static str, u64); 32] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -156,6 +159,7 @@ impl Limits {
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
             ("journals_max", self.journals_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
+            ("entrants_max", self.entrants_max as u64),
         ]
     }
 }

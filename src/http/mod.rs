@@ -1,8 +1,10 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
 mod agent;
+mod audit;
 pub mod auth;
 mod client;
+mod competitions;
 mod episodes;
 pub mod error;
 mod extract;

@@ -22,7 +22,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, client, episodes, host, keys, openapi, swarm};
+use super::{App, agent, audit, client, competitions, episodes, host, keys, openapi, swarm};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -37,6 +37,28 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(
+            competitions::create::create_competition,
+            competitions::list::list_competitions
+        ))
+        .routes(routes!(competitions::show::show_competition))
+        .routes(routes!(competitions::codes::create_codes))
+        .routes(routes!(
+            competitions::register::register_entrant,
+            competitions::entrants::list_entrants
+        ))
+        .routes(routes!(
+            competitions::entrants::show_entrant,
+            competitions::change::change_entrant
+        ))
+        .routes(routes!(
+            competitions::start::start_attempt,
+            competitions::attempts::list_attempts
+        ))
+        .routes(routes!(competitions::void::void_attempt))
+        .routes(routes!(competitions::board::show_board))
+        .routes(routes!(competitions::export::export_competition))
+        .routes(routes!(audit::list_audit))
         .routes(routes!(keys::create::create_key, keys::list::list_keys))
         .routes(routes!(keys::revoke::revoke_key))
         .routes(routes!(host::show_health))
@@ -149,7 +171,12 @@ async fn measure(path: Option<MatchedPath>, request: Request, next: Next) -> Res
 
 /// The name of a method that some route has.
 fn known(method: &Method) -> &'static str {
-    let all = [(Method::GET, "GET"), (Method::POST, "POST"), (Method::DELETE, "DELETE")];
+    let all = [
+        (Method::GET, "GET"),
+        (Method::POST, "POST"),
+        (Method::PATCH, "PATCH"),
+        (Method::DELETE, "DELETE"),
+    ];
     let found = all.into_iter().find(|(known, _)| known == method);
     found.map_or("other", |(_, name)| name)
 }

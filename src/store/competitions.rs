@@ -5,14 +5,15 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite};
 
 use super::episodes::time;
+use super::runs::void_reason;
 use super::{Store, failure};
 use crate::competition::EntrantStatus;
 use crate::competition::definition::Definition;
 use crate::competition::sealed::{SEED_BYTES, Sealed};
 use crate::competition::standings::{Declaration, Entrant};
-use crate::ids::{EpisodeId, TokenHash};
+use crate::ids::TokenHash;
 use crate::journal::{
-    CompetitionKey, CompetitionRow, EntrantRow, EntryKey, EpisodeKey, JournalError, RunKey,
+    CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey,
 };
 use crate::keys::OwnerKey;
 
@@ -67,35 +68,8 @@ pub struct StoredAttempt {
     pub ended_at: Option<Timestamp>,
     /// Why it does not count, where the host broke it.
     pub void_reason: Option<String>,
-    /// How many of its episodes have not ended.
+    /// How many of its episodes have not ended, but for those that the host broke.
     pub unfinished: u32,
-}
-
-/// A game of an attempt that has ended.
-#[derive(Clone, Debug)]
-pub struct PlayedGame {
-    /// Its run.
-    pub run: RunKey,
-    /// Its episode.
-    pub episode: EpisodeKey,
-    /// The episode's public id.
-    pub id: EpisodeId,
-    /// Its place in the plan of the run.
-    pub slot: u32,
-    /// The task.
-    pub task: String,
-    /// The seed.
-    pub seed: u64,
-    /// The final score.
-    pub score: f64,
-    /// Acts that players decided.
-    pub acts: u64,
-    /// Of these, answers that were none.
-    pub invalid: u64,
-    /// Acts that a clock decided.
-    pub clock_outs: u64,
-    /// Why it does not count, where the host broke it.
-    pub void_reason: Option<String>,
 }
 
 const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
@@ -107,7 +81,8 @@ const ENTRANT: &str = "SELECT key, id, competition, owner, name, declaration, st
 const ATTEMPT: &str = "
     SELECT r.key, r.id, r.entry, r.attempt, r.status, r.created_at, r.ended_at, r.voided_at,
            r.void_reason,
-           (SELECT count(*) FROM episodes e WHERE e.run = r.key AND e.ended_at IS NULL) AS unfinished
+           (SELECT count(*) FROM episodes e
+            WHERE e.run = r.key AND e.ended_at IS NULL AND e.voided_at IS NULL) AS unfinished
     FROM runs r ";
 
 impl Store {
@@ -141,13 +116,17 @@ impl Store {
         rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
     }
 
-    /// The competitions that are not open to all yet.
+    /// The competitions that have closed and are not open to all yet.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn sealed_competitions(&self) -> Result<Vec<StoredCompetition>, JournalError> {
+    pub async fn closing_competitions(
+        &self,
+        now: Timestamp,
+    ) -> Result<Vec<StoredCompetition>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
-        query.push("WHERE revealed_at IS NULL ORDER BY key");
+        query.push("WHERE revealed_at IS NULL AND closes_at <= ");
+        query.push_bind(now.as_millisecond()).push(" ORDER BY key");
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
     }
@@ -226,44 +205,6 @@ impl Store {
         query.push(" ORDER BY r.key");
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(attempt).collect::<Result<_, _>>().map_err(failure)
-    }
-
-    /// The games of a run that have ended, in the order of its plan.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
-    pub async fn played_games(&self, run: RunKey) -> Result<Vec<PlayedGame>, JournalError> {
-        self.games("e.run = ", run.0).await
-    }
-
-    /// The games of all attempts of a competition that have ended.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
-    pub async fn games_of_competition(
-        &self,
-        competition: CompetitionKey,
-    ) -> Result<Vec<PlayedGame>, JournalError> {
-        let of = "e.run IN (SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry
-                            WHERE n.competition = ";
-        let mut games = self.games(of, competition.0).await?;
-        games.sort_by_key(|game| (game.run, game.slot, game.episode));
-        Ok(games)
-    }
-
-    async fn games(&self, of: &'static str, number: i64) -> Result<Vec<PlayedGame>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT e.run, e.key, e.id, e.slot, e.voided_at, e.void_reason, s.task, s.seed, s.score,
-                    s.acts, s.invalid, s.clock_outs
-             FROM episodes e JOIN results s ON s.episode = e.key WHERE ",
-        );
-        query.push(of).push_bind(number);
-        if of.contains('(') {
-            query.push(")");
-        }
-        query.push(" ORDER BY e.run, e.slot, e.key");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
-        rows.iter().map(game).collect::<Result<_, _>>().map_err(failure)
     }
 }
 
@@ -422,13 +363,6 @@ fn entrant(row: &SqliteRow) -> Result<StoredEntrant, sqlx::Error> {
     })
 }
 
-/// Why something does not count, where the host broke it.
-fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
-    let voided = row.try_get::<Option<i64>, _>("voided_at")?;
-    let reason = row.try_get::<Option<String>, _>("void_reason")?;
-    Ok(voided.map(|_| reason.unwrap_or_default()))
-}
-
 fn attempt(row: &SqliteRow) -> Result<StoredAttempt, sqlx::Error> {
     Ok(StoredAttempt {
         run: RunKey(row.try_get("key")?),
@@ -440,24 +374,5 @@ fn attempt(row: &SqliteRow) -> Result<StoredAttempt, sqlx::Error> {
         ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
         void_reason: void_reason(row)?,
         unfinished: row.try_get("unfinished")?,
-    })
-}
-
-fn game(row: &SqliteRow) -> Result<PlayedGame, sqlx::Error> {
-    let count = |column| {
-        row.try_get::<i64, _>(column).map(|number| u64::try_from(number).unwrap_or_default())
-    };
-    Ok(PlayedGame {
-        run: RunKey(row.try_get("run")?),
-        episode: EpisodeKey(row.try_get("key")?),
-        id: EpisodeId::from_text(row.try_get("id")?),
-        slot: row.try_get("slot")?,
-        task: row.try_get("task")?,
-        seed: count("seed")?,
-        score: row.try_get("score")?,
-        acts: count("acts")?,
-        invalid: count("invalid")?,
-        clock_outs: count("clock_outs")?,
-        void_reason: void_reason(row)?,
     })
 }

@@ -289,7 +289,7 @@ fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
 }
 
 /// Why something was voided, if it was.
-fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
+pub(super) fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<i64> = row.try_get("voided_at")?;
     let reason: Option<String> = row.try_get("void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))

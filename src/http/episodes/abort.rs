@@ -9,6 +9,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::Status;
+use crate::episode::spec::Visibility;
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
 
@@ -38,7 +39,11 @@ pub(in super::super) async fn abort_episode(
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
-    handle.abort().await?;
+    let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
+    match caller.deed_for(&app, owner, "episode.abort", handle.id.as_str()) {
+        Some(deed) => handle.abort_with(vec![deed]).await?,
+        None => handle.abort().await?,
+    }
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {
         let detail = format!("the episode has ended already, as {}", snapshot.status.name());

@@ -171,7 +171,10 @@ fn created(handle: &Handle, tokens: &Tokens) -> Response {
     response
 }
 
-fn idempotency_key(headers: &HeaderMap, limits: &Limits) -> Result<Option<String>, ApiError> {
+pub(in super::super) fn idempotency_key(
+    headers: &HeaderMap,
+    limits: &Limits,
+) -> Result<Option<String>, ApiError> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     let most = limits.idempotency_key_chars_max;
     match value.to_str() {

@@ -159,7 +159,7 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
 }
 
 /// A duration of so many seconds, in whole milliseconds.
-fn duration(seconds: f64) -> Duration {
+pub(super) fn duration(seconds: f64) -> Duration {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
