@@ -1,6 +1,8 @@
 //! The command line, one file a command.
 
+mod audit;
 mod backup;
+mod competition;
 mod demo;
 mod healthcheck;
 mod key;
@@ -38,9 +40,13 @@ enum Command {
     Serve(serve::Args),
     /// Make, list and revoke the keys of people.
     Key(key::Args),
+    /// Create competitions, look after them, and publish what came of them.
+    Competition(competition::Args),
+    /// Show what organizers did.
+    Audit(audit::Args),
     /// Create an episode on a server and play it with a built-in player.
     Play(play::Args),
-    /// Play a journal file again and check every hash, digest, act and score.
+    /// Play a journal file, or all of a competition, again and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Copy the database of a server, which may go on meanwhile.
     Backup(backup::Args),
@@ -60,6 +66,8 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
+        Command::Competition(args) => with_runtime(competition::run(args)),
+        Command::Audit(args) => with_runtime(audit::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
         Command::Backup(args) => with_runtime(backup::run(args)),

@@ -1,9 +1,11 @@
 //! A client of the wire contract, as far as the built-in players need it.
 
+use std::io::Write;
 use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
@@ -47,6 +49,9 @@ pub enum ClientError {
         /// What was wrong.
         what: String,
     },
+    /// What came cannot be written.
+    #[error("the answer cannot be written: {0}")]
+    Write(std::io::Error),
     /// The address is none.
     #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
     Address(String),
@@ -60,7 +65,7 @@ impl ClientError {
             Self::Refused { status, .. } => {
                 matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
             }
-            Self::Strange { .. } | Self::Address(_) => false,
+            Self::Strange { .. } | Self::Write(_) | Self::Address(_) => false,
         }
     }
 }
@@ -70,7 +75,9 @@ impl ClientError {
     fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
-            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) => None,
+            Self::Transport { .. } | Self::Strange { .. } | Self::Write(_) | Self::Address(_) => {
+                None
+            }
         }
     }
 }
@@ -205,6 +212,76 @@ impl Client {
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
     }
 
+    /// Reads something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.get_with(path, &[]).await
+    }
+
+    /// Reads something, with a query.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get_with<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, &str)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
+    }
+
+    /// Makes something. It is not asked for again: a second try would make a second one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn post<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.once(Method::POST, path, |call| self.signed(call).json(body)).await
+    }
+
+    /// Changes something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn patch<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
+    }
+
+    /// Writes an answer out as it comes, in constant memory.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`]; and where it cannot be written.
+    pub async fn download(
+        &self,
+        path: &str,
+        query: &[(&str, &str)],
+        out: &mut impl Write,
+    ) -> Result<(), ClientError> {
+        let mut url = self.base.clone();
+        url.set_path(path);
+        let failed = |source| ClientError::Transport { url: url.clone(), source };
+        let call = self.signed(self.http.get(url.clone())).query(query);
+        let mut response = call.send().await.map_err(failed)?;
+        let status = response.status();
+        if !status.is_success() {
+            let body = response.bytes().await.map_err(failed)?;
+            return Err(refused(url.clone(), status, &body));
+        }
+        while let Some(piece) = response.chunk().await.map_err(failed)? {
+            out.write_all(&piece).map_err(ClientError::Write)?;
+        }
+        Ok(())
+    }
+
     /// Whether the server lives.
     ///
     /// # Errors
@@ -245,9 +322,17 @@ impl Client {
         if status.is_success() {
             return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
         }
-        match serde_json::from_slice(&body) {
-            Ok(problem) => Err(ClientError::Refused { url, status, problem: Box::new(problem) }),
-            Err(_) => Err(strange(String::from_utf8_lossy(&body).chars().take(200).collect())),
+        Err(refused(url, status, &body))
+    }
+}
+
+/// What a server said that refused.
+fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
+    match serde_json::from_slice(body) {
+        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
+        Err(_) => {
+            let what = String::from_utf8_lossy(body).chars().take(200).collect();
+            ClientError::Strange { url, status, what }
         }
     }
 }
