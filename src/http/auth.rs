@@ -250,8 +250,11 @@ impl FromRequestParts<App> for Seat {
 }
 
 /// The seats of a request for several.
-pub(super) struct Swarm {
-    pub(super) handle: Handle,
+pub(super) enum Swarm {
+    /// Several seats of one episode.
+    Episode(EpisodeId, Seats),
+    /// All seats of all episodes of a run.
+    Run(RunKey),
 }
 
 impl FromRequestParts<App> for Swarm {
@@ -259,12 +262,12 @@ impl FromRequestParts<App> for Swarm {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let detail = match Caller::from_request_parts(parts, app).await? {
-            Caller::Swarm(episode, _) => return Ok(Self { handle: app.episode(&episode).await? }),
-            Caller::Run(_) => "runs are not played yet",
+            Caller::Swarm(episode, seats) => return Ok(Self::Episode(episode, seats)),
+            Caller::Run(run) => return Ok(Self::Run(run)),
             Caller::Anonymous { .. } => return Err(needs_token("a swarm token")),
             Caller::Seat(..) => "this is a seat token; use /obs and /act, or a swarm token here",
             Caller::Key(_) => {
-                "a key holds no seats; send the swarm token that came with the episode"
+                "a key holds no seats; send the swarm token that came with the episode or the run"
             }
         };
         Err(ApiError::new(Code::Forbidden, detail))

@@ -94,6 +94,9 @@ pub struct Shared {
     /// Tells this run of the server from others.
     boot: u64,
     waits: Arc<AtomicUsize>,
+    /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
+    /// what is new to one look is new to all that come after it.
+    rounds_seen: std::sync::Mutex<u64>,
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
@@ -117,6 +120,7 @@ impl App {
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
+            rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
             renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
