@@ -4,6 +4,7 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
+mod cup;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
@@ -14,6 +15,7 @@ mod agent;
 mod backup;
 mod bad_input;
 mod clocks;
+mod competitions;
 mod concurrency;
 mod connections;
 mod episode;
