@@ -14,10 +14,12 @@ use tokio::time::Instant;
 use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
+use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
-use crate::wire::episode::EpisodeRequest;
+use crate::wire::episode::{EpisodeRequest, VoidRequest};
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
+use crate::wire::run::RunRequest;
 
 /// A body that knows the names of its fields.
 pub(super) trait Named: DeserializeOwned {
@@ -34,6 +36,14 @@ impl Named for SwarmAct {
 }
 
 impl Named for KeyRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for RunRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for VoidRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -215,6 +225,63 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let id = Path::<String>::from_request_parts(parts, state).await;
         id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the id"))
+    }
+}
+
+/// The name of a creation that may be repeated, if it has one. Everybody has names of their own.
+pub(super) fn idempotency_key(
+    headers: &HeaderMap,
+    owner: Option<OwnerKey>,
+    limits: &Limits,
+) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let most = limits.idempotency_key_chars_max;
+    match (value.to_str(), owner) {
+        (Ok(key), Some(OwnerKey(number))) if (1..=most).contains(&key.len()) => {
+            Ok(Some(format!("{number}/{key}")))
+        }
+        (Ok(key), None) if (1..=most).contains(&key.len()) => Ok(Some(format!("/{key}"))),
+        _ => Err(ApiError::new(
+            Code::Malformed,
+            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
+        )),
+    }
+}
+
+/// How many items a page of a list is to have, checked.
+pub(super) fn page(limits: &Limits, asked: Option<u32>) -> Result<u32, ApiError> {
+    let most = limits.page_items_max;
+    let limit = asked.unwrap_or(limits.page_items_default);
+    if (1..=most).contains(&limit) {
+        return Ok(limit);
+    }
+    let detail = format!("limit must be from 1 to {most}, is {limit}");
+    Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail))
+}
+
+/// Where a page of a list begins: after the item with this number.
+pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
+    let Some(text) = text else { return Ok(None) };
+    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
+    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
+        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
+    })?;
+    Ok(Some(number))
+}
+
+/// The cursor of the page after the item with this number.
+pub(super) fn write_cursor(number: i64) -> String {
+    format!("c{number:x}")
+}
+
+/// Refuses a filter that is none of the names that there are.
+pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
+    match value {
+        Some(value) if !names.contains(&value) => {
+            let detail = format!("{field} must be one of {}", names.join(", "));
+            Err(ApiError::new(Code::Malformed, detail))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,9 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
 mod agent;
+mod answer;
 pub mod auth;
+mod checks;
 mod client;
 mod episodes;
 pub mod error;
@@ -12,6 +14,7 @@ pub mod limits;
 pub mod openapi;
 mod pace;
 mod router;
+mod runs;
 pub mod serve;
 mod swarm;
 mod waiting;
