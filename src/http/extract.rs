@@ -177,11 +177,16 @@ fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     if !unknown.is_empty() {
         return ApiError::fields(unknown);
     }
-    // The field that is wrong is the one without which the rest is read differently.
+    // The field that is wrong is the one without which the rest is read differently. Alone it leaves out
+    // others, which is not its fault; but what is missing inside of it is.
+    let is_left_out = |error: &str| {
+        let named = error.strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
+        named.is_some_and(|named| T::FIELDS.contains(&named))
+    };
     let wrong = (object.keys()).find(|key| {
         let alone = serde_json::Map::from_iter([((*key).clone(), object[*key].clone())]);
         let result = serde_json::from_value::<T>(serde_json::Value::Object(alone));
-        result.is_err_and(|error| !error.to_string().starts_with("missing field"))
+        result.is_err_and(|error| !is_left_out(&error.to_string()))
     });
     let problem = error.to_string();
     // Where in the text it went wrong helps nobody who did not write it by hand.

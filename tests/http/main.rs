@@ -24,5 +24,6 @@ mod keys;
 mod limits;
 mod privacy;
 mod restart;
+mod runs;
 mod swarm;
 mod vectors;
