@@ -15,7 +15,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
     ("journal", &["ids", "keys"]),
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
-    ("wire", &["episode", "keys"]),
+    ("wire", &["episode", "keys", "run"]),
     ("prompt", &["wire"]),
     ("run", &["clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
     (

@@ -10,8 +10,9 @@ use super::play::table;
 use crate::players::client::Client;
 use crate::wire::competition::{
     CodesRequest, Competition, CompetitionBoard, CompetitionList, EntrantChange, EntrantList,
-    EntrantSummary, InvitationCodes, VoidRequest,
+    EntrantSummary, InvitationCodes,
 };
+use crate::wire::episode::VoidRequest;
 
 #[derive(Debug, clap::Args)]
 #[command(

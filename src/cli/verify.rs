@@ -109,7 +109,9 @@ fn run_competition(
         None => None,
         Some(text) => match Head::parse(text) {
             Some(Head(bytes)) => Some(bytes),
-            None => bail!("--commitment must be 64 hexadecimal digits, as the competition shows them"),
+            None => {
+                bail!("--commitment must be 64 hexadecimal digits, as the competition shows them")
+            }
         },
     };
     let bytes = std::fs::metadata(&args.file).map_or(0, |file| file.len());

@@ -253,8 +253,8 @@ impl Definition {
         }
         let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
         let unknown = self.tasks.iter().find(|task| TaskName::parse(task).is_none());
-        let is_repeated = (1..self.tasks.len())
-            .any(|place| self.tasks[..place].contains(&self.tasks[place]));
+        let is_repeated =
+            (1..self.tasks.len()).any(|place| self.tasks[..place].contains(&self.tasks[place]));
         if self.tasks.is_empty() || is_repeated || unknown.is_some() {
             let names = names.join(", ");
             refuse("suite.tasks", format!("must name some of {names}, each at most once"));
@@ -355,7 +355,10 @@ impl Definition {
     /// The tasks, in the order of the board.
     #[must_use]
     pub fn tasks(&self) -> Vec<TaskName> {
-        TaskName::ALL.into_iter().filter(|task| self.tasks.iter().any(|t| t == task.name())).collect()
+        TaskName::ALL
+            .into_iter()
+            .filter(|task| self.tasks.iter().any(|t| t == task.name()))
+            .collect()
     }
 }
 

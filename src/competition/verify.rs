@@ -81,13 +81,8 @@ pub fn verify(
     solver: Solver,
     progress: impl FnMut(usize),
 ) -> Result<Report, Fault> {
-    let mut reader = Reader {
-        file,
-        head: Head::START,
-        number: 0,
-        place: "the beginning".to_owned(),
-        progress,
-    };
+    let mut reader =
+        Reader { file, head: Head::START, number: 0, place: "the beginning".to_owned(), progress };
     let competition = match reader.next()? {
         Some(Line::Competition(competition)) => *competition,
         Some(_) => return Err(reader.wrong("the first record is not a competition")),
@@ -214,9 +209,10 @@ impl<R: BufRead> BufRead for Section<'_, R> {
 
     fn consume(&mut self, count: usize) {
         // What is consumed was shown before, so it is there still.
-        let ends = self.file.fill_buf().map_or(0, |bytes| {
-            bytes.iter().take(count).filter(|byte| **byte == b'\n').count()
-        });
+        let ends = self
+            .file
+            .fill_buf()
+            .map_or(0, |bytes| bytes.iter().take(count).filter(|byte| **byte == b'\n').count());
         self.left = self.left.saturating_sub(ends);
         self.file.consume(count);
     }
@@ -333,14 +329,8 @@ impl Checker {
             let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
             let slot = attempt.plan[game.slot as usize];
             if game.voided.is_some() {
-                let none = Game {
-                    slot,
-                    score: 0.0,
-                    answers: 0,
-                    invalid: 0,
-                    clock_outs: 0,
-                    voided: true,
-                };
+                let none =
+                    Game { slot, score: 0.0, answers: 0, invalid: 0, clock_outs: 0, voided: true };
                 attempt.games.push(none);
                 continue;
             }
@@ -456,12 +446,7 @@ struct Asked<'a> {
     planned: &'a Planned,
 }
 
-fn check_time(
-    what: &str,
-    at: Timestamp,
-    from: Timestamp,
-    before: Timestamp,
-) -> Result<(), String> {
+fn check_time(what: &str, at: Timestamp, from: Timestamp, before: Timestamp) -> Result<(), String> {
     if from <= at && at < before {
         return Ok(());
     }

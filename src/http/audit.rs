@@ -3,16 +3,14 @@
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
-use serde_json::json;
 use utoipa::IntoParams;
 
 use super::App;
 use super::auth::{Caller, Organizer};
 use super::error::ApiError;
-use super::extract::{Page, Params};
+use super::extract::{Params, page, read_cursor, write_cursor};
 use super::openapi::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
-use crate::keys::OwnerKey;
 use crate::wire::competition::{AuditLog, Deed};
 use crate::wire::problem::Problem;
 
@@ -48,9 +46,12 @@ pub(super) async fn list_audit(
     _: Organizer,
     Params(params): Params<AuditParams>,
 ) -> Result<Json<AuditLog>, ApiError> {
-    let page = Page::read(&app, params.limit, params.cursor.as_deref())?;
-    let deeds = app.store.audit(page.before, page.limit + 1).await?;
-    let (deeds, next_cursor) = page.cut(deeds, |deed| deed.number);
+    let limit = page(&app.limits, params.limit)?;
+    let before = read_cursor(params.cursor.as_deref())?;
+    let mut deeds = app.store.audit(before, limit + 1).await?;
+    let has_more = deeds.len() > limit as usize;
+    deeds.truncate(limit as usize);
+    let next_cursor = deeds.last().filter(|_| has_more).map(|last| write_cursor(last.number));
     let items = deeds.into_iter().map(|deed| Deed {
         at: deed.at,
         who: deed.who,
@@ -70,24 +71,11 @@ impl Organizer {
         subject: &str,
         detail: serde_json::Value,
     ) -> Entry {
-        deed(app, &self.0, action, subject, detail)
+        deed(app, &self.key.id, action, subject, detail)
     }
 }
 
 impl Caller {
-    /// What an organizer does to something of somebody else, to be kept with the deed itself; none of
-    /// anybody else, and of what is the organizer's own.
-    pub(super) fn deed_for(
-        &self,
-        app: &App,
-        owner: Option<OwnerKey>,
-        action: &'static str,
-        subject: &str,
-    ) -> Option<Entry> {
-        let is_own = matches!(self, Self::Key(key) if owner.is_some() && key.number == owner);
-        self.deed(app, action, subject, json!({})).filter(|_| !is_own)
-    }
-
     /// What an organizer does, to be kept with the deed itself; none of anybody else.
     pub(super) fn deed(
         &self,

@@ -151,6 +151,25 @@ impl ApiError {
         Self { limit: Some(limit), ..Self::new(code, detail) }
     }
 
+    /// So little of the disk is free that nothing new is created.
+    #[must_use]
+    pub fn disk_full(least: u32) -> Self {
+        let detail = format!(
+            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
+        );
+        Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
+            .retry_after(Duration::from_mins(1))
+    }
+
+    /// A creation was repeated by its name, and is another one.
+    #[must_use]
+    pub fn other_body() -> Self {
+        Self::new(
+            Code::Invalid,
+            "this Idempotency-Key was used with another body; send that body, or another key",
+        )
+    }
+
     /// With the cap that was reached.
     fn with_limit(self, full: Full) -> Self {
         let (name, value) = full.limit();
@@ -289,17 +308,15 @@ impl From<ActError> for ApiError {
     }
 }
 
-impl From<manager::CreateError> for ApiError {
-    fn from(error: manager::CreateError) -> Self {
-        match error {
-            manager::CreateError::Full(full) => CreateError::Full(full).into(),
-            manager::CreateError::Journal(error) => error.into(),
-            manager::CreateError::DiskFull(least) => {
-                let detail = format!("{error}: what runs goes on, nothing new is created");
-                Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
-                    .retry_after(Duration::from_mins(1))
+impl From<Full> for ApiError {
+    fn from(full: Full) -> Self {
+        match full {
+            Full::BytesOfKey(_) => Self::new(Code::Forbidden, full.to_string()).with_limit(full),
+            Full::Episodes(_) | Full::EpisodesOfKey(_) | Full::BytesOfEpisode(_) => {
+                Self::new(Code::Overloaded, full.to_string())
+                    .with_limit(full)
+                    .retry_after(Duration::from_secs(10))
             }
-            manager::CreateError::Definition(_) => Self::new(Code::Invalid, error.to_string()),
         }
     }
 }
@@ -307,14 +324,20 @@ impl From<manager::CreateError> for ApiError {
 impl From<CreateError> for ApiError {
     fn from(error: CreateError) -> Self {
         match error {
-            CreateError::Full(full @ Full::BytesOfKey(_)) => {
-                Self::new(Code::Forbidden, full.to_string()).with_limit(full)
-            }
-            CreateError::Full(full) => Self::new(Code::Overloaded, full.to_string())
-                .with_limit(full)
-                .retry_after(Duration::from_secs(10)),
+            CreateError::Full(full) => full.into(),
             error @ CreateError::Closed(_) => Self::new(Code::Closed, error.to_string()),
             CreateError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<manager::CreateError> for ApiError {
+    fn from(error: manager::CreateError) -> Self {
+        match error {
+            manager::CreateError::Full(full) => full.into(),
+            manager::CreateError::DiskFull(least) => Self::disk_full(least),
+            manager::CreateError::Definition(problem) => Self::new(Code::Invalid, problem),
+            manager::CreateError::Journal(error) => error.into(),
         }
     }
 }

@@ -14,13 +14,15 @@ use tokio::time::Instant;
 use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
+use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::competition::{
-    AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest, VoidRequest,
+    AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest,
 };
-use crate::wire::episode::EpisodeRequest;
+use crate::wire::episode::{EpisodeRequest, VoidRequest};
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
+use crate::wire::run::RunRequest;
 
 /// A body that knows the names of its fields.
 pub(super) trait Named: DeserializeOwned {
@@ -57,6 +59,10 @@ impl Named for EntrantChange {
 }
 
 impl Named for AttemptRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for RunRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -194,11 +200,16 @@ fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     if !unknown.is_empty() {
         return ApiError::fields(unknown);
     }
-    // The field that is wrong is the one without which the rest is read differently.
+    // The field that is wrong is the one without which the rest is read differently. Alone it leaves out
+    // others, which is not its fault; but what is missing inside of it is.
+    let is_left_out = |error: &str| {
+        let named = error.strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
+        named.is_some_and(|named| T::FIELDS.contains(&named))
+    };
     let wrong = (object.keys()).find(|key| {
         let alone = serde_json::Map::from_iter([((*key).clone(), object[*key].clone())]);
         let result = serde_json::from_value::<T>(serde_json::Value::Object(alone));
-        result.is_err_and(|error| !error.to_string().starts_with("missing field"))
+        result.is_err_and(|error| !is_left_out(&error.to_string()))
     });
     let problem = error.to_string();
     // Where in the text it went wrong helps nobody who did not write it by hand.
@@ -257,48 +268,60 @@ impl<S: Sync + Send> FromRequestParts<S> for Ids {
     }
 }
 
-/// Which page of a list is asked for: the items whose numbers are below `before`, so many at most.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Page {
-    pub(super) before: Option<i64>,
-    pub(super) limit: u32,
+/// The name of a creation that may be repeated, if it has one. Everybody has names of their own.
+pub(super) fn idempotency_key(
+    headers: &HeaderMap,
+    owner: Option<OwnerKey>,
+    limits: &Limits,
+) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let most = limits.idempotency_key_chars_max;
+    match (value.to_str(), owner) {
+        (Ok(key), Some(OwnerKey(number))) if (1..=most).contains(&key.len()) => {
+            Ok(Some(format!("{number}/{key}")))
+        }
+        (Ok(key), None) if (1..=most).contains(&key.len()) => Ok(Some(format!("/{key}"))),
+        _ => Err(ApiError::new(
+            Code::Malformed,
+            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
+        )),
+    }
 }
 
-impl Page {
-    /// Checks what was asked for.
-    pub(super) fn read(
-        app: &App,
-        limit: Option<u32>,
-        cursor: Option<&str>,
-    ) -> Result<Self, ApiError> {
-        let most = app.limits.page_items_max;
-        let limit = limit.unwrap_or(app.limits.page_items_default);
-        if !(1..=most).contains(&limit) {
-            let detail = format!("limit must be from 1 to {most}, is {limit}");
-            return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
-        }
-        let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
-        let before = match cursor {
-            None => None,
-            Some(text) => Some(number(text).filter(|number| *number >= 0).ok_or_else(|| {
-                let detail = "cursor must be the next_cursor of an earlier page";
-                ApiError::new(Code::Malformed, detail)
-            })?),
-        };
-        Ok(Self { before, limit })
+/// How many items a page of a list is to have, checked.
+pub(super) fn page(limits: &Limits, asked: Option<u32>) -> Result<u32, ApiError> {
+    let most = limits.page_items_max;
+    let limit = asked.unwrap_or(limits.page_items_default);
+    if (1..=most).contains(&limit) {
+        return Ok(limit);
     }
+    let detail = format!("limit must be from 1 to {most}, is {limit}");
+    Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail))
+}
 
-    /// The items of the page, of one more than it may have, and the cursor of the next page.
-    pub(super) fn cut<T>(
-        self,
-        mut items: Vec<T>,
-        number: impl Fn(&T) -> i64,
-    ) -> (Vec<T>, Option<String>) {
-        let has_more = items.len() > self.limit as usize;
-        items.truncate(self.limit as usize);
-        let last = items.last().filter(|_| has_more);
-        let next = last.map(|last| format!("c{:x}", number(last)));
-        (items, next)
+/// Where a page of a list begins: after the item with this number.
+pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
+    let Some(text) = text else { return Ok(None) };
+    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
+    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
+        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
+    })?;
+    Ok(Some(number))
+}
+
+/// The cursor of the page after the item with this number.
+pub(super) fn write_cursor(number: i64) -> String {
+    format!("c{number:x}")
+}
+
+/// Refuses a filter that is none of the names that there are.
+pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
+    match value {
+        Some(value) if !names.contains(&value) => {
+            let detail = format!("{field} must be one of {}", names.join(", "));
+            Err(ApiError::new(Code::Malformed, detail))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,8 +1,10 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
 mod agent;
+mod answer;
 mod audit;
 pub mod auth;
+mod checks;
 mod client;
 mod competitions;
 mod episodes;
@@ -14,6 +16,7 @@ pub mod limits;
 pub mod openapi;
 mod pace;
 mod router;
+mod runs;
 pub mod serve;
 mod swarm;
 mod waiting;

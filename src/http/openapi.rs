@@ -22,6 +22,7 @@ use super::limits::Limits;
         (name = "agent", description = "One agent of one episode: two calls and a seat token."),
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
         (name = "competitions", description = "Competitions on sealed seeds; what organizers did."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
@@ -30,6 +31,7 @@ use super::limits::Limits;
         crate::wire::episode::EpisodeResult,
         crate::wire::episode::RoundEvent,
         crate::wire::problem::Problem,
+        crate::wire::run::RunGame,
     )),
     modifiers(&Rest)
 )]
@@ -47,7 +49,7 @@ impl Modify for Rest {
             ("seat", "A seat token: one agent of one episode."),
             (
                 "swarm",
-                "A swarm token: all seats of an episode; its holder stands where the creator does.",
+                "A swarm token: all seats of an episode, or of all episodes of a run; its holder stands where the creator does.",
             ),
             (
                 "key",
@@ -126,7 +128,7 @@ impl IntoResponses for BodyRefusals {
     }
 }
 
-/// What every route with an episode's id may answer beside its own.
+/// What every route with an id may answer beside its own.
 pub(super) struct IdRefusals;
 
 impl IntoResponses for IdRefusals {

@@ -22,7 +22,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, audit, client, competitions, episodes, host, keys, openapi, swarm};
+use super::{App, agent, audit, client, competitions, episodes, host, keys, openapi, runs, swarm};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -37,6 +37,12 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(episodes::void::void_episode))
+        .routes(routes!(runs::create::create_run, runs::list::list_runs))
+        .routes(routes!(runs::show::show_run, runs::abort::abort_run))
+        .routes(routes!(runs::token::replace_run_token))
+        .routes(routes!(runs::events::stream_run_events))
+        .routes(routes!(runs::suites::list_suites))
         .routes(routes!(
             competitions::create::create_competition,
             competitions::list::list_competitions
@@ -47,14 +53,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
             competitions::register::register_entrant,
             competitions::entrants::list_entrants
         ))
-        .routes(routes!(
-            competitions::entrants::show_entrant,
-            competitions::change::change_entrant
-        ))
-        .routes(routes!(
-            competitions::start::start_attempt,
-            competitions::attempts::list_attempts
-        ))
+        .routes(routes!(competitions::entrants::show_entrant, competitions::change::change_entrant))
+        .routes(routes!(competitions::start::start_attempt, competitions::attempts::list_attempts))
         .routes(routes!(competitions::void::void_attempt))
         .routes(routes!(competitions::board::show_board))
         .routes(routes!(competitions::export::export_competition))

@@ -12,9 +12,7 @@ use crate::competition::definition::Definition;
 use crate::competition::sealed::{SEED_BYTES, Sealed};
 use crate::competition::standings::{Declaration, Entrant};
 use crate::ids::TokenHash;
-use crate::journal::{
-    CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey,
-};
+use crate::journal::{CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey};
 use crate::keys::OwnerKey;
 
 /// A competition as it is stored.
@@ -328,8 +326,7 @@ fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
     if !rest.is_empty() {
         return Err(decode("seeds have 16 bytes each"));
     }
-    let sealed =
-        Sealed { salt: bytes("salt")?.try_into().map_err(wrong)?, seeds: seeds.to_vec() };
+    let sealed = Sealed { salt: bytes("salt")?.try_into().map_err(wrong)?, seeds: seeds.to_vec() };
     let definition = serde_json::from_str(&row.try_get::<String, _>("definition")?);
     Ok(StoredCompetition {
         key: CompetitionKey(row.try_get("key")?),

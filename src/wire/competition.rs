@@ -512,19 +512,6 @@ pub struct AttemptList {
     pub next_cursor: Option<String>,
 }
 
-/// What the host broke.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct VoidRequest {
-    /// What happened; everybody sees it. 1 to 500 characters.
-    pub reason: String,
-}
-
-impl VoidRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["reason"];
-}
-
 /// What an attempt came to in a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TaskMean {
@@ -606,7 +593,8 @@ impl CompetitionRow {
     #[must_use]
     pub fn of(row: &Row, entrant: &Entrant, with_tasks: bool) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
-        let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+        let share =
+            |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
         Self {
             rank: row.rank,
             entrant: entrant.into(),

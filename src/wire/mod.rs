@@ -10,6 +10,7 @@ pub mod episode;
 pub mod key;
 pub mod observation;
 pub mod problem;
+pub mod run;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;

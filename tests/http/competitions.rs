@@ -137,7 +137,10 @@ async fn who_has_no_key_gets_one_that_is_good_for_the_competition_alone() {
         (json!({ "name": "green", "model": "m", "top_p": 2 }), "top_p"),
         (json!({ "name": "green", "model": "m", "prompt_template": "{{" }), "prompt_template"),
         (json!({ "name": "green", "model": "m", "code": "x" }), "code"),
-        (json!({ "name": "green", "model": "m", "agent_meta": { "a": "x".repeat(20_000) } }), "agent_meta"),
+        (
+            json!({ "name": "green", "model": "m", "agent_meta": { "a": "x".repeat(20_000) } }),
+            "agent_meta",
+        ),
     ] {
         let call = app.post(&cup.path("/entrants")).json(&entry);
         assert_eq!(fields(&call.problem(422, "invalid").await), [field], "{entry}");
@@ -230,8 +233,7 @@ async fn attempts_are_started_within_their_number_and_their_windows() {
     ]);
     let cup = Cup::with(&app, json!({ "attempts": windows })).await;
     let blue = cup.enter(&app, "blue").await;
-    let start =
-        |body: Value| app.post(&cup.path("/attempts")).token(&blue.key).json(&body);
+    let start = |body: Value| app.post(&cup.path("/attempts")).token(&blue.key).json(&body);
     app.pass(Duration::from_millis(10 * 60_000 - 1));
     start(json!({})).problem(409, "closed").await;
     app.pass(Duration::from_millis(1));
@@ -423,7 +425,9 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
         entrants.push(blue);
     }
     let board = async |cup: &Cup| app.get(&cup.path("/board")).ok().await;
-    for (cup, shows, rows) in [(&public, "totals", 1), (&hidden, "nothing", 0), (&frozen, "totals", 1)] {
+    for (cup, shows, rows) in
+        [(&public, "totals", 1), (&hidden, "nothing", 0), (&frozen, "totals", 1)]
+    {
         let shown = board(cup).await;
         assert_eq!((&shown["shows"], list(&shown["items"]).len()), (&json!(shows), rows));
         for row in list(&shown["items"]) {
@@ -440,7 +444,10 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
     let second = frozen.start(&app, &entrants[2]).await;
     second.play(&app, 4).await;
     let shown = board(&frozen).await;
-    assert_eq!((&shown["items"][0]["total"], &shown["frozen_at"]), (&before, &json!("2026-03-01T12:30:00Z")));
+    assert_eq!(
+        (&shown["items"][0]["total"], &shown["frozen_at"]),
+        (&before, &json!("2026-03-01T12:30:00Z"))
+    );
     assert_eq!(shown["items"][0]["attempts"], 1);
     let all = app.get(&frozen.path("/board")).token(&app.organizer).ok().await;
     assert_eq!(all["items"][0]["attempts"], 2);
@@ -467,7 +474,10 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
         row[head.iter().position(|column| column == name).expect("a column")].to_owned()
     };
     let total = all["items"][0]["total"].as_f64().expect("a number");
-    assert_eq!((cell("rank"), cell("name"), cell("total")), ("1".to_owned(), "blue".to_owned(), total.to_string()));
+    assert_eq!(
+        (cell("rank"), cell("name"), cell("total")),
+        ("1".to_owned(), "blue".to_owned(), total.to_string())
+    );
     assert_eq!(cell("Flocking_games"), "2");
     app.get(&frozen.path("/board?format=xml")).problem(400, "malformed").await;
 }
@@ -475,7 +485,9 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
 #[tokio::test]
 async fn what_was_not_played_counts_as_nothing() {
     let app = server().await;
-    let cup = Cup::open(&app, json!({ "clocks": { "round_deadline_s": 10, "idle_timeout_s": 60 } })).await;
+    let cup =
+        Cup::open(&app, json!({ "clocks": { "round_deadline_s": 10, "idle_timeout_s": 60 } }))
+            .await;
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
     for _ in 0..3 {

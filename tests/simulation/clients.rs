@@ -256,8 +256,7 @@ pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let clocked = dice.below(2) < times.clocked;
     let bank = [0, 0, 2_500, 60_000][dice.below(4)];
     let closes_ms = [20, 3_000, 60_000, 1_500_000][dice.below(4)];
-    let closes_at =
-        (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
+    let closes_at = (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
     let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
     Spec {
         config: Arc::new(config),

@@ -98,8 +98,21 @@ fn csv(board: &CompetitionBoard) -> Result<Vec<u8>, ApiError> {
     let tasks: Vec<&str> =
         first.map_or(Vec::new(), |row| row.tasks.iter().map(|task| task.task.as_str()).collect());
     let mut head: Vec<String> = [
-        "rank", "entrant", "name", "model", "temperature", "top_p", "prompt_template", "status",
-        "reason", "vouched", "decentralization", "attempt", "run", "run_status", "total",
+        "rank",
+        "entrant",
+        "name",
+        "model",
+        "temperature",
+        "top_p",
+        "prompt_template",
+        "status",
+        "reason",
+        "vouched",
+        "decentralization",
+        "attempt",
+        "run",
+        "run_status",
+        "total",
     ]
     .map(str::to_owned)
     .to_vec();
@@ -107,8 +120,7 @@ fn csv(board: &CompetitionBoard) -> Result<Vec<u8>, ApiError> {
         let columns = ["mean", "deviation", "games", "planned"];
         head.extend(columns.map(|column| format!("{task}_{column}")));
     }
-    let last =
-        ["invalid_share", "clock_share", "voided_games", "attempts", "voided_attempts"];
+    let last = ["invalid_share", "clock_share", "voided_games", "attempts", "voided_attempts"];
     head.extend(last.map(str::to_owned));
     writer.write_record(&head).map_err(failed)?;
     for row in &board.items {

@@ -5,10 +5,10 @@ use serde_json::json;
 
 use super::super::App;
 use super::super::auth::Organizer;
+use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
-use super::check_reason;
 use crate::competition::EntrantStatus;
 use crate::journal::{Entry, Journal};
 use crate::wire::competition::{EntrantChange, EntrantSummary};
@@ -53,7 +53,9 @@ pub(in super::super) async fn change_entrant(
         })?),
     };
     if let Some(reason) = &reason {
-        check_reason(reason)?;
+        let mut problems = Problems::default();
+        problems.text("reason", reason, app.limits.reason_chars_max);
+        problems.none_or(Some(()))?;
     }
     match (status, &reason) {
         (Some(EntrantStatus::Disqualified), None) => {

@@ -1,11 +1,12 @@
 //! `POST /api/v1/competitions/{id}/codes`.
 
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use serde_json::json;
 
 use super::super::App;
+use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
@@ -71,17 +72,13 @@ pub(in super::super) async fn create_codes(
     let tokens: Vec<Token> =
         labels.iter().map(|_| Token::new(TokenKind::Invitation, &*app.entropy)).collect();
     let codes = tokens.iter().zip(&labels).map(|(token, label)| (token.hash(), label.clone()));
-    let entry =
-        Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
+    let entry = Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
     let deed = organizer.deed(&app, "competition.codes", &id, json!({ "labels": labels }));
     app.store.keep(vec![entry, deed]).await?;
-    let items = tokens.iter().zip(labels).map(|(token, label)| InvitationCode {
-        label,
-        code: token.reveal().to_owned(),
-    });
+    let items = tokens
+        .iter()
+        .zip(labels)
+        .map(|(token, label)| InvitationCode { label, code: token.reveal().to_owned() });
     let body = InvitationCodes { items: items.collect() };
-    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
-    // Codes must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    Ok(response)
+    Ok(with_tokens(StatusCode::CREATED, body))
 }

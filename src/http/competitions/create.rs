@@ -1,13 +1,14 @@
 //! `POST /api/v1/competitions`.
 
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use jiff::Timestamp;
 use serde_json::json;
 
 use super::super::App;
+use super::super::answer;
 use super::super::auth::Organizer;
+use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
@@ -21,9 +22,9 @@ use crate::competition::sealed::Sealed;
 use crate::journal::{CompetitionRow, Entry, Journal, Secret};
 use crate::run::suite::SuiteSettings;
 use crate::wire::competition::{
-    AttemptWindow, Attempts, Clocks, Competition, CompetitionRequest, SealedSettings,
+    AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };
-use crate::wire::problem::{FieldProblem, Problem};
+use crate::wire::problem::Problem;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///
@@ -71,20 +72,19 @@ pub(in super::super) async fn create_competition(
     tracing::info!(competition = %id, commitment, "created");
     let stored = app.store.find_competition(&id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
-    let mut response =
-        (StatusCode::CREATED, axum::Json(shown(&stored, now))).into_response();
-    if let Ok(location) = HeaderValue::try_from(format!("/api/v1/competitions/{id}")) {
-        response.headers_mut().insert(header::LOCATION, location);
-    }
-    Ok(response)
+    Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }
 
 /// Checks everything that was asked for; all that is wrong is named at once.
 fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
-    let mut problems: Vec<FieldProblem> = Vec::new();
-    let mut refuse = |field: &str, problem: String| {
-        problems.push(FieldProblem { field: field.to_owned(), problem });
-    };
+    let mut problems = Problems::default();
+    let clocks = request.clocks.unwrap_or_default();
+    let deadline_s = clocks.round_deadline_s;
+    let deadline = problems.seconds("clocks.round_deadline_s", deadline_s, 1.0, 0.05, 86_400.0);
+    let bank = problems.seconds("clocks.bank_s", clocks.bank_s, 0.0, 0.0, 604_800.0);
+    let idle_s = clocks.idle_timeout_s;
+    let idle = problems.seconds("clocks.idle_timeout_s", idle_s, 86_400.0, 1.0, 31_536_000.0);
+    let mut refuse = |field: &str, problem: String| problems.refuse(field, problem);
     let is_missing = || "is missing".to_owned();
     for (field, is_there) in [
         ("name", request.name.is_some()),
@@ -95,26 +95,12 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
             refuse(field, is_missing());
         }
     }
-    let clocks = request.clocks.unwrap_or_default();
-    let Clocks { round_deadline_s, bank_s, idle_timeout_s } = clocks;
-    if round_deadline_s.is_none() {
+    if deadline_s.is_none() {
         refuse(
             "clocks.round_deadline_s",
             "is missing: a round that runs at the closing time could go on for ever".to_owned(),
         );
     }
-    let mut seconds = |field: &str, value: f64, low: f64, high: f64| {
-        if !(low..=high).contains(&value) {
-            refuse(field, format!("must be from {low} to {high} seconds, is {value}"));
-            return 0;
-        }
-        millis(super::super::episodes::duration(value))
-    };
-    let deadline =
-        seconds("clocks.round_deadline_s", round_deadline_s.unwrap_or(1.0), 0.05, 86_400.0);
-    let bank = seconds("clocks.bank_s", bank_s.unwrap_or(0.0), 0.0, 604_800.0);
-    let idle =
-        seconds("clocks.idle_timeout_s", idle_timeout_s.unwrap_or(86_400.0), 1.0, 31_536_000.0);
     let entry = one_of(request.entry, Admission::ALL, Admission::name, "entry", &mut refuse);
     let counts = one_of(request.counts, Counts::ALL, Counts::name, "counts", &mut refuse);
     let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
@@ -143,8 +129,8 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         tasks: suite.tasks.unwrap_or_else(all_tasks),
         seeds: suite.seeds.unwrap_or(5),
         rules: suite.rules.unwrap_or_else(|| "paper".to_owned()),
-        settings: settings(suite.settings.unwrap_or_default(), deadline, bank),
-        idle_timeout_ms: idle,
+        settings: settings(suite.settings.unwrap_or_default(), millis(deadline), millis(bank)),
+        idle_timeout_ms: millis(idle),
         opens_at,
         closes_at,
         entry: entry.unwrap_or(Admission::Anybody),
@@ -155,9 +141,10 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         board_freezes_at: request.board_freezes_at,
         entries_per_key: request.entries_per_key.unwrap_or(1),
     };
-    let more = definition.problems(now).into_iter();
-    problems.extend(more.map(|(field, problem)| FieldProblem { field, problem }));
-    if problems.is_empty() { Ok(definition) } else { Err(ApiError::fields(problems)) }
+    for (field, problem) in definition.problems(now) {
+        problems.refuse(&field, problem);
+    }
+    problems.none_or(Some(definition))
 }
 
 fn settings(asked: SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSettings {

@@ -94,8 +94,9 @@ enum Piece {
 impl Reader {
     fn new(app: App, field: Field) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
-        let StoredCompetition { id, definition, sealed, commitment, created_at, revealed_at, .. } =
-            &field.competition;
+        let StoredCompetition {
+            id, definition, sealed, commitment, created_at, revealed_at, ..
+        } = &field.competition;
         let seeds = sealed.seeds.iter().map(|seed| hex(seed)).collect();
         let mut pieces = VecDeque::new();
         let record = |pieces: &mut VecDeque<Piece>, line| {
@@ -117,8 +118,7 @@ impl Reader {
         }
         for (stored, games) in &field.attempts {
             let is_broken = stored.void_reason.is_some();
-            let games: Vec<_> =
-                games.iter().filter(|game| game.is_over() && !is_broken).collect();
+            let games: Vec<_> = games.iter().filter(|game| game.is_over() && !is_broken).collect();
             let attempt = Attempt {
                 entrant: field.entrant_of(stored)?.entrant.id.clone(),
                 attempt: stored.number,

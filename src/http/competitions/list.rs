@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Page, Params};
+use super::super::extract::{Params, page, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::journal::CompetitionKey;
@@ -46,10 +46,12 @@ pub(in super::super) async fn list_competitions(
     Params(params): Params<ListParams>,
 ) -> Result<Json<CompetitionList>, ApiError> {
     caller.may_look_around(&app.access)?;
-    let page = Page::read(&app, params.limit, params.cursor.as_deref())?;
-    let before = page.before.map(CompetitionKey);
-    let stored = app.store.list_competitions(before, page.limit + 1).await?;
-    let (stored, next_cursor) = page.cut(stored, |stored| stored.key.0);
+    let limit = page(&app.limits, params.limit)?;
+    let before = read_cursor(params.cursor.as_deref())?.map(CompetitionKey);
+    let mut stored = app.store.list_competitions(before, limit + 1).await?;
+    let has_more = stored.len() > limit as usize;
+    stored.truncate(limit as usize);
+    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key.0));
     let now = app.clock.now();
     let items = stored.iter().map(|stored| shown(stored, now)).collect();
     Ok(Json(CompetitionList { items, next_cursor }))

@@ -26,9 +26,6 @@ use crate::store::competitions::{StoredAttempt, StoredCompetition, StoredEntrant
 use crate::store::runs::StoredGame;
 use crate::wire::competition::{AttemptSummary, Competition, Revealed};
 
-/// Characters of a reason that everybody sees.
-const REASON_CHARS_MAX: usize = 500;
-
 impl App {
     /// A competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
@@ -178,14 +175,4 @@ impl Field {
         }
         Ok(summaries)
     }
-}
-
-/// A reason that everybody sees.
-fn check_reason(reason: &str) -> Result<(), ApiError> {
-    let is_text = !reason.chars().any(char::is_control) && !reason.trim().is_empty();
-    if is_text && (1..=REASON_CHARS_MAX).contains(&reason.chars().count()) {
-        return Ok(());
-    }
-    let problem = format!("must be 1 to {REASON_CHARS_MAX} characters without control characters");
-    Err(ApiError::field("reason", problem))
 }

@@ -1,11 +1,13 @@
 //! `POST /api/v1/competitions/{id}/entrants`.
 
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 
 use super::super::App;
+use super::super::answer::with_tokens;
 use super::super::auth::Caller;
+use super::super::checks::Problems;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
@@ -15,10 +17,9 @@ use crate::competition::standings::Declaration;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::prompt;
 use crate::store::competitions::StoredCompetition;
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
-use crate::wire::problem::{FieldProblem, Problem};
+use crate::wire::problem::Problem;
 
 /// Enter a competition.
 ///
@@ -71,36 +72,21 @@ pub(in super::super) async fn register_entrant(
 
 /// What is wrong with a declaration; all at once.
 fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
-    let mut problems = Vec::new();
-    let mut refuse = |field: &str, problem: String| {
-        problems.push(FieldProblem { field: field.to_owned(), problem });
-    };
-    let limits = &app.limits;
-    for (field, text, most) in [
-        ("name", &request.name, crate::keys::NAME_CHARS_MAX),
-        ("model", &request.model, limits.model_chars_max),
-    ] {
-        if !(1..=most).contains(&text.chars().count()) || text.chars().any(char::is_control) {
-            refuse(field, format!("must be 1 to {most} characters without control characters"));
+    let mut problems = Problems::default();
+    problems.text("name", &request.name, crate::keys::NAME_CHARS_MAX);
+    problems.model(&app.limits, &request.model);
+    for (field, value, most) in
+        [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
+    {
+        if value.is_some_and(|value| !(0.0..=most).contains(&value)) {
+            problems.refuse(field, format!("must be from 0 to {most}"));
         }
     }
-    if request.temperature.is_some_and(|t| !t.is_finite() || t < 0.0) {
-        refuse("temperature", "must be a number from 0 on".to_owned());
+    if let Some(meta) = &request.agent_meta {
+        problems.agent_meta(&app.limits, meta);
     }
-    if request.top_p.is_some_and(|p| !(0.0..=1.0).contains(&p)) {
-        refuse("top_p", "must be from 0 to 1".to_owned());
-    }
-    let meta_bytes = serde_json::to_vec(&request.agent_meta).map_or(0, |json| json.len());
-    if meta_bytes > limits.agent_meta_bytes_max {
-        let most = limits.agent_meta_bytes_max;
-        refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
-    }
-    if let Some(template) = &request.prompt_template
-        && let Err(error) = prompt::check(template)
-    {
-        refuse("prompt_template", error.to_string());
-    }
-    if problems.is_empty() { Ok(()) } else { Err(ApiError::fields(problems)) }
+    problems.template(request.prompt_template.as_deref());
+    problems.none_or(Some(()))
 }
 
 async fn register(
@@ -169,10 +155,7 @@ async fn register(
     let entrant = app.entrant(competition, &id).await?;
     let key = secret.map(|token| token.reveal().to_owned());
     let body = CreatedEntrant { entrant: (&entrant.entrant).into(), key };
-    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
-    // Keys must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    Ok(response)
+    Ok(with_tokens(StatusCode::CREATED, body))
 }
 
 /// The invitation that a code stands for, where one is needed.

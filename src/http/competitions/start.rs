@@ -1,15 +1,15 @@
 //! `POST /api/v1/competitions/{id}/attempts`.
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use sha2::{Digest, Sha256};
 
 use super::super::App;
+use super::super::answer;
 use super::super::auth::Caller;
-use super::super::episodes::create::idempotency_key;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
 use crate::competition::phase::attempt as choose;
@@ -57,9 +57,9 @@ pub(in super::super) async fn start_attempt(
     let owner = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
     let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
-    let name = idempotency_key(&headers, &app.limits)?;
-    // Everybody has names of their own.
-    let name = name.map(|name| format!("{}/{name}", entrant.entrant.id));
+    let name = idempotency_key(&headers, owner, &app.limits)?;
+    // So has every competition.
+    let name = name.map(|name| format!("{}/{name}", competition.id));
     let body: [u8; 32] = Sha256::digest(&body).into();
     let idempotency = name.map(|name| (name, body));
     // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
@@ -69,12 +69,13 @@ pub(in super::super) async fn start_attempt(
             && let Some((run, first)) = app.store.run_created_with(name).await?
         {
             if first != *body {
-                let detail = "this Idempotency-Key was used with another body; send that body, or another key";
-                return Err(ApiError::new(Code::Invalid, detail));
+                return Err(ApiError::other_body());
             }
             let number = run.attempt.map_or(0, |(_, number)| number);
             let token = app.runs.replace_token(run.run).await?;
-            app.forget_tokens(|grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run));
+            app.forget_tokens(
+                |grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run),
+            );
             return started(&competition, &entrant, number, run.id, &token);
         }
         start(&app, &competition, &entrant, request.attempt, idempotency).await
@@ -156,8 +157,5 @@ fn started(
         closes_at: window.closes_at,
         swarm_token: token.reveal().to_owned(),
     };
-    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
-    // Tokens must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    Ok(response)
+    Ok(answer::created(&format!("/api/v1/runs/{}", body.run), &body))
 }

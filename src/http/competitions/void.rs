@@ -5,13 +5,14 @@ use serde_json::json;
 
 use super::super::App;
 use super::super::auth::Organizer;
+use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
-use super::check_reason;
 use crate::journal::{Entry, Journal};
 use crate::run::RunStatus;
-use crate::wire::competition::{AttemptSummary, VoidRequest};
+use crate::wire::competition::AttemptSummary;
+use crate::wire::episode::VoidRequest;
 use crate::wire::problem::Problem;
 
 /// Say that the host broke an attempt: it ends, does not count, and may be started again on the same seeds.
@@ -44,7 +45,9 @@ pub(in super::super) async fn void_attempt(
     _: Params<Nothing>,
     Json(VoidRequest { reason }, _): Json<VoidRequest>,
 ) -> Result<axum::Json<AttemptSummary>, ApiError> {
-    check_reason(&reason)?;
+    let mut problems = Problems::default();
+    problems.text("reason", &reason, app.limits.reason_chars_max);
+    let reason = problems.none_or(Some(reason))?;
     App::to_its_end(async move {
         let stored = app.store.find_competition(&id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;

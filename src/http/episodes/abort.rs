@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use serde_json::json;
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -40,10 +41,9 @@ pub(in super::super) async fn abort_episode(
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
     let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
-    match caller.deed_for(&app, owner, "episode.abort", handle.id.as_str()) {
-        Some(deed) => handle.abort_with(vec![deed]).await?,
-        None => handle.abort().await?,
-    }
+    let now = app.clock.now();
+    let deed = caller.audit(owner, now, "episode.abort", handle.id.as_str(), json!({}));
+    handle.abort_with(deed.into_iter().collect()).await?;
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {
         let detail = format!("the episode has ended already, as {}", snapshot.status.name());

@@ -1,12 +1,12 @@
 //! `POST /api/v1/keys`.
 
-use axum::Json as JsonBody;
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use serde_json::json;
 
 use super::super::App;
+use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
@@ -57,8 +57,5 @@ pub(in super::super) async fn create_key(
     let deed = organizer.deed(&app, "key.create", &key.id, detail);
     let row = KeyRow { key, hash: token.hash() };
     app.store.keep(vec![Entry::AddKey(Box::new(row)), deed]).await?;
-    let mut response = (StatusCode::CREATED, JsonBody(created)).into_response();
-    // Keys must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    Ok(response)
+    Ok(with_tokens(StatusCode::CREATED, created))
 }

@@ -11,7 +11,7 @@ use tokio::sync::watch;
 
 use super::App;
 use super::auth::Swarm;
-use super::error::ApiError;
+use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::ids::EpisodeId;
 use crate::journal::RunKey;
@@ -59,11 +59,16 @@ impl Source {
             }
             Self::Run { table, .. } => {
                 let Table { open, is_over } = table.borrow_and_update().clone();
-                let found = join_all(open.iter().map(|id| app.episode(id))).await;
-                // One that cannot be taken up was logged, and keeps nobody from playing the others.
-                let handles = found.into_iter().filter_map(Result::ok);
-                let seated = handles.map(|handle| Seated { handle, seats: Seats::Creators });
-                Ok((seated.collect(), Some(is_over)))
+                let mut seated = Vec::with_capacity(open.len());
+                for found in join_all(open.iter().map(|id| app.episode(id))).await {
+                    match found {
+                        Ok(handle) => seated.push(Seated { handle, seats: Seats::Creators }),
+                        // One whose journal is broken was logged, and keeps nobody from playing the others.
+                        Err(error) if error.code() == Code::Internal => {}
+                        Err(error) => return Err(error),
+                    }
+                }
+                Ok((seated, Some(is_over)))
             }
         }
     }
