@@ -9,8 +9,9 @@ use jiff::Timestamp;
 use super::play::table;
 use crate::players::client::Client;
 use crate::wire::competition::{
-    CodesRequest, Competition, CompetitionBoard, CompetitionList, EntrantChange, EntrantList,
-    EntrantSummary, InvitationCodes,
+    AttemptList, AttemptRequest, CodesRequest, Competition, CompetitionBoard, CompetitionList,
+    CreatedEntrant, EntrantChange, EntrantList, EntrantRequest, EntrantSummary, InvitationCodes,
+    StartedAttempt,
 };
 use crate::wire::episode::VoidRequest;
 
@@ -34,7 +35,7 @@ pub(super) struct Args {
     /// The address of the server.
     #[arg(long, global = true, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
-    /// An organizer's key, where one is needed.
+    /// Your key: an organizer's, or that of an entrant.
     #[arg(long, global = true, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
 }
@@ -63,6 +64,45 @@ enum Command {
         /// For whom each code is: nobody but organizers sees that.
         #[arg(required = true)]
         labels: Vec<String>,
+    },
+    /// Enter a competition, and show the key for it, this once. Who has a key already enters with that.
+    Enter {
+        /// The competition's id.
+        id: String,
+        /// The name on the board.
+        #[arg(long)]
+        name: String,
+        /// The model that plays.
+        #[arg(long)]
+        model: String,
+        /// Its sampling temperature.
+        #[arg(long)]
+        temperature: Option<f64>,
+        /// Its nucleus of sampling.
+        #[arg(long)]
+        top_p: Option<f64>,
+        /// A file with a prompt template of its own.
+        #[arg(long)]
+        prompt_template: Option<PathBuf>,
+        /// The invitation code, where one is needed.
+        #[arg(long)]
+        code: Option<String>,
+    },
+    /// Start an attempt, and show its swarm token: play with it over /swarm/obs and /swarm/act.
+    Attempt {
+        /// The competition's id.
+        id: String,
+        /// Whose attempt it is, where the key has several entrants.
+        #[arg(long)]
+        entrant: Option<String>,
+        /// Its number; the next one that is open where it is left out.
+        #[arg(long)]
+        attempt: Option<u32>,
+    },
+    /// Show your own attempts and what they came to; an organizer sees all.
+    Attempts {
+        /// The competition's id.
+        id: String,
     },
     /// List the entrants.
     Entrants {
@@ -173,6 +213,68 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             }
             println!("{table}");
             eprintln!("Each is good for one entrant. They cannot be shown again.");
+        }
+        Command::Enter { id, name, model, temperature, top_p, prompt_template, code } => {
+            let read = |file: PathBuf| {
+                std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+            };
+            let prompt_template = prompt_template.map(read).transpose()?;
+            let agent_meta = None;
+            let request = EntrantRequest {
+                name,
+                model,
+                temperature,
+                top_p,
+                agent_meta,
+                prompt_template,
+                code,
+            };
+            let made: CreatedEntrant = client.post(&path(&id, "/entrants"), &request).await?;
+            if let Some(key) = &made.key {
+                println!("{key}");
+            }
+            eprintln!(
+                "{:?} takes part as {}. {}",
+                made.entrant.name,
+                made.entrant.id,
+                match made.key {
+                    Some(_) => "The key cannot be shown again: put it into SWARMBENCH_KEY.",
+                    None => "It belongs to your key.",
+                }
+            );
+        }
+        Command::Attempt { id, entrant, attempt } => {
+            let request = AttemptRequest { entrant, attempt };
+            let started: StartedAttempt = client.post(&path(&id, "/attempts"), &request).await?;
+            println!("{}", started.swarm_token);
+            eprintln!(
+                "Attempt {} of {} has {} games, in {}. No round begins after {}.\nThis is its swarm token; a lost one is \
+                 replaced by POST /api/v1/runs/{}/token.",
+                started.attempt,
+                started.entrant,
+                started.games,
+                started.run,
+                started.closes_at,
+                started.run
+            );
+        }
+        Command::Attempts { id } => {
+            let list: AttemptList = client.get(&path(&id, "/attempts")).await?;
+            let mut shown =
+                table(&["entrant", "attempt", "run", "status", "games", "total", "note"]);
+            for attempt in list.items {
+                let note = attempt.voided.map(|reason| format!("does not count: {reason}"));
+                shown.add_row([
+                    attempt.entrant,
+                    attempt.attempt.to_string(),
+                    attempt.run,
+                    attempt.status,
+                    format!("{} of {}", attempt.games_ended, attempt.games),
+                    attempt.total.map_or_else(String::new, |total| format!("{total:.2}")),
+                    note.unwrap_or_default(),
+                ]);
+            }
+            println!("{shown}");
         }
         Command::Entrants { id } => {
             let list: EntrantList = client.get(&path(&id, "/entrants")).await?;

@@ -41,7 +41,7 @@ enum Command {
     /// Make, list and revoke the keys of people.
     Key(key::Args),
     /// Create competitions, look after them, and publish what came of them.
-    Competition(competition::Args),
+    Competition(Box<competition::Args>),
     /// Show what organizers did.
     Audit(audit::Args),
     /// Create an episode on a server and play it with a built-in player.
@@ -66,7 +66,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
-        Command::Competition(args) => with_runtime(competition::run(args)),
+        Command::Competition(args) => with_runtime(competition::run(*args)),
         Command::Audit(args) => with_runtime(audit::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),

@@ -1,10 +1,13 @@
 //! Every route × every kind of token, from the OpenAPI document itself: a new route has to say here
 //! who may use it.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::app::{Answer, DOCUMENT, Episode, TestApp};
+use crate::cup::{Attempt, Cup};
 
 /// A kind of token, with what it stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,15 +28,17 @@ enum Kind {
     Member,
     ExpiredKey,
     RevokedKey,
+    Entrant,
     Organizer,
 }
 
 use Kind::{
-    BadChecksum, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken, Organizer, OtherSeat, Owner,
-    ReplacedSeat, ReplacedSwarm, RevokedKey, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
+    BadChecksum, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken, Organizer,
+    OtherSeat, Owner, ReplacedSeat, ReplacedSwarm, RevokedKey, Seat, SeatElsewhere, Swarm,
+    SwarmElsewhere,
 };
 
-const KINDS: [Kind; 17] = [
+const KINDS: [Kind; 18] = [
     Kind::None,
     NoToken,
     BadChecksum,
@@ -50,6 +55,7 @@ const KINDS: [Kind; 17] = [
     Member,
     ExpiredKey,
     RevokedKey,
+    Entrant,
     Organizer,
 ];
 
@@ -77,7 +83,7 @@ impl Kind {
     }
 
     fn is_key(self) -> bool {
-        matches!(self, Owner | Member | Organizer)
+        matches!(self, Owner | Member | Entrant | Organizer)
     }
 
     /// Whether it stands where the creator of the episode does.
@@ -122,7 +128,37 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         },
         "create_episode" => match kind {
             Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
             _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
+            (stage.private && kind == Kind::None).then_some(401)
+        }
+        "register_entrant" => match kind {
+            Kind::None => None,
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "start_attempt" => match kind {
+            Kind::None => Some(401),
+            Entrant => None,
+            _ => Some(403),
+        },
+        "show_entrant" => match kind {
+            Kind::None => Some(401),
+            Entrant | Organizer => None,
+            _ => Some(403),
+        },
+        "list_attempts" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "export_competition" => match kind {
+            Kind::None if stage.private => Some(401),
+            Organizer => None,
             _ => Some(403),
         },
         "list_episodes" => None,
@@ -142,7 +178,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" => match kind {
+        "create_key" | "list_keys" | "revoke_key" | "create_competition" | "create_codes"
+        | "change_entrant" | "void_attempt" | "list_audit" => match kind {
             Kind::None => Some(401),
             Organizer => None,
             _ => Some(403),
@@ -175,6 +212,11 @@ struct World {
     elsewhere: Episode,
     finished: Episode,
     replaced: Episode,
+    cup: Cup,
+    entrant: crate::cup::Entrant,
+    attempt: Attempt,
+    /// Counts names that nobody else has.
+    names: AtomicU64,
 }
 
 fn request(visibility: &str) -> Value {
@@ -207,7 +249,28 @@ impl World {
         app.obs(replaced.seat(0)).await;
         app.swarm_obs(&replaced).await;
         create().ok().await;
-        Self { app, owner, member, expired, revoked, elsewhere, finished, replaced }
+        let cup = Cup::with(
+            &app,
+            json!({ "opens_at": "2026-03-01T12:00:00Z", "attempts": 100, "entries_per_key": 100 }),
+        );
+        let cup = cup.await;
+        let entrant = cup.enter(&app, "the entrant").await;
+        let attempt = cup.start(&app, &entrant).await;
+        let names = AtomicU64::new(0);
+        Self {
+            app,
+            owner,
+            member,
+            expired,
+            revoked,
+            elsewhere,
+            finished,
+            replaced,
+            cup,
+            entrant,
+            attempt,
+            names,
+        }
     }
 
     /// The value of the header `Authorization`.
@@ -233,6 +296,7 @@ impl World {
             Member => &self.member,
             ExpiredKey => &self.expired,
             RevokedKey => &self.revoked,
+            Entrant => &self.entrant.key,
             Organizer => &self.app.organizer,
         };
         Some(format!("Bearer {token}"))
@@ -253,9 +317,12 @@ impl World {
         }
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            _ if path.contains("/competitions") => self.cup.id.clone(),
             _ => episode.id.clone(),
         };
-        let mut call = self.app.call(method.clone(), &path.replace("{id}", &id));
+        let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
+        let path = path.replace("{run}", &self.attempt.run);
+        let mut call = self.app.call(method.clone(), &path);
         if let Some(header) = self.header(kind, &episode) {
             call = call.header("authorization", &header);
         }
@@ -266,6 +333,15 @@ impl World {
             }
             "create_episode" => call.json(&request("owner")),
             "create_key" => call.json(&json!({ "name": "somebody" })),
+            "create_competition" => call.json(&crate::cup::request()),
+            "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
+            "register_entrant" => {
+                let number = self.names.fetch_add(1, Ordering::Relaxed);
+                call.json(&json!({ "name": format!("somebody {number}"), "model": "m" }))
+            }
+            "change_entrant" => call.json(&json!({ "vouched": true })),
+            "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
+            "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
             _ => call,
         };
         if operation == "stream_events" {

@@ -421,7 +421,7 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
     let mut entrants = Vec::new();
     for cup in [&public, &hidden, &frozen] {
         let blue = cup.enter(&app, "blue").await;
-        cup.start(&app, &blue).await.play(&app, 2).await;
+        cup.start(&app, &blue).await.play(&app, 0).await;
         entrants.push(blue);
     }
     let board = async |cup: &Cup| app.get(&cup.path("/board")).ok().await;
@@ -485,9 +485,10 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
 #[tokio::test]
 async fn what_was_not_played_counts_as_nothing() {
     let app = server().await;
-    let cup =
-        Cup::open(&app, json!({ "clocks": { "round_deadline_s": 10, "idle_timeout_s": 60 } }))
-            .await;
+    let clocks = json!({ "round_deadline_s": 10, "idle_timeout_s": 60 });
+    let mut suite = request()["suite"].clone();
+    suite["settings"]["max_round"] = json!(50);
+    let cup = Cup::open(&app, json!({ "clocks": clocks, "suite": suite })).await;
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
     for _ in 0..3 {
@@ -505,6 +506,11 @@ async fn what_was_not_played_counts_as_nothing() {
     let shown = own().await;
     let tasks = list(&shown["tasks"]);
     assert_eq!(tasks.len(), 2, "{shown}");
+    assert_eq!((&shown["status"], &shown["games_ended"]), (&json!("abandoned"), &json!(2)));
+    for (task, games) in tasks.iter().zip([2, 0]) {
+        assert_eq!((&task["games"], &task["planned"]), (&json!(games), &json!(2)), "{shown}");
+    }
+    assert_eq!((&tasks[1]["mean"], &tasks[1]["deviation"]), (&json!(0.0), &json!(0.0)));
     let row = &cup.rows(&app, None).await[0];
     assert_eq!((&row["total"], &row["run"]), (&shown["total"], &json!(attempt.run)));
     assert!(row["clock_share"].as_f64() > Some(0.0), "{row}");
@@ -597,7 +603,7 @@ mod closing {
         let (cup, attempt) = started(&app).await;
         attempt.act(&app, 4).await;
         app.stop().await;
-        pass_minutes(&app, 120).await;
+        pass_minutes(&app, 100).await;
         app.start_again().await;
         // The round that was open gets its full clock again, and is the last.
         let seen = attempt.look(&app).await;
