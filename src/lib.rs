@@ -27,6 +27,7 @@ pub mod players;
 pub mod prompt;
 pub mod run;
 pub mod server;
+pub mod standings;
 pub mod store;
 pub mod telemetry;
 pub mod wire;

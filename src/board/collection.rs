@@ -186,14 +186,16 @@ impl Boards {
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
-        match named[..] {
-            [(id, board)] => Ok((id, board)),
-            [] => exact().map(|(id, board)| (id, &**board)).ok_or_else(|| {
+        // Whoever gives a suite of their own such a name takes no board from anybody.
+        let built_in = named.iter().find(|(_, board)| board.is_built_in);
+        match (built_in, &named[..]) {
+            (Some((id, board)), _) | (None, [(id, board)]) => Ok((id, board)),
+            (None, []) => exact().map(|(id, board)| (id, &**board)).ok_or_else(|| {
                 let mut names: Vec<&str> = of_rules().map(|(id, _)| id.suite.as_str()).collect();
                 names.dedup();
                 Unknown { field: "suite", allowed: one_of(names) }
             }),
-            [..] => {
+            (None, [..]) => {
                 let names = named.iter().map(|(id, _)| format!("{}@{}", id.suite, id.digest));
                 let allowed = one_of(names);
                 Err(Unknown {
@@ -360,5 +362,6 @@ mod tests {
         others.insert(over(1, board("standard", "paper", "other"), 1.0));
         let question = asked("standard@other");
         assert_eq!(others.ranked(&question).expect("a board").rows.len(), 1);
+        assert_eq!(others.ranked(&asked("standard")).expect("a board").rows.len(), 29);
     }
 }
