@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each module of the server may name of the others, beside itself.
-const MAY_NAME: [(&str, &[&str]); 17] = [
+const MAY_NAME: [(&str, &[&str]); 19] = [
     ("clock", &[]),
+    ("board", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
     ("keys", &["clock", "ids"]),
@@ -15,12 +16,14 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
     ("journal", &["ids", "keys"]),
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
-    ("wire", &["episode", "keys"]),
+    ("wire", &["board", "episode", "keys"]),
     ("prompt", &["wire"]),
+    ("standings", &["board", "journal", "run", "store"]),
     ("run", &["clock", "episode", "ids", "journal", "keys", "store"]),
     (
         "http",
         &[
+            "board",
             "clock",
             "episode",
             "host",
@@ -28,17 +31,19 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
             "journal",
             "keys",
             "prompt",
+            "standings",
             "store",
             "telemetry",
             "wire",
         ],
     ),
     ("server", &["clock", "episode", "host", "http", "journal", "store", "telemetry"]),
-    ("players", &["clock", "wire"]),
+    ("players", &["board", "clock", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
         "cli",
         &[
+            "board",
             "clock",
             "host",
             "http",
@@ -46,7 +51,9 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
             "keys",
             "loadtest",
             "players",
+            "run",
             "server",
+            "standings",
             "store",
             "telemetry",
             "wire",
@@ -57,7 +64,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
 
 /// Crates that only some modules may name. The load test measures the server against what it is made of, so it names
 /// axum and sqlx too.
-const ONLY_IN: [(&str, &[&str]); 11] = [
+const ONLY_IN: [(&str, &[&str]); 12] = [
     ("axum", &["http", "loadtest"]),
     ("tower_http", &["http"]),
     ("hyper", &["http"]),
@@ -69,6 +76,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "cli"]),
     ("indicatif", &["cli"]),
+    ("csv", &["board", "wire"]),
 ];
 
 fn root() -> PathBuf {
