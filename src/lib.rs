@@ -14,6 +14,7 @@
 
 pub mod cli;
 pub mod clock;
+pub mod dataset;
 pub mod episode;
 pub mod host;
 pub mod http;

@@ -5,6 +5,8 @@
 
 pub mod backup;
 pub mod episodes;
+mod exports;
+pub mod imports;
 pub mod keys;
 pub mod records;
 pub mod tokens;

@@ -172,6 +172,7 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
             Entry::RevokeKey { id, at } => revoke_key(connection, id, *at).await?,
+            Entry::Import { game, at } => super::imports::keep(connection, game, *at).await?,
         }
     }
     insert_acts(connection, &acts).await?;
@@ -324,7 +325,7 @@ async fn insert_rounds(
 }
 
 /// Cuts rows into pieces of few different lengths.
-fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
+pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
     let mut rest = rows;
     std::iter::from_fn(move || {
         let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;
