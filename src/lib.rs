@@ -7,6 +7,7 @@
 //! - [`episode`]: the barrier, the actor that steps the engine, and what readers share.
 //! - [`journal`]: what is kept of an episode, and how it is played again.
 //! - [`store`]: where it is kept; the only place that names sqlx.
+//! - [`run`]: suites of games for one model.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
@@ -24,6 +25,7 @@ pub mod keys;
 pub mod loadtest;
 pub mod players;
 pub mod prompt;
+pub mod run;
 pub mod server;
 pub mod store;
 pub mod telemetry;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each module of the server may name of the others, beside itself.
-const MAY_NAME: [(&str, &[&str]); 16] = [
+const MAY_NAME: [(&str, &[&str]); 17] = [
     ("clock", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
@@ -17,6 +17,7 @@ const MAY_NAME: [(&str, &[&str]); 16] = [
     ("episode", &["clock", "ids", "journal", "keys"]),
     ("wire", &["episode", "keys"]),
     ("prompt", &["wire"]),
+    ("run", &["clock", "episode", "ids", "journal", "keys", "store"]),
     (
         "http",
         &[

@@ -4,6 +4,7 @@
 //! It works on a thread of its own: it computes, it reads the store, and it waits for whoever takes what
 //! it writes.
 
+use std::collections::HashSet;
 use std::io::{self, Write};
 
 use serde::Serialize;
@@ -13,11 +14,15 @@ use super::columns::Table;
 use super::files::Files;
 use super::format::{self, AgentRow, GameRow, META, Meta};
 use super::game::{Game, Turn};
+use super::imported;
 use super::tables::{self, Cell, Column, Named};
 use crate::ids::EpisodeId;
-use crate::journal::{EpisodeKey, JournalError, StoredEpisode};
+use crate::journal::{
+    EpisodeKey, ImportKey, ImportedRound, JournalError, StoredEpisode, StoredImport,
+};
 use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
+use crate::store::imports::ImportFilter;
 
 /// Rounds that are read at once.
 const CHUNK: u32 = 8;
@@ -139,6 +144,8 @@ impl<'a> Export<'a> {
                 );
             }
         }
+        // Lists begin with the newest.
+        keys.reverse();
         let exported = Exported::default();
         Ok(Self { store, runtime, keys, exported, progress: Box::new(progress) })
     }
@@ -319,6 +326,108 @@ impl<'a> Export<'a> {
         }
         Ok(())
     }
+}
+
+/// Imported games that are to be exported.
+pub struct ImportedGames<'a> {
+    store: &'a Store,
+    runtime: Handle,
+    keys: Vec<ImportKey>,
+    progress: Box<dyn FnMut(u64, u64) + 'a>,
+}
+
+impl<'a> ImportedGames<'a> {
+    /// Selects what there is now. Not to be called on a thread that serves others.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn select(
+        store: &'a Store,
+        task: Option<String>,
+        model: Option<String>,
+        progress: impl FnMut(u64, u64) + 'a,
+    ) -> Result<Self, ExportError> {
+        let (runtime, filter) = (Handle::current(), ImportFilter { task, model });
+        let (mut keys, mut before) = (Vec::new(), None);
+        loop {
+            let page = runtime.block_on(store.list_imports(&filter, before, PAGE))?;
+            let Some(last) = page.last() else { break };
+            before = Some(last.key);
+            keys.extend(page.iter().map(|stored| stored.key));
+        }
+        keys.reverse();
+        Ok(Self { store, runtime, keys, progress: Box::new(progress) })
+    }
+
+    /// Writes them as they were read. Of several with one name the oldest is written, as files have one
+    /// name each.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or `files` cannot be written.
+    pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
+        let mut exported = Exported::default();
+        let mut names = HashSet::new();
+        let mut written = Vec::new();
+        for (done, key) in self.keys.iter().enumerate() {
+            (self.progress)(done as u64, self.keys.len() as u64);
+            let Some(stored) = self.stored(*key)? else { continue };
+            if !names.insert(stored.run_id.clone()) {
+                let problem = "another game with this name is written".to_owned();
+                exported.broken.push((stored.id, problem));
+                continue;
+            }
+            let mut list = List::begin(files.begin(&format::game_file(&stored.run_id))?)?;
+            self.each(&stored, |round| {
+                Ok(list.add(&imported::game_row(&stored.task, round).map_err(unreadable)?)?)
+            })?;
+            list.end()?;
+            let mut list = List::begin(files.begin(&format::agent_file(&stored.run_id))?)?;
+            self.each(&stored, |round| {
+                let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows);
+                rows.map_err(unreadable)?.iter().try_for_each(|row| Ok(list.add(row)?))
+            })?;
+            list.end()?;
+            exported.episodes += 1;
+            exported.rounds += u64::from(stored.rounds);
+            exported.acts += stored.acts;
+            written.push(*key);
+        }
+        let mut entries = Entries::begin(files.begin(META)?)?;
+        for key in written {
+            let Some(stored) = self.stored(key)? else { continue };
+            entries.add(&stored.run_id, &imported::meta(&stored.meta).map_err(unreadable)?)?;
+        }
+        entries.end()?;
+        files.finish()?;
+        let all = self.keys.len() as u64;
+        (self.progress)(all, all);
+        Ok(exported)
+    }
+
+    fn stored(&self, key: ImportKey) -> Result<Option<StoredImport>, ExportError> {
+        let (all, next) = (ImportFilter::default(), Some(ImportKey(key.0 + 1)));
+        let found = self.runtime.block_on(self.store.list_imports(&all, next, 1))?;
+        Ok(found.into_iter().find(|stored| stored.key == key))
+    }
+
+    fn each(
+        &self,
+        stored: &StoredImport,
+        mut add: impl FnMut(&ImportedRound) -> Result<(), ExportError>,
+    ) -> Result<(), ExportError> {
+        let mut from = 0;
+        while from <= stored.rounds {
+            let to = (stored.rounds + 1).min(from + CHUNK);
+            let rounds = self.runtime.block_on(self.store.imported_rounds(stored.key, from, to))?;
+            rounds.iter().try_for_each(&mut add)?;
+            from = to;
+        }
+        Ok(())
+    }
+}
+
+fn unreadable(problem: String) -> ExportError {
+    ExportError::Journal(JournalError(problem.into()))
 }
 
 /// Why an episode was not played to its end.

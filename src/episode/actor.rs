@@ -17,14 +17,16 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::quota::Quotas;
 use super::recovery::off_thread;
-use super::spec::Spec;
+use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::clock::Clock;
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
-use crate::journal::{ActRow, EndRow, Entry, EpisodeKey, Journal, JournalError, RoundRow};
+use crate::journal::{
+    ActRow, EndRow, Entry, EpisodeKey, Journal, JournalError, RoundRow, RunKey, Tally,
+};
 use crate::keys::OwnerKey;
 
 /// Messages that wait for one episode; who comes when there are more is told to come again.
@@ -72,6 +74,8 @@ pub struct Host {
     pub quotas: Arc<Quotas>,
     /// Counts opened rounds.
     pub opened: Arc<AtomicU64>,
+    /// Told of every run of which an episode has ended, durably.
+    pub ended: mpsc::UnboundedSender<RunKey>,
 }
 
 /// An episode as others see it. Cloning shares it.
@@ -86,6 +90,8 @@ pub struct Running {
     pub key: EpisodeKey,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, if any.
+    pub run: Option<RunKey>,
     /// What it is.
     pub spec: Arc<Spec>,
     /// When it was created.
@@ -221,6 +227,7 @@ pub(super) struct Fresh {
     pub(super) id: EpisodeId,
     pub(super) key: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
+    pub(super) run: Option<RunKey>,
     pub(super) spec: Arc<Spec>,
     pub(super) created_at: Timestamp,
     pub(super) world: Arc<World>,
@@ -229,6 +236,8 @@ pub(super) struct Fresh {
     pub(super) keyframes: Keyframes,
     /// Bytes that its acts take in the journal.
     pub(super) bytes: u64,
+    /// What its acts were.
+    pub(super) tally: Tally,
 }
 
 /// Starts the actor of an episode.
@@ -250,7 +259,8 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         id: fresh.id.clone(),
         key: fresh.key,
         owner: fresh.owner,
-        spec: fresh.spec,
+        run: fresh.run,
+        spec: Arc::clone(&fresh.spec),
         created_at: fresh.created_at,
         clock: Arc::clone(&host.clock),
         mailbox,
@@ -265,10 +275,13 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         id: fresh.id,
         key: fresh.key,
         owner: fresh.owner,
+        run: fresh.run,
+        spec: fresh.spec,
         world: fresh.world,
         head: fresh.head,
         lockstep: fresh.lockstep,
         bytes: fresh.bytes,
+        tally: fresh.tally,
         keyframes,
         idle_at,
         publish,
@@ -304,10 +317,13 @@ struct Actor {
     id: EpisodeId,
     key: EpisodeKey,
     owner: Option<OwnerKey>,
+    run: Option<RunKey>,
+    spec: Arc<Spec>,
     world: Arc<World>,
     head: Head,
     lockstep: Lockstep,
     bytes: u64,
+    tally: Tally,
     keyframes: Arc<Mutex<Keyframes>>,
     idle_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
@@ -517,7 +533,15 @@ impl Actor {
         if let Some(next) = &next {
             self.latest = Arc::clone(next);
         }
-        let kept = Kept { open, acted, next, episode: self.id.clone(), key: self.key };
+        let kept = Kept {
+            open,
+            acted,
+            next,
+            episode: self.id.clone(),
+            key: self.key,
+            run: self.run,
+            is_sealed: self.spec.visibility == Visibility::Sealed,
+        };
         let (host, publish) = (self.host.clone(), self.publish.clone());
         let failed = self.failed.clone();
         let committed = move |result: Result<(), JournalError>| {
@@ -534,6 +558,7 @@ impl Actor {
         let record = RawRecord::write(&given.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
+        self.tally.add(&given.record);
         self.host.quotas.add_bytes(self.owner, bytes);
         Entry::Act(ActRow {
             episode: self.key,
@@ -606,6 +631,10 @@ impl Actor {
             record,
             head: self.head,
             bytes: self.bytes,
+            score: self.world.score(),
+            rounds: self.world.round(),
+            tally: self.tally,
+            counts: self.spec.counts(),
             at: self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at),
         })
     }
@@ -620,6 +649,8 @@ struct Kept {
     next: Option<Arc<Snapshot>>,
     episode: EpisodeId,
     key: EpisodeKey,
+    run: Option<RunKey>,
+    is_sealed: bool,
 }
 
 impl Kept {
@@ -637,13 +668,18 @@ impl Kept {
             let status = outcome.ending.status().name();
             host.quotas.release(self.key);
             metrics::counter!("swarmbench_episodes_ended_total", "status" => status).increment(1);
+            let score = (!self.is_sealed).then(|| next.world.score());
             tracing::info!(
-                episode = %self.episode, status, reason = outcome.ending.name(),
-                score = next.world.score(), "ended"
+                episode = %self.episode, status, reason = outcome.ending.name(), score, "ended"
             );
         }
+        let ended = self.run.filter(|_| next.outcome.is_some());
         next.set_opened(host.clock.now());
         publish.send_replace(next);
+        if let Some(run) = ended {
+            // Where nobody looks after runs, nobody is told.
+            _ = host.ended.send(run);
+        }
     }
 }
 

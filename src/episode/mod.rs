@@ -33,7 +33,7 @@ pub enum Status {
     Running,
     /// Played to its end.
     Finished,
-    /// Ended by its creator.
+    /// Ended by its creator, or because its competition closed.
     Aborted,
     /// Ended because nobody acted any more.
     Abandoned,
@@ -83,6 +83,8 @@ pub enum Ending {
     Aborted,
     /// Nobody acted for too long.
     Idle,
+    /// Its competition closed.
+    Closed,
 }
 
 impl Ending {
@@ -94,13 +96,14 @@ impl Ending {
             Self::RoundsPlayed => "rounds_played",
             Self::Aborted => "aborted",
             Self::Idle => "idle",
+            Self::Closed => "closed",
         }
     }
 
     /// The ending with this name.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
-        [Self::TaskDone, Self::RoundsPlayed, Self::Aborted, Self::Idle]
+        [Self::TaskDone, Self::RoundsPlayed, Self::Aborted, Self::Idle, Self::Closed]
             .into_iter()
             .find(|ending| ending.name() == name)
     }
@@ -110,7 +113,7 @@ impl Ending {
     pub const fn status(self) -> Status {
         match self {
             Self::TaskDone | Self::RoundsPlayed => Status::Finished,
-            Self::Aborted => Status::Aborted,
+            Self::Aborted | Self::Closed => Status::Aborted,
             Self::Idle => Status::Abandoned,
         }
     }

@@ -13,7 +13,7 @@ use super::{Ending, Outcome};
 use crate::clock::Clock;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
-use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound};
+use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
 
 /// Rounds that are read and played at once.
 const CHUNK: u32 = 64;
@@ -50,6 +50,7 @@ pub(super) async fn recover(
         world: layout,
         bank_spent: vec![Duration::ZERO; spec.config.num_agents().into()],
         bytes: 0,
+        tally: Tally::default(),
     };
     while track.world.round() < stored.rounds {
         let from = track.world.round();
@@ -60,7 +61,7 @@ pub(super) async fn recover(
         track = played.map_err(broken)?;
     }
     let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
-    track.bytes += bytes(&open);
+    track.count(&open);
     let outcome = match &stored.end {
         None => None,
         Some(end) => {
@@ -83,6 +84,7 @@ pub(super) async fn recover(
         id: stored.id,
         key: stored.episode,
         owner: stored.owner,
+        run: stored.run,
         spec,
         created_at: stored.created_at,
         world: track.world,
@@ -90,6 +92,7 @@ pub(super) async fn recover(
         lockstep: Lockstep::new(clocks, standing, clock.now()),
         keyframes: track.keyframes,
         bytes: track.bytes,
+        tally: track.tally,
     })
 }
 
@@ -116,17 +119,19 @@ struct Track {
     keyframes: Keyframes,
     bank_spent: Vec<Duration>,
     bytes: u64,
-}
-
-/// Bytes of the records of acts.
-fn bytes(acts: &[(u32, RoundActs)]) -> u64 {
-    let acts = acts.iter().flat_map(|(_, acts)| acts);
-    acts.map(|(_, act)| act.raw.as_str().len() as u64).sum()
+    tally: Tally,
 }
 
 impl Track {
+    fn count(&mut self, acts: &[(u32, RoundActs)]) {
+        for (_, act) in acts.iter().flat_map(|(_, acts)| acts) {
+            self.bytes += act.raw.as_str().len() as u64;
+            self.tally.add(&act.record);
+        }
+    }
+
     fn play(mut self, acts: &[(u32, RoundActs)], rounds: &[StoredRound]) -> Result<Self, String> {
-        self.bytes += bytes(acts);
+        self.count(acts);
         for round in rounds {
             let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
                 Some((_, given)) => given,

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench_engine::World;
-use tokio::sync::{OnceCell, oneshot};
+use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, spawn};
@@ -20,7 +20,9 @@ use crate::clock::{Clock, after};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{Entry, EpisodeKey, Journal, JournalError, OpeningRow, TokenRow, Unfinished};
+use crate::journal::{
+    Entry, EpisodeKey, Journal, JournalError, OpeningRow, RunKey, Tally, TokenRow, Unfinished,
+};
 use crate::keys::OwnerKey;
 
 /// How long an episode that nobody asks for stays in memory.
@@ -32,6 +34,8 @@ pub struct Creation {
     pub id: EpisodeId,
     /// The key with which it is created, if any.
     pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, and which game of the run's plan it is.
+    pub run: Option<(RunKey, u32)>,
     /// What it is.
     pub spec: Spec,
     /// Its tokens.
@@ -57,6 +61,7 @@ pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
+    ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
 }
 
 /// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
@@ -95,11 +100,19 @@ impl Registry {
         spawn: Spawn,
         last_key: i64,
     ) -> Self {
+        let (tell, ended) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, opened: Arc::default() },
+            host: Host { journal, clock, spawn, quotas, opened: Arc::default(), ended: tell },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
+            ended: Arc::new(Mutex::new(Some(ended))),
         }
+    }
+
+    /// Where it is told that an episode of a run has ended, durably; whoever comes first hears it.
+    #[must_use]
+    pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
+        self.ended.lock().expect("nothing panics while it holds this").take()
     }
 
     /// The journal from which states of earlier rounds are recomputed.
@@ -159,7 +172,7 @@ impl Registry {
 
     /// Keeps the opening of an episode and starts its actor.
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, JournalError> {
-        let Creation { id, owner, spec, tokens, idempotency } = creation;
+        let Creation { id, owner, run, spec, tokens, idempotency } = creation;
         let now = self.host.clock.now();
         let config = Arc::clone(&spec.config);
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
@@ -170,6 +183,7 @@ impl Registry {
             episode: key,
             id: id.clone(),
             owner,
+            run,
             record,
             head,
             task: spec.config.task().name(),
@@ -198,6 +212,7 @@ impl Registry {
             id,
             key,
             owner,
+            run: run.map(|(run, _)| run),
             created_at: now,
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
@@ -205,6 +220,7 @@ impl Registry {
             world,
             head,
             bytes: 0,
+            tally: Tally::default(),
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let handle = spawn(self.host.clone(), fresh);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench_engine::{Config, RULES_REVISION, World};
+use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 
 use crate::clock::millis;
 use crate::ids::EpisodeId;
@@ -17,11 +17,13 @@ pub enum Visibility {
     Public,
     /// Whoever created it.
     Owner,
+    /// Organizers alone, also after its end, until its competition is revealed.
+    Sealed,
 }
 
 impl Visibility {
-    /// All that a creator may choose.
-    pub const ALL: [Self; 2] = [Self::Public, Self::Owner];
+    /// All of them; a creator may choose but the last.
+    pub const ALL: [Self; 3] = [Self::Public, Self::Owner, Self::Sealed];
 
     /// Its name on the wire.
     #[must_use]
@@ -29,6 +31,7 @@ impl Visibility {
         match self {
             Self::Public => "public",
             Self::Owner => "owner",
+            Self::Sealed => "sealed",
         }
     }
 }
@@ -56,9 +59,29 @@ pub struct Spec {
     pub prompt_template: Arc<str>,
     /// Whether the template is the episode's own.
     pub custom_template: bool,
+    /// The public id of the run to which it belongs.
+    pub run: Option<String>,
+    /// Random digits in the opening of a sealed episode.
+    pub salt: Option<String>,
+    /// From then on no new round begins.
+    pub closes_at: Option<Timestamp>,
+    /// Whose seats are open to claims.
+    pub open_seats: Vec<AgentId>,
+    /// After how long built-in players take the open seats that nobody claimed.
+    pub fill_after: Option<Duration>,
+    /// Which built-in player takes them.
+    pub fill_with: Option<String>,
+    /// The built-in player that the server hosts on the creator's seats.
+    pub player: Option<String>,
 }
 
 impl Spec {
+    /// Whether boards count the episode: it belongs to a run, or several holders play it.
+    #[must_use]
+    pub fn counts(&self) -> bool {
+        self.run.is_some() || !self.open_seats.is_empty()
+    }
+
     /// The opening record of an episode that is laid out as `world`.
     #[must_use]
     pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
@@ -83,6 +106,11 @@ impl Spec {
             visibility: self.visibility.name().to_owned(),
             model: self.model.clone(),
             custom_template: self.custom_template,
+            closes_at: self.closes_at,
+            open_seats: self.open_seats.iter().map(|agent| agent.0).collect(),
+            fill_after_ms: self.fill_after.map(millis),
+            fill_with: self.fill_with.clone(),
+            player: self.player.clone(),
         };
         record::Record::Opening(Box::new(Opening {
             format: FORMAT,
@@ -93,6 +121,8 @@ impl Spec {
             agent_meta: self.agent_meta.clone(),
             prompt_template: self.prompt_template.to_string(),
             digest: world.digest().to_string(),
+            run: self.run.clone(),
+            salt: self.salt.clone(),
         }))
     }
 
@@ -117,6 +147,13 @@ impl Spec {
             agent_meta: opening.agent_meta.clone(),
             prompt_template: opening.prompt_template.as_str().into(),
             custom_template: config.custom_template,
+            run: opening.run.clone(),
+            salt: opening.salt.clone(),
+            closes_at: config.closes_at,
+            open_seats: config.open_seats.iter().map(|&agent| AgentId(agent)).collect(),
+            fill_after: config.fill_after_ms.map(Duration::from_millis),
+            fill_with: config.fill_with.clone(),
+            player: config.player.clone(),
         })
     }
 }

@@ -15,9 +15,10 @@ use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::episode::spec::Visibility;
 use crate::ids::{EpisodeId, Token};
+use crate::journal::RunKey;
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::episodes::Readable;
-use crate::store::tokens::Grant;
+use crate::store::tokens::{Grant, Seats};
 
 /// To whom a server opens.
 #[derive(Clone, Debug, Default)]
@@ -40,8 +41,10 @@ pub(super) enum Caller {
     },
     /// One agent of one episode.
     Seat(EpisodeId, AgentId),
-    /// All seats of an episode; they were given to whoever created it.
-    Swarm(EpisodeId),
+    /// Several seats of an episode.
+    Swarm(EpisodeId, Seats),
+    /// All seats of all episodes of a run.
+    Run(RunKey),
     /// The holder of a key.
     Key(Key),
 }
@@ -51,8 +54,11 @@ pub(super) enum Caller {
 pub(super) struct Subject<'a> {
     pub(super) id: &'a EpisodeId,
     pub(super) owner: Option<OwnerKey>,
+    pub(super) run: Option<RunKey>,
     pub(super) visibility: Visibility,
     pub(super) is_over: bool,
+    /// Whether it was sealed and is open to all now.
+    pub(super) is_revealed: bool,
 }
 
 impl FromRequestParts<App> for Caller {
@@ -76,24 +82,29 @@ impl FromRequestParts<App> for Caller {
         }
         let token = Token::parse(token.trim()).ok_or_else(unknown)?;
         match app.grant(&token).await?.ok_or_else(unknown)? {
-            Grant::Seats { episode, owner, agent } => {
-                if let Some(owner) = owner {
-                    app.rates.check_key(owner, &app.limits)?;
-                }
-                Ok(match agent {
-                    Some(agent) => Self::Seat(episode, agent),
-                    None => Self::Swarm(episode),
-                })
+            Grant::Seat { episode, owner, agent } => {
+                check_rate(app, owner)?;
+                Ok(Self::Seat(episode, agent))
+            }
+            Grant::Swarm { episode, owner, seats } => {
+                check_rate(app, owner)?;
+                Ok(Self::Swarm(episode, seats))
+            }
+            Grant::Run { run, owner } => {
+                check_rate(app, owner)?;
+                Ok(Self::Run(run))
             }
             Grant::Key(key) if key.is_good(app.clock.now()) => {
-                if let Some(number) = key.number {
-                    app.rates.check_key(number, &app.limits)?;
-                }
+                check_rate(app, key.number)?;
                 Ok(Self::Key(key))
             }
             Grant::Key(_) => Err(unknown()),
         }
     }
+}
+
+fn check_rate(app: &App, owner: Option<OwnerKey>) -> Result<(), ApiError> {
+    owner.map_or(Ok(()), |owner| app.rates.check_key(owner, &app.limits))
 }
 
 impl Caller {
@@ -104,8 +115,12 @@ impl Caller {
 
     /// Whether the caller stands where the creator of the episode does.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
+        if episode.visibility == Visibility::Sealed {
+            return self.is_organizer();
+        }
         match self {
-            Self::Swarm(own) => own == episode.id,
+            Self::Swarm(own, Seats::Creators) => own == episode.id,
+            Self::Run(own) => Some(*own) == episode.run,
             Self::Key(key) => {
                 self.is_organizer() || (key.number.is_some() && key.number == episode.owner)
             }
@@ -113,14 +128,15 @@ impl Caller {
             Self::Anonymous { may_create } => {
                 *may_create && episode.owner.is_none() && episode.visibility == Visibility::Public
             }
-            Self::Seat(..) => false,
+            Self::Seat(..) | Self::Swarm(_, Seats::Claimed(_)) => false,
         }
     }
 
     /// Whether the caller holds anything of the episode, or is known to the server.
-    fn is_known(&self, episode: &EpisodeId) -> bool {
+    fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
-            Self::Seat(own, _) | Self::Swarm(own) => own == episode,
+            Self::Seat(own, _) | Self::Swarm(own, _) => own == episode.id,
+            Self::Run(own) => Some(*own) == episode.run,
             Self::Key(_) => true,
             Self::Anonymous { .. } => false,
         }
@@ -134,13 +150,25 @@ impl Caller {
         let anyone = match episode.visibility {
             Visibility::Public => true,
             Visibility::Owner => episode.is_over,
+            Visibility::Sealed => episode.is_over && episode.is_revealed,
         };
-        anyone && (!access.private || self.is_known(episode.id))
+        anyone && (!access.private || self.is_known(episode))
+    }
+
+    /// Whether the caller may read what everybody may read once it is over.
+    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+        !access.private || matches!(self, Self::Key(_))
     }
 
     /// Whether the caller may know that the episode exists.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
-        self.may_read(access, episode) || matches!(self, Self::Seat(own, _) if own == episode.id)
+        self.may_read(access, episode)
+            || match self {
+                Self::Seat(own, _) | Self::Swarm(own, _) => own == episode.id,
+                Self::Run(own) => Some(*own) == episode.run,
+                Self::Key(key) => key.number.is_some() && key.number == episode.owner,
+                Self::Anonymous { .. } => false,
+            }
     }
 
     /// Which episodes the caller finds in lists.
@@ -148,10 +176,14 @@ impl Caller {
         match self {
             Self::Key(_) if self.is_organizer() => Readable::All,
             Self::Key(key) => key.number.map_or(Readable::Public, Readable::AndOf),
-            Self::Swarm(own) if access.private => Readable::Only(own.clone()),
-            Self::Swarm(own) => Readable::And(own.clone()),
-            Self::Seat(..) | Self::Anonymous { .. } if access.private => Readable::Nothing,
-            Self::Seat(..) | Self::Anonymous { .. } => Readable::Public,
+            Self::Swarm(own, Seats::Creators) if access.private => Readable::Only(own.clone()),
+            Self::Swarm(own, Seats::Creators) => Readable::And(own.clone()),
+            Self::Run(own) if access.private => Readable::OnlyOfRun(*own),
+            Self::Run(own) => Readable::AndOfRun(*own),
+            Self::Swarm(..) | Self::Seat(..) | Self::Anonymous { .. } if access.private => {
+                Readable::Nothing
+            }
+            Self::Swarm(..) | Self::Seat(..) | Self::Anonymous { .. } => Readable::Public,
         }
     }
 
@@ -166,7 +198,7 @@ impl Caller {
                 "this server has no keys and is open to programs on its own machine only, that ask for localhost themselves; \
                  its operator can make a key with `swarmbench key create`",
             )),
-            Self::Seat(..) | Self::Swarm(_) => {
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
                 let detail = "a token of an episode creates no other; send a key, or nothing where there are none";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
@@ -189,7 +221,7 @@ impl FromRequestParts<App> for Seat {
                 return Ok(Self { handle: app.episode(&episode).await?, agent });
             }
             Caller::Anonymous { .. } => return Err(needs_token("a seat token")),
-            Caller::Swarm(_) => {
+            Caller::Swarm(..) | Caller::Run(_) => {
                 "this is a swarm token; use /swarm/obs and /swarm/act, or a seat token here"
             }
             Caller::Key(_) => "a key holds no seat; send the seat token that came with the episode",
@@ -208,7 +240,8 @@ impl FromRequestParts<App> for Swarm {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let detail = match Caller::from_request_parts(parts, app).await? {
-            Caller::Swarm(episode) => return Ok(Self { handle: app.episode(&episode).await? }),
+            Caller::Swarm(episode, _) => return Ok(Self { handle: app.episode(&episode).await? }),
+            Caller::Run(_) => "runs are not played yet",
             Caller::Anonymous { .. } => return Err(needs_token("a swarm token")),
             Caller::Seat(..) => "this is a seat token; use /obs and /act, or a swarm token here",
             Caller::Key(_) => {

@@ -5,8 +5,10 @@ pub mod auth;
 mod client;
 mod episodes;
 pub mod error;
+mod exports;
 mod extract;
 mod host;
+mod imports;
 mod keys;
 pub mod limits;
 pub mod openapi;
@@ -94,6 +96,8 @@ pub struct Shared {
     renders: Semaphore,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
+    /// Turns to make an export; each keeps a thread busy.
+    exports: Arc<Semaphore>,
     creating: [Mutex<()>; CREATION_LOCKS],
 }
 
@@ -106,6 +110,7 @@ impl App {
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
+            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),

@@ -19,11 +19,19 @@ use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
 pub use import::{ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport};
-use record::{ActRecord, RawRecord};
+use record::{ActRecord, RawRecord, Source};
 
 /// The number of an episode in its journal; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EpisodeKey(pub i64);
+
+/// The number of a run in the database; short, and never shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct RunKey(pub i64);
+
+/// The number of an entry in a competition; short, and never shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EntryKey(pub i64);
 
 /// One thing to be kept.
 #[derive(Clone, Debug)]
@@ -66,6 +74,110 @@ pub enum Entry {
         /// When.
         at: Timestamp,
     },
+    /// A new run.
+    OpenRun(Box<RunRow>),
+    /// The end of a run; one that has ended is left as it is.
+    EndRun {
+        /// The run.
+        run: RunKey,
+        /// The name of a [`RunStatus`](crate::run::RunStatus).
+        status: &'static str,
+        /// When.
+        at: Timestamp,
+    },
+    /// A new token in place of the one that a run had.
+    ReplaceRunToken {
+        /// The run.
+        run: RunKey,
+        /// The hash of its token from now on.
+        hash: TokenHash,
+    },
+    /// The host broke an episode: it counts nowhere. One that was voided keeps its reason.
+    VoidEpisode {
+        /// The episode.
+        episode: EpisodeKey,
+        /// What happened.
+        reason: String,
+        /// When.
+        at: Timestamp,
+    },
+    /// What an organizer did.
+    Audit(Box<AuditRow>),
+}
+
+/// A new run.
+#[derive(Clone, Debug)]
+pub struct RunRow {
+    /// Its number.
+    pub run: RunKey,
+    /// Its public id.
+    pub id: String,
+    /// The key with which it is created; none where nobody had to show one.
+    pub owner: Option<OwnerKey>,
+    /// The suite's name.
+    pub suite: String,
+    /// The suite's digest.
+    pub digest: String,
+    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    pub definition: String,
+    /// The model's name.
+    pub model: String,
+    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    pub attempt: Option<(EntryKey, u32)>,
+    /// When it was created.
+    pub at: Timestamp,
+    /// The key by which a repeated creation finds it, and the hash of the body that came with it.
+    pub idempotency: Option<(String, [u8; 32])>,
+    /// The hash of its token; none where the server itself plays.
+    pub token: Option<TokenHash>,
+}
+
+/// What an organizer did.
+#[derive(Clone, Debug)]
+pub struct AuditRow {
+    /// When.
+    pub at: Timestamp,
+    /// The id of the key, or `local` for whoever works on the server's own machine.
+    pub who: String,
+    /// What was done, like `key.create`.
+    pub action: &'static str,
+    /// The id of what it was done to.
+    pub subject: String,
+    /// What else is to be known, as JSON.
+    pub detail: serde_json::Value,
+}
+
+/// What the acts of an episode were, in numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Acts that players decided.
+    pub acts: u64,
+    /// Of these, answers of language models that were none.
+    pub invalid: u64,
+    /// Acts that a clock decided.
+    pub clock_outs: u64,
+    /// Tokens of prompts, as players told.
+    pub prompt_tokens: u64,
+    /// Tokens of answers, as players told.
+    pub completion_tokens: u64,
+}
+
+impl Tally {
+    /// Counts one more act.
+    pub fn add(&mut self, record: &ActRecord) {
+        match record.source {
+            Source::Clock => self.clock_outs += 1,
+            Source::Player => {
+                self.acts += 1;
+                self.invalid += u64::from(!record.valid);
+            }
+        }
+        let usage = record.usage.unwrap_or_default();
+        // Players tell what they like; a sum that is too large is as good as any.
+        let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
+        add(&mut self.prompt_tokens, usage.prompt_tokens);
+        add(&mut self.completion_tokens, usage.completion_tokens);
+    }
 }
 
 /// A new episode.
@@ -77,6 +189,8 @@ pub struct OpeningRow {
     pub id: EpisodeId,
     /// The key with which it is created; none where nobody had to show one.
     pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, and which game of the run's plan it is.
+    pub run: Option<(RunKey, u32)>,
     /// The opening record, to the byte.
     pub record: RawRecord,
     /// The head of its chain.
@@ -104,8 +218,10 @@ pub struct OpeningRow {
 pub struct TokenRow {
     /// The hash of the token.
     pub hash: TokenHash,
-    /// The seat for which it stands; none for all seats of the episode.
+    /// The seat for which it stands; none for several seats of the episode.
     pub agent: Option<AgentId>,
+    /// Which holder's seats those are, by the number of the claim; none for the creator's.
+    pub holder: Option<u32>,
 }
 
 /// What a seat did in a round.
@@ -157,6 +273,14 @@ pub struct EndRow {
     pub head: Head,
     /// Bytes that its acts take.
     pub bytes: u64,
+    /// The final score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+    /// What its acts were.
+    pub tally: Tally,
+    /// Whether boards count it: it belongs to a run, or several holders played it.
+    pub counts: bool,
     /// When it ended.
     pub at: Timestamp,
 }
@@ -194,6 +318,10 @@ pub struct StoredEpisode {
     pub id: EpisodeId,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, if any.
+    pub run: Option<RunKey>,
+    /// Whether it was sealed and is open to all now.
+    pub revealed: bool,
     /// The opening record.
     pub opening: RawRecord,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.

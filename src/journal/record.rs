@@ -84,6 +84,13 @@ pub struct Opening {
     pub prompt_template: String,
     /// The digest of the layout, in hexadecimal.
     pub digest: String,
+    /// The public id of the run to which it belongs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// Random hexadecimal digits in a sealed episode: nobody finds its seed by trying which one leads to
+    /// the hashes that are shown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub salt: Option<String>,
 }
 
 /// All settings of an episode, under the names that the wire has for them.
@@ -110,6 +117,21 @@ pub struct RecordedConfig {
     pub visibility: String,
     pub model: String,
     pub custom_template: bool,
+    /// From then on no new round begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub closes_at: Option<jiff::Timestamp>,
+    /// Numbers of the agents whose seats were open to claims.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub open_seats: Vec<u16>,
+    /// After so long built-in players take the open seats that nobody claimed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fill_after_ms: Option<u64>,
+    /// Which built-in player takes them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fill_with: Option<String>,
+    /// The built-in player that the server hosts on the creator's seats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
 }
 
 impl RecordedConfig {
@@ -155,7 +177,7 @@ pub struct Round {
 pub struct End {
     /// `finished`, `aborted` or `abandoned`.
     pub status: String,
-    /// Why: `task_done`, `rounds_played`, `aborted` or `idle`.
+    /// Why: `task_done`, `rounds_played`, `aborted`, `idle` or `closed`.
     pub reason: String,
     /// How many rounds were resolved.
     pub rounds: u32,

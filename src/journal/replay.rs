@@ -196,7 +196,7 @@ impl Player {
         let fits = match (end.status.as_str(), end.reason.as_str()) {
             ("finished", "task_done") => done,
             ("finished", "rounds_played") => over && !done,
-            ("aborted", "aborted") | ("abandoned", "idle") => !over || never_started,
+            ("aborted", "aborted" | "closed") | ("abandoned", "idle") => !over || never_started,
             _ => false,
         };
         if !fits {

@@ -8,7 +8,7 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{EpisodeKey, JournalError, StoredEpisode, Unfinished};
+use crate::journal::{EpisodeKey, JournalError, RunKey, StoredEpisode, Unfinished};
 use crate::keys::OwnerKey;
 
 /// What a list of episodes is filtered by.
@@ -20,6 +20,8 @@ pub struct Filter {
     pub task: Option<String>,
     /// A model's name.
     pub model: Option<String>,
+    /// A run.
+    pub run: Option<RunKey>,
     /// Which of them the caller may read.
     pub readable: Readable,
 }
@@ -36,6 +38,10 @@ pub enum Readable {
     And(EpisodeId),
     /// Those that anyone may read now, and those that were created with this key.
     AndOf(OwnerKey),
+    /// Those that anyone may read now, and those of this run.
+    AndOfRun(RunKey),
+    /// Those of this run alone.
+    OnlyOfRun(RunKey),
     /// This one alone.
     Only(EpisodeId),
     /// None.
@@ -55,7 +61,7 @@ enum Detail {
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.owner, e.opening, e.status, e.reason, e.created_at, e.ended_at,
+        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.status, e.reason, e.created_at, e.ended_at,
                 CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
@@ -132,7 +138,11 @@ impl Store {
                 query.push(" AND e.").push(column).push(" = ").push_bind(value);
             }
         }
-        let public = "(e.visibility = 'public' OR e.ended_at IS NOT NULL)";
+        if let Some(run) = filter.run {
+            query.push(" AND e.run = ").push_bind(run.0);
+        }
+        let public = "(e.visibility = 'public' OR (e.ended_at IS NOT NULL
+                        AND (e.visibility <> 'sealed' OR e.revealed)))";
         match &filter.readable {
             Readable::All => &mut query,
             Readable::Public => query.push(" AND ").push(public),
@@ -141,8 +151,22 @@ impl Store {
                 query.push_bind(id.as_str()).push(")")
             }
             Readable::AndOf(owner) => {
-                query.push(" AND (").push(public).push(" OR e.owner = ");
-                query.push_bind(owner.0).push(")")
+                query
+                    .push(" AND (")
+                    .push(public)
+                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ");
+                query.push_bind(owner.0).push("))")
+            }
+            Readable::AndOfRun(run) => {
+                query
+                    .push(" AND (")
+                    .push(public)
+                    .push(" OR (e.visibility <> 'sealed' AND e.run = ");
+                query.push_bind(run.0).push("))")
+            }
+            Readable::OnlyOfRun(run) => {
+                query.push(" AND (e.visibility <> 'sealed' OR e.revealed) AND e.run = ");
+                query.push_bind(run.0)
             }
             Readable::Only(id) => query.push(" AND e.id = ").push_bind(id.as_str()),
             Readable::Nothing => query.push(" AND 0"),
@@ -240,6 +264,8 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             episode: EpisodeKey(row.try_get("key")?),
             id: EpisodeId::from_text(row.try_get("id")?),
             owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
+            run: row.try_get::<Option<i64>, _>("run")?.map(RunKey),
+            revealed: row.try_get("revealed")?,
             opening: raw(row.try_get("opening")?)?,
             status: row.try_get("status")?,
             reason: row.try_get("reason")?,

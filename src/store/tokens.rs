@@ -1,27 +1,54 @@
 //! What tokens stand for: the table `tokens`, and keys.
 
+use std::sync::Arc;
+
 use sqlx::Row;
 use swarmbench_engine::AgentId;
 
 use super::{Store, failure};
 use crate::ids::{EpisodeId, TokenHash};
-use crate::journal::JournalError;
+use crate::journal::{EpisodeKey, JournalError, RunKey};
 use crate::keys::{Key, OwnerKey};
 
 /// What a token stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
-    /// Seats of an episode.
-    Seats {
+    /// One seat of an episode.
+    Seat {
         /// The episode.
         episode: EpisodeId,
+        /// The key of whoever holds the seat, if any.
+        owner: Option<OwnerKey>,
+        /// The seat.
+        agent: AgentId,
+    },
+    /// Several seats of an episode.
+    Swarm {
+        /// The episode.
+        episode: EpisodeId,
+        /// The key of whoever holds the seats, if any.
+        owner: Option<OwnerKey>,
+        /// Which seats.
+        seats: Seats,
+    },
+    /// All seats of all episodes of a run.
+    Run {
+        /// The number of the run.
+        run: RunKey,
         /// The key with which it was created, if any.
         owner: Option<OwnerKey>,
-        /// The seat; none for all seats.
-        agent: Option<AgentId>,
     },
     /// A person.
     Key(Key),
+}
+
+/// Which seats of an episode a swarm token stands for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Seats {
+    /// All that were not open to claims.
+    Creators,
+    /// Those of one claim.
+    Claimed(Arc<[AgentId]>),
 }
 
 impl Store {
@@ -31,21 +58,48 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, JournalError> {
         let row = sqlx::query(
-            "SELECT e.id, e.owner, t.agent FROM tokens t JOIN episodes e ON e.key = t.episode
+            "SELECT e.id, coalesce(e.owner, r.owner) AS owner, t.agent, t.holder, t.run, t.episode
+             FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
              WHERE t.hash = ?",
         )
         .bind(&hash.0[..])
         .fetch_optional(&self.readers)
         .await
         .map_err(failure)?;
-        row.map(|row| {
-            Ok(Grant::Seats {
-                episode: EpisodeId::from_text(row.try_get(0)?),
-                owner: row.try_get::<Option<i64>, _>(1)?.map(OwnerKey),
-                agent: row.try_get::<Option<u16>, _>(2)?.map(AgentId),
-            })
-        })
-        .transpose()
-        .map_err(failure)
+        let Some(row) = row else { return Ok(None) };
+        let owner = row.try_get::<Option<i64>, _>("owner").map_err(failure)?.map(OwnerKey);
+        if let Some(run) = row.try_get::<Option<i64>, _>("run").map_err(failure)? {
+            return Ok(Some(Grant::Run { run: RunKey(run), owner }));
+        }
+        let episode = EpisodeId::from_text(row.try_get("id").map_err(failure)?);
+        if let Some(agent) = row.try_get::<Option<u16>, _>("agent").map_err(failure)? {
+            return Ok(Some(Grant::Seat { episode, owner, agent: AgentId(agent) }));
+        }
+        let holder = row.try_get::<Option<i64>, _>("holder").map_err(failure)?;
+        let seats = match holder {
+            None => Seats::Creators,
+            Some(holder) => {
+                let key = row.try_get::<i64, _>("episode").map_err(failure)?;
+                Seats::Claimed(self.seats_of(EpisodeKey(key), holder).await?.into())
+            }
+        };
+        Ok(Some(Grant::Swarm { episode, owner, seats }))
+    }
+
+    /// The seats of one claim, in order.
+    async fn seats_of(
+        &self,
+        episode: EpisodeKey,
+        holder: i64,
+    ) -> Result<Vec<AgentId>, JournalError> {
+        let rows =
+            sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent")
+                .bind(episode.0)
+                .bind(holder)
+                .fetch_all(&self.readers)
+                .await
+                .map_err(failure)?;
+        let seats = rows.iter().map(|row| row.try_get(0).map(AgentId));
+        seats.collect::<Result<_, _>>().map_err(failure)
     }
 }

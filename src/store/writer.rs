@@ -69,6 +69,13 @@ impl Writer {
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
+    /// A writer that refuses everything.
+    pub(super) fn none() -> Self {
+        let (queue, _) = mpsc::unbounded_channel();
+        let (state, stop) = (Arc::default(), tokio_util::sync::CancellationToken::new());
+        Self { queue, state, stop, task: Arc::default() }
+    }
+
     pub(super) fn state(&self) -> &WriterState {
         &self.state
     }
@@ -173,6 +180,17 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             Entry::AddKey(row) => add_key(connection, row).await?,
             Entry::RevokeKey { id, at } => revoke_key(connection, id, *at).await?,
             Entry::Import { game, at } => super::imports::keep(connection, game, *at).await?,
+            Entry::OpenRun(row) => super::runs::open(connection, row).await?,
+            Entry::EndRun { run, status, at } => {
+                super::runs::end(connection, *run, status, *at).await?;
+            }
+            Entry::ReplaceRunToken { run, hash } => {
+                super::runs::replace_token(connection, *run, *hash).await?;
+            }
+            Entry::VoidEpisode { episode, reason, at } => {
+                void(connection, *episode, reason, *at).await?;
+            }
+            Entry::Audit(row) => super::audit::add(connection, row).await?,
         }
     }
     insert_acts(connection, &acts).await?;
@@ -183,13 +201,15 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
 
 async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO episodes (key, id, owner, opening, task, model, visibility, status, clocked,
-                               head, created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
+                               clocked, head, created_at, idempotency_key, idempotency_body)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
     .bind(row.owner.map(|owner| owner.0))
+    .bind(row.run.map(|(run, _)| run.0))
+    .bind(row.run.map(|(_, slot)| slot))
     .bind(row.record.as_str())
     .bind(row.task)
     .bind(&row.model)
@@ -230,6 +250,26 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
     .bind(i64::try_from(row.bytes).unwrap_or(i64::MAX))
     .bind(row.at.as_millisecond())
     .bind(row.episode.0)
+    .execute(&mut *connection)
+    .await?;
+    if row.counts {
+        super::results::add(connection, row).await?;
+    }
+    Ok(())
+}
+
+async fn void(
+    connection: &mut SqliteConnection,
+    episode: EpisodeKey,
+    reason: &str,
+    at: jiff::Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE episodes SET voided_at = ?, void_reason = ? WHERE key = ? AND voided_at IS NULL",
+    )
+    .bind(at.as_millisecond())
+    .bind(reason)
+    .bind(episode.0)
     .execute(connection)
     .await?;
     Ok(())
@@ -271,11 +311,13 @@ async fn insert_tokens(
     tokens: &[TokenRow],
 ) -> Result<(), sqlx::Error> {
     for chunk in chunks(tokens) {
-        let mut insert = QueryBuilder::<Sqlite>::new("INSERT INTO tokens (hash, episode, agent) ");
+        let mut insert =
+            QueryBuilder::<Sqlite>::new("INSERT INTO tokens (hash, episode, agent, holder) ");
         insert.push_values(chunk, |mut row, token| {
             row.push_bind(&token.hash.0[..])
                 .push_bind(episode.0)
-                .push_bind(token.agent.map(|agent| agent.0));
+                .push_bind(token.agent.map(|agent| agent.0))
+                .push_bind(token.holder);
         });
         insert.build().execute(&mut *connection).await?;
     }

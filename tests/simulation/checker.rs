@@ -343,7 +343,8 @@ impl Checker {
                 Entry::Act(row) => self.act(row),
                 Entry::Round(row) => self.round(row),
                 Entry::End(row) => self.end(row),
-                Entry::ReplaceTokens { .. } | Entry::AddKey(_) | Entry::RevokeKey { .. } => {}
+                // Tokens, keys and runs: nothing of an episode.
+                _ => {}
             }
         }
     }
@@ -518,6 +519,7 @@ impl Checker {
                 Ending::RoundsPlayed => "ended: rounds played",
                 Ending::Aborted => "ended: aborted",
                 Ending::Idle => "ended: idle",
+                Ending::Closed => "ended: closed",
             },
             1,
         );

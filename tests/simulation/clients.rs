@@ -97,7 +97,8 @@ pub(crate) async fn serve(
 ) {
     let say = |news| desk.lock().expect("one thread").push_back((number, news));
     if let Request::Create(spec, owner) = request {
-        let creation = Creation { id, owner, spec: *spec, tokens: Vec::new(), idempotency: None };
+        let creation =
+            Creation { id, owner, run: None, spec: *spec, tokens: Vec::new(), idempotency: None };
         let created = registry.create(creation).await;
         let created = created.map(|handle| say(News::Seen(handle.snapshot())));
         return say(News::Answered(Answer::Created(created)));
@@ -266,6 +267,13 @@ pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
         agent_meta: serde_json::Map::new(),
         prompt_template: "".into(),
         custom_template: false,
+        run: None,
+        salt: None,
+        closes_at: None,
+        open_seats: Vec::new(),
+        fill_after: None,
+        fill_with: None,
+        player: None,
     }
 }
 

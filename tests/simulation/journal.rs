@@ -249,6 +249,8 @@ impl State {
             episode: key,
             id: row.id.clone(),
             owner: row.owner,
+            run: row.run.map(|(run, _)| run),
+            revealed: false,
             opening: row.record.clone(),
             status: status.to_owned(),
             reason: end.map(|end| end.reason.to_owned()),

@@ -759,9 +759,7 @@ fn line(entry: &Entry) -> String {
             format!("{} round {} resolved: {}", row.episode.0, row.round, row.head)
         }
         Entry::End(row) => format!("{} ends at {}: {}", row.episode.0, row.at, row.record.as_str()),
-        Entry::ReplaceTokens { .. } | Entry::AddKey(_) | Entry::RevokeKey { .. } => {
-            "not of an episode".to_owned()
-        }
+        _ => "not of an episode".to_owned(),
     }
 }
 

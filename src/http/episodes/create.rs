@@ -88,7 +88,7 @@ async fn create_or_repeat(
             let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
             app.store.keep(vec![entry]).await?;
             app.forget_tokens(
-                |grant| matches!(grant, Grant::Seats { episode, .. } if *episode == id),
+                |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if *episode == id),
             );
             Ok(created(&handle, &tokens))
         }
@@ -116,7 +116,7 @@ async fn new_episode(
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
     let tokens = Tokens::new(app, spec.config.num_agents());
-    let creation = Creation { id, owner, spec, tokens: tokens.rows(), idempotency };
+    let creation = Creation { id, owner, run: None, spec, tokens: tokens.rows(), idempotency };
     let handle = app.registry.create(creation).await?;
     Ok(created(&handle, &tokens))
 }
@@ -139,8 +139,12 @@ impl Tokens {
     fn rows(&self) -> Vec<TokenRow> {
         let seats = self.seats.iter();
         seats
-            .map(|(agent, token)| TokenRow { hash: token.hash(), agent: Some(*agent) })
-            .chain([TokenRow { hash: self.swarm.hash(), agent: None }])
+            .map(|(agent, token)| TokenRow {
+                hash: token.hash(),
+                agent: Some(*agent),
+                holder: None,
+            })
+            .chain([TokenRow { hash: self.swarm.hash(), agent: None, holder: None }])
             .collect()
     }
 }
@@ -267,6 +271,13 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         agent_meta,
         custom_template: request.prompt_template.is_some(),
         prompt_template: request.prompt_template.as_deref().unwrap_or(prompt::BUILT_IN).into(),
+        run: None,
+        salt: None,
+        closes_at: None,
+        open_seats: Vec::new(),
+        fill_after: None,
+        fill_with: None,
+        player: None,
     })
 }
 

@@ -90,6 +90,7 @@ pub(in super::super) async fn list_episodes(
         status: params.status,
         task: params.task,
         model: params.model,
+        run: None,
         readable: caller.readable(&app.access),
     };
     let mut stored = app.store.list_episodes(&filter, before, limit + 1).await?;

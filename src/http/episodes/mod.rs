@@ -62,6 +62,14 @@ impl App {
         }
     }
 
+    /// Whether the caller may read all that was played, seed and acts included. Until the end that is
+    /// the creator's alone.
+    pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
+        let Ok(spec) = spec(stored) else { return false };
+        let subject = subject(stored, spec.visibility);
+        caller.may_read(&self.access, subject) && (subject.is_over || caller.owns(subject))
+    }
+
     /// An episode as it is shown, from what is stored of it.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
         let stored = self.store.find_summary(id).await?;
@@ -76,14 +84,15 @@ impl App {
     ) -> Result<EpisodeSummary, ApiError> {
         let spec = spec(stored)?;
         let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
-        let result = stored.reason.as_ref().map(|reason| EpisodeResult {
+        let subject = subject(stored, spec.visibility);
+        let may_read = caller.may_read(&self.access, subject);
+        let reason = stored.reason.as_ref().filter(|_| may_read);
+        let result = reason.map(|reason| EpisodeResult {
             reason: reason.clone(),
             score: stored.score,
             rounds: stored.rounds,
             journal_head: stored.head.to_string(),
         });
-        let subject = subject(stored, spec.visibility);
-        let may_read = caller.may_read(&self.access, subject);
         let may_know_seed = caller.owns(subject) || (may_read && subject.is_over);
         Ok(EpisodeSummary {
             id: stored.id.to_string(),
@@ -104,7 +113,14 @@ impl App {
 /// What decides who may do what with a stored episode.
 fn subject(stored: &StoredEpisode, visibility: Visibility) -> Subject<'_> {
     let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
-    Subject { id: &stored.id, owner: stored.owner, visibility, is_over }
+    Subject {
+        id: &stored.id,
+        owner: stored.owner,
+        run: stored.run,
+        visibility,
+        is_over,
+        is_revealed: stored.revealed,
+    }
 }
 
 fn broken(problem: &str) -> ApiError {

@@ -1,0 +1,122 @@
+//! Suites: tasks, seeds and settings under a name.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use swarmbench_engine::{Settings, TaskName};
+
+/// Which games are played, and by which settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Suite {
+    /// Its name.
+    pub name: String,
+    /// Names of tasks, in the order in which they are played.
+    pub tasks: Vec<String>,
+    /// Every task is played once on each of these.
+    pub seeds: Vec<u64>,
+    /// The rule set.
+    pub rules: String,
+    /// The settings of all games.
+    pub settings: SuiteSettings,
+}
+
+/// The settings of all games of a suite: those of an episode but task, seed and rules.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names are those of the wire, described there")]
+pub struct SuiteSettings {
+    pub control: String,
+    pub num_agents: i64,
+    pub width: i64,
+    pub height: i64,
+    pub view_size: i64,
+    pub memory: i64,
+    pub max_round: i64,
+    pub noise: f64,
+    pub max_delay: i64,
+    /// A round's clock; none for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub round_deadline_ms: Option<u64>,
+    /// What a seat may overspend in all rounds together.
+    #[serde(default)]
+    pub bank_ms: u64,
+}
+
+impl Default for SuiteSettings {
+    /// The standard setting.
+    fn default() -> Self {
+        let Settings {
+            control,
+            num_agents,
+            width,
+            height,
+            view_size,
+            memory,
+            max_round,
+            noise,
+            max_delay,
+            ..
+        } = Settings::default();
+        Self {
+            control,
+            num_agents,
+            width,
+            height,
+            view_size,
+            memory,
+            max_round,
+            noise,
+            max_delay,
+            round_deadline_ms: None,
+            bank_ms: 0,
+        }
+    }
+}
+
+/// One game of a plan.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Game {
+    /// Its place in the plan, from 0.
+    pub slot: u32,
+    /// The task's name.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Suite {
+    /// The names of the built-in suites.
+    pub const BUILT_IN: [&str; 2] = ["standard", "quick"];
+
+    /// A built-in suite by these rules: `standard` is the setting of the paper's main tables, five
+    /// tasks by five seeds; `quick` is a short look at all tasks.
+    #[must_use]
+    pub fn built_in(name: &str, rules: &str) -> Option<Self> {
+        let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
+        let (seeds, max_round) = match name {
+            "standard" => (vec![27, 42, 57, 72, 87], SuiteSettings::default().max_round),
+            "quick" => (vec![27], 20),
+            _ => return None,
+        };
+        let settings = SuiteSettings { max_round, ..SuiteSettings::default() };
+        Some(Self { name: name.to_owned(), tasks, seeds, rules: rules.to_owned(), settings })
+    }
+
+    /// All games, task by task.
+    #[must_use]
+    pub fn plan(&self) -> Vec<Game> {
+        let pairs =
+            self.tasks.iter().flat_map(|task| self.seeds.iter().map(move |&seed| (task, seed)));
+        (0..)
+            .zip(pairs)
+            .map(|(slot, (task, seed))| Game { slot, task: task.clone(), seed })
+            .collect()
+    }
+
+    /// Tells suites of the same name apart: the first 12 hexadecimal digits of SHA-256 of all of it.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        let json = serde_json::to_vec(self).expect("a suite has string keys");
+        data_encoding::HEXLOWER.encode(&Sha256::digest(json)[..6])
+    }
+}
