@@ -6,8 +6,10 @@ mod boards;
 mod client;
 mod episodes;
 pub mod error;
+mod exports;
 mod extract;
 mod host;
+mod imports;
 mod keys;
 pub mod limits;
 pub mod openapi;
@@ -103,6 +105,8 @@ pub struct Shared {
     renders: Semaphore,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
+    /// Turns to make an export; each keeps a thread busy.
+    exports: Arc<Semaphore>,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -120,6 +124,7 @@ impl App {
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
+            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
