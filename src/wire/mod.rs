@@ -5,7 +5,9 @@
 //! reads them.
 
 pub mod act;
+pub mod board;
 pub mod episode;
+pub mod import;
 pub mod key;
 pub mod observation;
 pub mod problem;
