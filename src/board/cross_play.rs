@@ -24,8 +24,17 @@ pub struct MixedGame {
     pub setting: Setting,
     /// Its score.
     pub score: f64,
-    /// The model of each holder of seats.
-    pub models: Vec<String>,
+    /// What each holder of seats played with.
+    pub models: Vec<Model>,
+}
+
+/// What a holder of seats played with.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Model {
+    /// Its name.
+    pub name: String,
+    /// Whether somebody answers for it that this was the model.
+    pub vouched: bool,
 }
 
 /// Two models that played together; twice the same where two holders played with it.
@@ -35,6 +44,8 @@ pub struct Pair {
     pub setting: Setting,
     /// The models, in order of their names.
     pub models: [String; 2],
+    /// Whether somebody answers for both names in all of these games.
+    pub vouched: bool,
     /// In how many games.
     pub games: usize,
     /// The mean score of these games.
@@ -46,27 +57,29 @@ pub struct Pair {
 /// All pairs, by setting, the best first. A game counts once for each pair of models in it.
 #[must_use]
 pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
-    let mut scores: BTreeMap<(&Setting, [&str; 2]), Vec<f64>> = BTreeMap::new();
+    let mut met: BTreeMap<(&Setting, [&str; 2]), (Vec<f64>, bool)> = BTreeMap::new();
     for game in games {
-        let mut models: Vec<&str> = game.models.iter().map(String::as_str).collect();
-        models.sort_unstable();
-        let mut met: Vec<[&str; 2]> = (models.iter().enumerate())
-            .flat_map(|(place, &one)| models[place + 1..].iter().map(move |&other| [one, other]))
-            .collect();
-        met.dedup();
-        met.sort_unstable();
-        met.dedup();
-        for pair in met {
-            scores.entry((&game.setting, pair)).or_default().push(game.score);
+        let mut here: BTreeMap<[&str; 2], bool> = BTreeMap::new();
+        for (place, one) in game.models.iter().enumerate() {
+            for other in &game.models[place + 1..] {
+                let mut names = [one.name.as_str(), other.name.as_str()];
+                names.sort_unstable();
+                *here.entry(names).or_insert(true) &= one.vouched && other.vouched;
+            }
+        }
+        for (names, vouched) in here {
+            let (scores, all_vouched) = met.entry((&game.setting, names)).or_insert((vec![], true));
+            scores.push(game.score);
+            *all_vouched &= vouched;
         }
     }
-    let mut pairs: Vec<Pair> = (scores.into_iter())
-        .filter_map(|((setting, models), mut scores)| {
+    let mut pairs: Vec<Pair> = (met.into_iter())
+        .filter_map(|((setting, models), (mut scores, vouched))| {
             // A sum of floats depends on its order.
             scores.sort_by(f64::total_cmp);
             let (mean, deviation) = mean_and_deviation(&scores)?;
-            let models = models.map(str::to_owned);
-            Some(Pair { setting: setting.clone(), models, games: scores.len(), mean, deviation })
+            let (setting, models) = (setting.clone(), models.map(str::to_owned));
+            Some(Pair { setting, models, vouched, games: scores.len(), mean, deviation })
         })
         .collect();
     pairs.sort_by(|a, b| a.setting.cmp(&b.setting).then(b.mean.total_cmp(&a.mean)));
@@ -82,14 +95,16 @@ mod tests {
     }
 
     fn game(settings: &str, score: f64, models: &[&str]) -> MixedGame {
-        let models = models.iter().map(|&model| model.to_owned()).collect();
+        let model = |name: &&str| Model { name: (*name).to_owned(), vouched: *name != "z" };
+        let models = models.iter().map(model).collect();
         MixedGame { setting: setting(TaskName::Foraging, settings), score, models }
     }
 
     fn shown(games: &[MixedGame]) -> Vec<String> {
         let show = |pair: &Pair| {
-            let Pair { setting, models: [a, b], games, mean, deviation } = pair;
-            format!("{} {a}+{b}: {mean} ± {deviation} in {games}", setting.settings)
+            let Pair { setting, models: [a, b], vouched, games, mean, deviation } = pair;
+            let mark = if *vouched { "" } else { "?" };
+            format!("{} {a}+{b}{mark}: {mean} ± {deviation} in {games}", setting.settings)
         };
         pairs(games).iter().map(show).collect()
     }
@@ -106,8 +121,8 @@ mod tests {
         ];
         let expected = [
             "s x+x: 9 ± 0 in 1",
-            "s x+z: 6.5 ± 2.5 in 2",
-            "s y+z: 4 ± 0 in 1",
+            "s x+z?: 6.5 ± 2.5 in 2",
+            "s y+z?: 4 ± 0 in 1",
             "s x+y: 3 ± 1 in 2",
             "t x+y: 1 ± 0 in 1",
         ];

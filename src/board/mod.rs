@@ -3,11 +3,13 @@
 //! - [`result`]: what a run is worth, task by task.
 //! - [`rank`]: runs of the same player make a row; rows are put in order.
 //! - [`interval`]: how sure the order of two rows is.
+//! - [`collection`]: all boards of a database.
 //! - [`reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is told in
 //! `docs/boards.md`.
 
+pub mod collection;
 pub mod cross_play;
 pub mod interval;
 pub mod rank;
@@ -38,8 +40,8 @@ pub struct Player {
     pub temperature: Option<f64>,
     /// Its `top_p`, where it was told.
     pub top_p: Option<f64>,
-    /// The digest of its prompt template.
-    pub template: String,
+    /// The digest of its prompt template; none for the built-in one.
+    pub template: Option<String>,
 }
 
 /// Names a row of a board: the same player has the same in every board.
@@ -87,7 +89,7 @@ impl Player {
             self.model.as_bytes(),
             &number(self.temperature),
             &number(self.top_p),
-            self.template.as_bytes(),
+            self.template.as_ref().map_or(&[], |digest| digest.as_bytes()),
         ])
     }
 }

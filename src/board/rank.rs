@@ -234,7 +234,7 @@ pub(super) mod tests {
             model: model.to_owned(),
             temperature: Some(1.0),
             top_p: None,
-            template: "t".to_owned(),
+            template: None,
         }
     }
 
@@ -330,7 +330,7 @@ pub(super) mod tests {
             },
             Player { temperature: None, ..same.clone() },
             Player { top_p: Some(1.0), temperature: None, ..same.clone() },
-            Player { template: "u".to_owned(), ..same.clone() },
+            Player { template: Some("u".to_owned()), ..same.clone() },
         ];
         let mut ids: Vec<_> = others.iter().chain([&same]).map(Player::row).collect();
         ids.sort_unstable();

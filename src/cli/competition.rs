@@ -1,6 +1,6 @@
 //! `swarmbench competition`
 
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, bail};
@@ -317,7 +317,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         Command::Board { id, csv: true, .. } => {
             let path = path(&id, "/board");
-            client.download(&path, &[("format", "csv")], &mut std::io::stdout().lock()).await?;
+            let format = ("format", &"csv".to_owned());
+            client.download(&path, &[format], &mut std::io::stdout().lock()).await?;
         }
         Command::Board { id, json, .. } => {
             let board: CompetitionBoard = client.get(&path(&id, "/board")).await?;
@@ -331,7 +332,6 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let path = format!("/api/v1/exports/competitions/{id}");
             let mut out = std::io::BufWriter::new(std::io::stdout().lock());
             client.download(&path, &[], &mut out).await?;
-            out.flush()?;
         }
     }
     Ok(())

@@ -159,7 +159,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
-            template: declaration.template_digest().unwrap_or_default(),
+            template: declaration.template_digest(),
         },
         status: attempt.status.clone(),
         created_at: attempt.created_at,

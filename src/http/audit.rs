@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 use super::App;
 use super::auth::{Caller, Organizer};
 use super::error::ApiError;
-use super::extract::{Params, page, read_cursor, write_cursor};
+use super::extract::{Params, page_limit, read_cursor, write_cursor};
 use super::openapi::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
 use crate::wire::competition::{AuditLog, Deed};
@@ -46,7 +46,7 @@ pub(super) async fn list_audit(
     _: Organizer,
     Params(params): Params<AuditParams>,
 ) -> Result<Json<AuditLog>, ApiError> {
-    let limit = page(&app.limits, params.limit)?;
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     let before = read_cursor(params.cursor.as_deref())?;
     let mut deeds = app.store.audit(before, limit + 1).await?;
     let has_more = deeds.len() > limit as usize;

@@ -177,6 +177,11 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
+    /// Whether the caller may read what everybody may read once it is over.
+    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+        !access.private || matches!(self, Self::Key(_))
+    }
+
     /// Whether the caller may know that the episode exists.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
@@ -226,6 +231,19 @@ impl Caller {
                 Some(Entry::Audit(Box::new(AuditRow { at, who, action, subject, detail })))
             }
             _ => None,
+        }
+    }
+
+    /// Whether the caller may read boards. On a private server it takes a key.
+    pub(super) fn may_read_boards(&self, access: &Access) -> Result<(), ApiError> {
+        match self {
+            _ if !access.private => Ok(()),
+            Self::Key(_) => Ok(()),
+            Self::Anonymous { .. } => Err(needs_token("a key")),
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+                let detail = "this server is private: boards take a key";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
         }
     }
 

@@ -288,17 +288,6 @@ pub(super) fn idempotency_key(
     }
 }
 
-/// How many items a page of a list is to have, checked.
-pub(super) fn page(limits: &Limits, asked: Option<u32>) -> Result<u32, ApiError> {
-    let most = limits.page_items_max;
-    let limit = asked.unwrap_or(limits.page_items_default);
-    if (1..=most).contains(&limit) {
-        return Ok(limit);
-    }
-    let detail = format!("limit must be from 1 to {most}, is {limit}");
-    Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail))
-}
-
 /// Where a page of a list begins: after the item with this number.
 pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
     let Some(text) = text else { return Ok(None) };
@@ -323,6 +312,17 @@ pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result
         }
         _ => Ok(()),
     }
+}
+
+/// How many items somebody wants of a list, checked.
+pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
+    let most = app.limits.page_items_max;
+    let limit = asked.unwrap_or(usual);
+    if !(1..=most).contains(&limit) {
+        let detail = format!("limit must be from 1 to {most}, is {limit}");
+        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
+    }
+    Ok(limit)
 }
 
 /// How long a request wants to wait, checked.

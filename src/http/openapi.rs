@@ -23,6 +23,8 @@ use super::limits::Limits;
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
         (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
+        (name = "boards", description = "Who did how well."),
+        (name = "data", description = "Many episodes in one file, and games that were read from files."),
         (name = "competitions", description = "Competitions on sealed seeds; what organizers did."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),

@@ -22,7 +22,10 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, audit, client, competitions, episodes, host, keys, openapi, runs, swarm};
+use super::{
+    App, agent, audit, boards, client, competitions, episodes, exports, host, imports, keys,
+    openapi, runs, swarm,
+};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -59,8 +62,14 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(competitions::board::show_board))
         .routes(routes!(competitions::export::export_competition))
         .routes(routes!(audit::list_audit))
+        .routes(routes!(exports::download::download_export))
+        .routes(routes!(imports::list::list_imports))
+        .routes(routes!(imports::show::show_import))
+        .routes(routes!(imports::state::show_imported_state))
         .routes(routes!(keys::create::create_key, keys::list::list_keys))
         .routes(routes!(keys::revoke::revoke_key))
+        .routes(routes!(boards::leaderboard::show_leaderboard))
+        .routes(routes!(boards::cross_play::show_cross_play))
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))

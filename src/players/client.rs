@@ -1,6 +1,5 @@
 //! A client of the wire contract, as far as the built-in players need it.
 
-use std::io::Write;
 use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
@@ -8,7 +7,9 @@ use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::board::collection::Question;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
@@ -49,9 +50,6 @@ pub enum ClientError {
         /// What was wrong.
         what: String,
     },
-    /// What came cannot be written.
-    #[error("the answer cannot be written: {0}")]
-    Write(std::io::Error),
     /// The address is none.
     #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
     Address(String),
@@ -65,7 +63,7 @@ impl ClientError {
             Self::Refused { status, .. } => {
                 matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
             }
-            Self::Strange { .. } | Self::Write(_) | Self::Address(_) => false,
+            Self::Strange { .. } | Self::Address(_) => false,
         }
     }
 }
@@ -75,9 +73,18 @@ impl ClientError {
     fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
-            Self::Transport { .. } | Self::Strange { .. } | Self::Write(_) | Self::Address(_) => {
-                None
-            }
+            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) => None,
+        }
+    }
+}
+
+/// What a server said that does not do what was asked.
+fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
+    match serde_json::from_slice(body) {
+        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
+        Err(_) => {
+            let what = String::from_utf8_lossy(body).chars().take(200).collect();
+            ClientError::Strange { url, status, what }
         }
     }
 }
@@ -128,6 +135,32 @@ impl Client {
     #[must_use]
     pub const fn base(&self) -> &Url {
         &self.base
+    }
+
+    /// Takes what may be too large for memory. An answer that breaks off is an error.
+    ///
+    /// # Errors
+    /// Where the server refuses or does not answer, or `out` cannot be written to.
+    pub async fn download(
+        &self,
+        path: &str,
+        query: &[(&str, &String)],
+        out: &mut (impl std::io::Write + ?Sized),
+    ) -> anyhow::Result<()> {
+        let mut url = self.base.clone();
+        url.set_path(path);
+        let transport = |source| ClientError::Transport { url: url.clone(), source };
+        let call = self.signed(self.http.get(url.clone())).query(query);
+        let mut answer = call.send().await.map_err(transport)?;
+        let status = answer.status();
+        if !status.is_success() {
+            let bytes = answer.bytes().await.map_err(transport)?;
+            return Err(refused(url, status, &bytes).into());
+        }
+        while let Some(piece) = answer.chunk().await.map_err(transport)? {
+            out.write_all(&piece)?;
+        }
+        Ok(out.flush()?)
     }
 
     /// Creates an episode. A repeat after a lost answer gives the same one.
@@ -256,30 +289,61 @@ impl Client {
         self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
     }
 
-    /// Writes an answer out as it comes, in constant memory.
+    /// A whole board, page by page.
     ///
     /// # Errors
-    /// See [`Client::create_episode`]; and where it cannot be written.
-    pub async fn download(
+    /// See [`Client::create_episode`].
+    pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
+        let Question { suite, rules, task, sort, pick, no_reference } = question;
+        let asked =
+            [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value.clone()?)))
+            .chain([("reference", (!no_reference).to_string())])
+            .collect();
+        let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+        while let Some(cursor) = board.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+            board.items.extend(next.items);
+            board.next_cursor = next.next_cursor;
+        }
+        Ok(board)
+    }
+
+    /// All pairs of models that played together, page by page.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn cross_play(
+        &self,
+        task: Option<&str>,
+        rules: Option<&str>,
+    ) -> Result<CrossPlay, ClientError> {
+        let asked = [("task", task), ("rules", rules)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value?.to_owned())))
+            .collect();
+        let mut found: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+        while let Some(cursor) = found.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+            found.items.extend(next.items);
+            found.next_cursor = next.next_cursor;
+        }
+        Ok(found)
+    }
+
+    /// A page that is as large as pages may be.
+    async fn page<T: DeserializeOwned>(
         &self,
         path: &str,
-        query: &[(&str, &str)],
-        out: &mut impl Write,
-    ) -> Result<(), ClientError> {
-        let mut url = self.base.clone();
-        url.set_path(path);
-        let failed = |source| ClientError::Transport { url: url.clone(), source };
-        let call = self.signed(self.http.get(url.clone())).query(query);
-        let mut response = call.send().await.map_err(failed)?;
-        let status = response.status();
-        if !status.is_success() {
-            let body = response.bytes().await.map_err(failed)?;
-            return Err(refused(url.clone(), status, &body));
-        }
-        while let Some(piece) = response.chunk().await.map_err(failed)? {
-            out.write_all(&piece).map_err(ClientError::Write)?;
-        }
-        Ok(())
+        query: &[(&str, String)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(&[("limit", 1000)]).query(query))
+            .await
     }
 
     /// Whether the server lives.
@@ -323,17 +387,6 @@ impl Client {
             return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
         }
         Err(refused(url, status, &body))
-    }
-}
-
-/// What a server said that refused.
-fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
-    match serde_json::from_slice(body) {
-        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
-        Err(_) => {
-            let what = String::from_utf8_lossy(body).chars().take(200).collect();
-            ClientError::Strange { url, status, what }
-        }
     }
 }
 

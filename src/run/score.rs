@@ -1,26 +1,9 @@
-//! What a run came to: means over seeds, their deviations, and the total.
+//! What a run came to so far: means over seeds, their deviations, and the total. Boards, which rank runs that
+//! are over, have their own way to the same numbers.
 
 use super::suite::Suite;
+use crate::board::result::mean_and_deviation;
 use crate::store::runs::StoredGame;
-
-/// The mean of scores; none of none.
-#[must_use]
-pub fn mean(scores: &[f64]) -> Option<f64> {
-    (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / count(scores))
-}
-
-/// The population standard deviation of scores; none of none.
-#[must_use]
-pub fn deviation(scores: &[f64]) -> Option<f64> {
-    let mean = mean(scores)?;
-    let squares = scores.iter().map(|score| (score - mean).powi(2));
-    Some((squares.sum::<f64>() / count(scores)).sqrt())
-}
-
-#[expect(clippy::cast_precision_loss, reason = "nobody plays 2⁵³ games")]
-const fn count(scores: &[f64]) -> f64 {
-    scores.len() as f64
-}
 
 /// What a run came to in one task.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,8 +60,7 @@ pub fn task_scores(suite: &Suite, games: &[StoredGame], is_over: bool) -> Vec<Ta
             }
             found.planned += 1;
         }
-        found.mean = mean(&scores);
-        found.deviation = deviation(&scores);
+        (found.mean, found.deviation) = mean_and_deviation(&scores).unzip();
         found
     };
     suite.tasks.iter().map(score).collect()
@@ -97,15 +79,6 @@ mod tests {
     use crate::ids::EpisodeId;
     use crate::journal::{EpisodeKey, Tally};
 
-    #[test]
-    fn means_and_deviations_are_those_of_the_paper() {
-        let scores = [9.0, 10.0, 10.0, 10.0, 9.0];
-        let told = |value: Option<f64>| format!("{:.2}", value.expect("there are scores"));
-        assert_eq!((told(mean(&scores)), told(deviation(&scores))), ("9.60".into(), "0.49".into()));
-        assert_eq!((mean(&[]), deviation(&[])), (None, None));
-        assert_eq!((mean(&[3.5]), deviation(&[3.5])), (Some(3.5), Some(0.0)));
-    }
-
     fn game(slot: u32, score: f64, is_over: bool, voided: bool) -> StoredGame {
         StoredGame {
             episode: EpisodeKey(0),
@@ -119,6 +92,18 @@ mod tests {
             void_reason: voided.then(String::new),
             ended_at: is_over.then_some(jiff::Timestamp::UNIX_EPOCH),
         }
+    }
+
+    #[test]
+    fn means_and_deviations_are_those_of_the_paper() {
+        let suite = Suite::built_in("standard", "paper").expect("a suite");
+        let scores = [9.0, 10.0, 10.0, 10.0, 9.0];
+        let games: Vec<_> =
+            (0..).zip(scores).map(|(slot, score)| game(slot, score, true, false)).collect();
+        let tasks = task_scores(&suite, &games, false);
+        let first = tasks[0].mean.zip(tasks[0].deviation).expect("there are scores");
+        assert_eq!(format!("{:.2} ± {:.2}", first.0, first.1), "9.60 ± 0.49");
+        assert_eq!(total(&tasks), Some(9.6));
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod access;
 mod agent;
 mod backup;
 mod bad_input;
+mod boards;
 mod clocks;
 mod competitions;
 mod concurrency;

@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, page, read_cursor, write_cursor};
+use super::super::extract::{Params, page_limit, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::journal::CompetitionKey;
@@ -46,7 +46,7 @@ pub(in super::super) async fn list_competitions(
     Params(params): Params<ListParams>,
 ) -> Result<Json<CompetitionList>, ApiError> {
     caller.may_look_around(&app.access)?;
-    let limit = page(&app.limits, params.limit)?;
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     let before = read_cursor(params.cursor.as_deref())?.map(CompetitionKey);
     let mut stored = app.store.list_competitions(before, limit + 1).await?;
     let has_more = stored.len() > limit as usize;

@@ -9,7 +9,7 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, one_of, page, read_cursor, write_cursor};
+use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::episode::Status;
 use crate::journal::EpisodeKey;
@@ -57,7 +57,7 @@ pub(in super::super) async fn list_episodes(
     caller: Caller,
     Params(params): Params<ListParams>,
 ) -> Result<Json<EpisodeList>, ApiError> {
-    let limit = page(&app.limits, params.limit)?;
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
     let before = read_cursor(params.cursor.as_deref())?.map(EpisodeKey);

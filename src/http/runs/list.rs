@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, one_of, page, read_cursor, write_cursor};
+use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::journal::RunKey;
@@ -55,7 +55,7 @@ pub(in super::super) async fn list_runs(
     caller: Caller,
     Params(params): Params<ListParams>,
 ) -> Result<Json<RunList>, ApiError> {
-    let limit = page(&app.limits, params.limit)?;
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &RunStatus::ALL.map(RunStatus::name))?;
     let before = read_cursor(params.cursor.as_deref())?.map(RunKey);
     let filter = RunFilter {
