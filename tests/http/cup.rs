@@ -34,7 +34,7 @@ pub(crate) fn request() -> Value {
     json!({
         "name": "a cup", "opens_at": "2026-03-01T12:10:00Z", "closes_at": "2026-03-01T13:00:00Z",
         "suite": {
-            "tasks": ["Synchronization", "Flocking"], "seeds": 2,
+            "tasks": ["Synchronization", "Pursuit"], "seeds": 2,
             "settings": { "num_agents": 3, "max_round": 3 },
         },
         "clocks": { "round_deadline_s": 10, "idle_timeout_s": 7200 },
@@ -148,20 +148,17 @@ impl Attempt {
         app.get("/swarm/obs?limit=1024&wait=5").token(&self.swarm).ok().await
     }
 
-    /// All seats of all open games act once: each does one of these, by its number and the round.
+    /// All seats of all open games act once: they play well in so many rounds, and do nothing then.
     pub(crate) async fn act(&self, app: &TestApp, skill: u64) -> bool {
         let seen = self.look(app).await;
         let act = |seen: &Value| {
             let (task, round) = (text(&seen["task"]["name"]), number(&seen["round"]));
-            let agent: u64 = text(&seen["agent"])["Agent_".len()..].parse().expect("a number");
-            let action = match (task.as_str(), (round + agent) % 4 < skill) {
-                ("Synchronization", true) => "SWITCH",
-                ("Flocking", true) => "UP",
-                _ => "STAY",
-            };
+            // All lights on, all off, and so on: each change scores.
+            let is_wrong = seen["light_on"] != (round % 2 == 0);
+            let switches = task == "Synchronization" && is_wrong && round < skill;
             json!({
                 "episode": seen["episode"], "agent": seen["agent"], "round": seen["round"],
-                "action": action,
+                "action": if switches { "SWITCH" } else { "STAY" },
             })
         };
         let acts: Vec<Value> = list(&seen["observations"]).iter().map(act).collect();

@@ -50,12 +50,13 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, _) = app.known(&caller, id).await?;
+    let (stored, visibility) = app.known(&caller, id).await?;
     if !app.may_read_journal(&caller, &stored) {
         let detail = "a journal holds the seed: until the end only the creator may read it";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let turn = app.journal_turn()?;
+    app.note_look(&caller, &stored, visibility).await?;
     // Its last record, too, and all as it stands now.
     let stored = app.store.find_episode(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
