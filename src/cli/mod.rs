@@ -42,7 +42,7 @@ enum Command {
     Serve(serve::Args),
     /// Make, list and revoke the keys of people.
     Key(key::Args),
-    /// Create an episode on a server and play it with a built-in player.
+    /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
     /// Play a journal file again and check every hash, digest, act and score.
     Verify(verify::Args),

@@ -12,6 +12,7 @@ use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
+use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
 /// How long one request may take beyond what it asked to wait.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -184,6 +185,40 @@ impl Client {
     pub async fn episode(&self, id: &str) -> Result<EpisodeSummary, ClientError> {
         let path = format!("/api/v1/episodes/{id}");
         self.ask(Method::GET, &path, |call| self.signed(call)).await
+    }
+
+    /// Starts a run. A repeat after a lost answer gives the same one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
+        let key = uuid_text();
+        self.ask(Method::POST, "/api/v1/runs", |call| {
+            self.signed(call).header("Idempotency-Key", &key).json(request)
+        })
+        .await
+    }
+
+    /// Shows a run: with its own token, or else with the key.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn run(&self, id: &str, token: Option<&str>) -> Result<RunDetail, ClientError> {
+        let path = format!("/api/v1/runs/{id}");
+        self.ask(Method::GET, &path, |call| match token {
+            Some(token) => call.bearer_auth(token),
+            None => self.signed(call),
+        })
+        .await
+    }
+
+    /// A new token of a run, in place of the one that it had.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
+        let path = format!("/api/v1/runs/{id}/token");
+        self.ask(Method::POST, &path, |call| self.signed(call)).await
     }
 
     /// The observations that wait for an act and were opened since `after`.
