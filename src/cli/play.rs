@@ -83,6 +83,10 @@ pub(super) fn task(name: &str) -> Result<TaskName, String> {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let plays = |task: &TaskName| args.suite.is_some() || args.task == Some(*task);
+    for task in TaskName::ALL.into_iter().filter(plays) {
+        player(args.player.as_deref(), task)?;
+    }
     let mut client = Client::new(&args.server)?;
     if let Some(key) = args.key.clone() {
         client = client.with_key(key);
@@ -121,9 +125,6 @@ async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Re
 /// Plays a run, or what is left of one, and shows what it came to.
 async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     let name = args.player.as_deref();
-    for task in TaskName::ALL.into_iter().filter(|_| args.suite.is_some()) {
-        player(name, task)?;
-    }
     let (run, token) = match args.run {
         None => {
             let created = client
@@ -150,6 +151,9 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
             (client.run(&id, Some(&token)).await?, token)
         }
     };
+    for task in run.run.suite.tasks.iter().filter_map(|task| TaskName::parse(task)) {
+        player(name, task)?;
+    }
     let mut bars = RunBars::new(&run, name.unwrap_or("its own player"));
     let choose = |task| player(name, task).ok();
     let played =
