@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each module of the server may name of the others, beside itself.
-const MAY_NAME: [(&str, &[&str]); 17] = [
+const MAY_NAME: [(&str, &[&str]); 18] = [
     ("clock", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
@@ -15,13 +15,15 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
     ("journal", &["ids", "keys"]),
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
-    ("wire", &["episode", "keys"]),
+    ("wire", &["episode", "journal", "keys"]),
     ("prompt", &["wire"]),
+    ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
     ("run", &["clock", "episode", "ids", "journal", "keys", "store"]),
     (
         "http",
         &[
             "clock",
+            "dataset",
             "episode",
             "host",
             "ids",
@@ -40,8 +42,11 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
         "cli",
         &[
             "clock",
+            "dataset",
+            "episode",
             "host",
             "http",
+            "ids",
             "journal",
             "keys",
             "loadtest",
@@ -57,7 +62,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
 
 /// Crates that only some modules may name. The load test measures the server against what it is made of, so it names
 /// axum and sqlx too.
-const ONLY_IN: [(&str, &[&str]); 11] = [
+const ONLY_IN: [(&str, &[&str]); 14] = [
     ("axum", &["http", "loadtest"]),
     ("tower_http", &["http"]),
     ("hyper", &["http"]),
@@ -69,6 +74,9 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "cli"]),
     ("indicatif", &["cli"]),
+    ("zip", &["dataset"]),
+    ("parquet", &["dataset"]),
+    ("flate2", &["dataset"]),
 ];
 
 fn root() -> PathBuf {

@@ -133,7 +133,6 @@ pub(in super::super) async fn download_export(
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
     tokio::task::spawn_blocking(move || {
-        let _turn = turn;
         let may = |stored: &_| app.may_read_journal(&caller, stored);
         let export = match Export::select(&app.store, &selection, may, |_, _| ()) {
             Ok(export) => export,
@@ -143,7 +142,10 @@ pub(in super::super) async fn download_export(
             return;
         }
         let out = Pieces { gathered: Vec::new(), to: pieces.clone(), stop: app.stop.clone() };
-        if let Err(error) = file.write(export, out) {
+        let written = file.write(export, out);
+        // Whoever has the whole file finds the turn free.
+        drop(turn);
+        if let Err(error) = written {
             // Whoever reads is to notice that this is not the whole file.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
