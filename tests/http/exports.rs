@@ -8,6 +8,7 @@ use std::process::{Command, Output, Stdio};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use serde_json::{Map, Value, json};
+use sqlx::Connection;
 use tokio::task::spawn_blocking;
 use zip::ZipArchive;
 
@@ -154,6 +155,8 @@ async fn check_game(app: &TestApp, files: &BTreeMap<String, Value>, played: &Pla
             .await;
         assert_eq!((&state["round"], &state["task"]), (&json!(round), &config["task"]));
         assert_eq!(state["score"], now["score"]);
+        // The toolkit's script for trends refuses games in which it falls.
+        assert!(round == 0 || seconds(&states[round - 1]["score"]) <= seconds(&state["score"]));
         assert_eq!(json!(shown(&state["grid"])), now["grid"]);
         for cell in list(&state["grid"]).iter().flat_map(list) {
             assert_eq!(cell.as_str().map(|cell| cell.chars().count()), Some(1), "{cell}");
@@ -345,6 +348,7 @@ async fn tables_say_the_same_as_lines_and_as_parquet() {
         assert_eq!(row["action"] == Value::Null, row["valid"] == false);
         assert_eq!(row["latency_ms"], act["usage"]["latency_ms"]);
         assert_eq!((&row["source"], &row["model"]), (&json!("player"), &json!("exported")));
+        assert_eq!(row["run"], Value::Null);
     }
     let rounds = lines(&app, "rounds.jsonl?task=Synchronization").await;
     assert_eq!(rounds[0]["acts"], Value::Null);
@@ -472,6 +476,37 @@ async fn only_so_many_exports_are_made_at_once() {
     for _ in 0..20 {
         assert_eq!(app.get("/api/v1/exports/acts.jsonl").send().await.status, 200);
     }
+}
+
+/// An episode whose journal was changed is left out and named; the others are whole.
+#[tokio::test]
+async fn what_does_not_play_again_is_left_out() {
+    let mut app = TestApp::start().await;
+    let sound = play(&app, request("Pursuit")).await;
+    let broken = play(&app, request("Foraging")).await;
+    app.stop().await;
+    let db = app.database().display().to_string();
+    let mut connection = sqlx::SqliteConnection::connect(&db).await.expect("a database");
+    sqlx::query(
+        "UPDATE rounds SET digest = zeroblob(32)
+         WHERE round = 4 AND episode = (SELECT key FROM episodes WHERE id = ?)",
+    )
+    .bind(&broken.episode.id)
+    .execute(&mut connection)
+    .await
+    .expect("a change");
+    connection.close().await.expect("closed");
+    let place = tempfile::tempdir().expect("a folder");
+    let folder = place.path().join("games");
+    let output = swarmbench(args(&["export", &folder.display().to_string(), "--db", &db])).await;
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains(&broken.episode.id), "{said}");
+    app.start_again().await;
+    let files = dataset(&app, "").await;
+    assert_eq!(files.len(), 3);
+    check_game(&app, &files, &sound).await;
+    assert_eq!(open(&folder), files);
+    assert_eq!(lines(&app, "acts.jsonl").await.len(), 36);
 }
 
 /// Runs the program as its user does.
