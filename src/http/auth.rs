@@ -187,6 +187,19 @@ impl Caller {
         }
     }
 
+    /// Whether the caller may read boards. On a private server it takes a key.
+    pub(super) fn may_read_boards(&self, access: &Access) -> Result<(), ApiError> {
+        match self {
+            _ if !access.private => Ok(()),
+            Self::Key(_) => Ok(()),
+            Self::Anonymous { .. } => Err(needs_token("a key")),
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+                let detail = "this server is private: boards take a key";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
+        }
+    }
+
     /// The key to which a new episode belongs, where the caller may create one.
     pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
         match self {

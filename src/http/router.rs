@@ -22,7 +22,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, client, episodes, exports, host, imports, keys, openapi, swarm};
+use super::{App, agent, boards, client, episodes, exports, host, imports, keys, openapi, swarm};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -43,6 +43,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(imports::state::show_imported_state))
         .routes(routes!(keys::create::create_key, keys::list::list_keys))
         .routes(routes!(keys::revoke::revoke_key))
+        .routes(routes!(boards::leaderboard::show_leaderboard))
+        .routes(routes!(boards::cross_play::show_cross_play))
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))

@@ -122,6 +122,8 @@ pub struct RunRow {
     pub definition: String,
     /// The model's name.
     pub model: String,
+    /// Who may see it before its end, as for its episodes.
+    pub visibility: &'static str,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
     /// When it was created.

@@ -93,6 +93,14 @@ pub struct Opening {
     pub salt: Option<String>,
 }
 
+impl Opening {
+    /// Whether boards count the episode: it belongs to a run, or several holders play it.
+    #[must_use]
+    pub fn counts(&self) -> bool {
+        self.run.is_some() || !self.config.open_seats.is_empty()
+    }
+}
+
 /// All settings of an episode, under the names that the wire has for them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

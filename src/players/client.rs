@@ -6,7 +6,9 @@ use backon::{ExponentialBuilder, Retryable};
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::de::DeserializeOwned;
 
+use crate::board::collection::Question;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
@@ -240,6 +242,63 @@ impl Client {
     pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
         let path = format!("/api/v1/keys/{id}");
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
+    }
+
+    /// A whole board, page by page.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
+        let Question { suite, rules, task, sort, pick, no_reference } = question;
+        let asked =
+            [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value.clone()?)))
+            .chain([("reference", (!no_reference).to_string())])
+            .collect();
+        let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+        while let Some(cursor) = board.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+            board.items.extend(next.items);
+            board.next_cursor = next.next_cursor;
+        }
+        Ok(board)
+    }
+
+    /// All pairs of models that played together, page by page.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn cross_play(
+        &self,
+        task: Option<&str>,
+        rules: Option<&str>,
+    ) -> Result<CrossPlay, ClientError> {
+        let asked = [("task", task), ("rules", rules)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value?.to_owned())))
+            .collect();
+        let mut found: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+        while let Some(cursor) = found.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+            found.items.extend(next.items);
+            found.next_cursor = next.next_cursor;
+        }
+        Ok(found)
+    }
+
+    /// A page that is as large as pages may be.
+    async fn page<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, String)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(&[("limit", 1000)]).query(query))
+            .await
     }
 
     /// Whether the server lives.

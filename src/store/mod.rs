@@ -9,6 +9,7 @@ pub mod episodes;
 mod exports;
 pub mod imports;
 pub mod keys;
+pub mod rebuild;
 pub mod records;
 pub mod results;
 pub mod runs;
@@ -100,21 +101,8 @@ impl Store {
     /// # Errors
     /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
-        let lock = lock(path)?;
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(Duration::from_secs(10))
-            .disable_statement_logging();
-        let mut connection = options.connect().await.map_err(failed)?;
-        check_version(&mut connection).await.map_err(failed)??;
-        sqlx::migrate!()
-            .run(&mut connection)
-            .await
-            .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
+        let (lock, options, connection) = take(path, true).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(READ_PATIENCE)
@@ -186,6 +174,29 @@ impl Store {
         sqlx::query("SELECT 1").execute(&self.readers).await.map_err(failure)?;
         Ok(())
     }
+}
+
+/// Takes a database for this process alone, and brings its tables up to date.
+async fn take(
+    path: &Path,
+    create: bool,
+) -> Result<(File, SqliteConnectOptions, SqliteConnection), OpenError> {
+    let lock = lock(path)?;
+    let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(create)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(Duration::from_secs(10))
+        .disable_statement_logging();
+    let mut connection = options.connect().await.map_err(failed)?;
+    check_version(&mut connection).await.map_err(failed)??;
+    sqlx::migrate!()
+        .run(&mut connection)
+        .await
+        .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
+    Ok((lock, options, connection))
 }
 
 fn failure(error: sqlx::Error) -> JournalError {

@@ -13,6 +13,7 @@ use sqlx::{Connection, QueryBuilder, Sqlite};
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 
+use super::results::Changes;
 use crate::journal::{
     ActRow, Committed, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, TokenRow,
 };
@@ -35,6 +36,7 @@ struct Job {
 pub struct WriterState {
     failed: AtomicBool,
     backlog: AtomicUsize,
+    changes: Changes,
 }
 
 impl WriterState {
@@ -42,6 +44,12 @@ impl WriterState {
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
+    }
+
+    /// What boards have to read again.
+    #[must_use]
+    pub fn changes(&self) -> &Changes {
+        &self.changes
     }
 
     /// How many jobs are queued.
@@ -119,11 +127,16 @@ async fn run(
         }
         let (entries, told): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, job.committed)).unzip();
+        let entries: Vec<Entry> = entries.into_iter().flatten().collect();
         let result = if state.has_failed() {
             Err(JournalError("an earlier commit failed; restart the server".into()))
         } else {
-            commit(&mut connection, &entries.into_iter().flatten().collect::<Vec<_>>()).await
+            commit(&mut connection, &entries).await
         };
+        if result.is_ok() {
+            // Before anybody is told: whoever knows of an end finds it on the board.
+            state.changes.note(&entries);
+        }
         if let Err(error) = &result
             && !state.failed.swap(true, Ordering::AcqRel)
         {
@@ -253,7 +266,7 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
     .execute(&mut *connection)
     .await?;
     if row.counts {
-        super::results::add(connection, row).await?;
+        super::results::add(connection, row.episode, row.score, row.rounds, row.tally).await?;
     }
     Ok(())
 }

@@ -5,6 +5,7 @@
 //! reads them.
 
 pub mod act;
+pub mod board;
 pub mod episode;
 pub mod import;
 pub mod key;

@@ -129,6 +129,11 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         "list_episodes" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
         "show_import" | "show_imported_state" => Some(404),
+        "show_leaderboard" | "show_cross_play" => match kind {
+            _ if !stage.private || kind.is_key() => None,
+            Kind::None => Some(401),
+            _ => Some(403),
+        },
         "show_episode" => (!knows()).then_some(404),
         "show_state" | "stream_events" => match () {
             () if !knows() => Some(404),

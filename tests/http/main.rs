@@ -13,6 +13,7 @@ mod access;
 mod agent;
 mod backup;
 mod bad_input;
+mod boards;
 mod clocks;
 mod concurrency;
 mod connections;
