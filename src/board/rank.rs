@@ -225,6 +225,7 @@ pub(super) mod tests {
 
     use super::super::interval::difference;
     use super::super::reference::REFERENCES;
+    use super::super::result::TaskResult;
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
     use super::*;
 
@@ -364,8 +365,11 @@ pub(super) mod tests {
         assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
     }
 
-    /// Some runs of some models, with games that are missing or broken.
-    fn some_runs() -> impl Strategy<Value = Vec<(u8, i64, Vec<Option<(f64, bool)>>)>> {
+    /// A run of a model: when it was started, and the score of each game that was played, or broken by the host.
+    type SomeRun = (u8, i64, Vec<Option<(f64, bool)>>);
+
+    /// Some runs of some models.
+    fn some_runs() -> impl Strategy<Value = Vec<SomeRun>> {
         let score =
             prop_oneof![(0..20_i32).prop_map(|tenths| f64::from(tenths) / 10.0), -5.0..50.0_f64,];
         let game = proptest::option::weighted(0.9, (score, proptest::bool::weighted(0.1)));
@@ -373,9 +377,9 @@ pub(super) mod tests {
         proptest::collection::vec(run, 1..12)
     }
 
-    fn results(runs: &[(u8, i64, Vec<Option<(f64, bool)>>)]) -> Vec<Arc<RunResult>> {
+    fn results(runs: &[SomeRun]) -> Vec<Arc<RunResult>> {
         let plan = slots(&TASKS, &[1, 2, 3]);
-        let result = |(number, (model, second, games)): (usize, &(u8, i64, Vec<_>))| {
+        let result = |(number, (model, second, games)): (usize, &SomeRun)| {
             let status = if games.iter().all(Option::is_some) { "finished" } else { "aborted" };
             let mut run = run(&format!("run_{number}"), status, *second);
             run.player = player(&model.to_string());
@@ -426,7 +430,7 @@ pub(super) mod tests {
                 };
                 let better = |other: &&Row| other.value.is_some_and(|other| other > value + 2e-9);
                 prop_assert_eq!(row.rank, Some(u32::try_from(rows.iter().filter(better).count())? + 1));
-                let means = row.shown().expect("a run").tasks.iter().map(|task| task.mean());
+                let means = row.shown().expect("a run").tasks.iter().map(TaskResult::mean);
                 let sum: f64 = means.map(|mean| mean.expect("a mean")).sum();
                 prop_assert!((sum - value).abs() < 1e-9);
             }

@@ -27,7 +27,7 @@ use crate::app::TestApp;
 const ROUNDS: u32 = 10;
 
 /// The time of a round, where it has one.
-const DEADLINE: Duration = Duration::from_secs(60);
+const DEADLINE: Duration = Duration::from_mins(1);
 
 /// What became of a game.
 #[derive(Clone, Copy, Debug)]
@@ -288,7 +288,7 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
         round_deadline: settings.round_deadline_ms.map(Duration::from_millis),
         bank: Duration::from_millis(settings.bank_ms),
         manual_start: false,
-        idle_timeout: Duration::from_secs(86_400),
+        idle_timeout: Duration::from_hours(24),
         visibility: Visibility::Public,
         model: model.to_owned(),
         agent_meta: Map::new(),
