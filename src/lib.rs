@@ -16,6 +16,7 @@
 pub mod board;
 pub mod cli;
 pub mod clock;
+pub mod dataset;
 pub mod episode;
 pub mod host;
 pub mod http;

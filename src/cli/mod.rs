@@ -3,7 +3,9 @@
 mod backup;
 mod board;
 mod demo;
+mod export;
 mod healthcheck;
+mod import;
 mod key;
 mod leaderboard;
 mod loadtest;
@@ -52,6 +54,10 @@ enum Command {
     Board(board::Args),
     /// Copy the database of a server, which may go on meanwhile.
     Backup(backup::Args),
+    /// Write episodes in the data format of the public toolkit, or as tables.
+    Export(export::Args),
+    /// Read games in the data format of the public toolkit.
+    Import(import::Args),
     /// Load a server of your own, and compare it with what is possible at best.
     Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
@@ -74,6 +80,8 @@ pub fn main() -> ExitCode {
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
         Command::Board(args) => with_runtime(board::run(args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
+        Command::Export(args) => with_runtime(export::run(args)),
+        Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),

@@ -137,6 +137,14 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
+    /// Whether there is a place for a new episode of this key now.
+    ///
+    /// # Errors
+    /// The cap that was reached.
+    pub fn check_room(&self, owner: Option<OwnerKey>) -> Result<(), Full> {
+        self.host.quotas.check(owner)
+    }
+
     /// Creates an episode; it is durable when this returns.
     ///
     /// # Errors

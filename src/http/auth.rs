@@ -155,6 +155,11 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
+    /// Whether the caller may read what everybody may read once it is over.
+    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+        !access.private || matches!(self, Self::Key(_))
+    }
+
     /// Whether the caller may know that the episode exists.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)

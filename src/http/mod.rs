@@ -6,8 +6,10 @@ mod boards;
 mod client;
 mod episodes;
 pub mod error;
+mod exports;
 mod extract;
 mod host;
+mod imports;
 mod keys;
 pub mod limits;
 pub mod openapi;
@@ -32,6 +34,7 @@ use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
+use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
@@ -66,6 +69,8 @@ pub struct Foundation {
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
+    /// All runs.
+    pub runs: Runs,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// Where randomness comes from.
@@ -100,6 +105,8 @@ pub struct Shared {
     renders: Semaphore,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
+    /// Turns to make an export; each keeps a thread busy.
+    exports: Arc<Semaphore>,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -117,6 +124,7 @@ impl App {
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
+            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),

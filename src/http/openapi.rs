@@ -23,6 +23,7 @@ use super::limits::Limits;
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
         (name = "boards", description = "Who did how well."),
+        (name = "data", description = "Many episodes in one file, and games that were read from files."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),

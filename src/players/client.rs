@@ -77,6 +77,17 @@ impl ClientError {
     }
 }
 
+/// What a server said that does not do what was asked.
+fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
+    match serde_json::from_slice(body) {
+        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
+        Err(_) => {
+            let what = String::from_utf8_lossy(body).chars().take(200).collect();
+            ClientError::Strange { url, status, what }
+        }
+    }
+}
+
 /// A client of one server. Cloning shares its connections.
 #[derive(Clone, Debug)]
 pub struct Client {
@@ -123,6 +134,32 @@ impl Client {
     #[must_use]
     pub const fn base(&self) -> &Url {
         &self.base
+    }
+
+    /// Takes what may be too large for memory. An answer that breaks off is an error.
+    ///
+    /// # Errors
+    /// Where the server refuses or does not answer, or `out` cannot be written to.
+    pub async fn download(
+        &self,
+        path: &str,
+        query: &[(&str, &String)],
+        out: &mut (impl std::io::Write + ?Sized),
+    ) -> anyhow::Result<()> {
+        let mut url = self.base.clone();
+        url.set_path(path);
+        let transport = |source| ClientError::Transport { url: url.clone(), source };
+        let call = self.signed(self.http.get(url.clone())).query(query);
+        let mut answer = call.send().await.map_err(transport)?;
+        let status = answer.status();
+        if !status.is_success() {
+            let bytes = answer.bytes().await.map_err(transport)?;
+            return Err(refused(url, status, &bytes).into());
+        }
+        while let Some(piece) = answer.chunk().await.map_err(transport)? {
+            out.write_all(&piece)?;
+        }
+        Ok(out.flush()?)
     }
 
     /// Creates an episode. A repeat after a lost answer gives the same one.
@@ -304,10 +341,7 @@ impl Client {
         if status.is_success() {
             return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
         }
-        match serde_json::from_slice(&body) {
-            Ok(problem) => Err(ClientError::Refused { url, status, problem: Box::new(problem) }),
-            Err(_) => Err(strange(String::from_utf8_lossy(&body).chars().take(200).collect())),
-        }
+        Err(refused(url, status, &body))
     }
 }
 

@@ -6,6 +6,8 @@
 pub mod audit;
 pub mod backup;
 pub mod episodes;
+mod exports;
+pub mod imports;
 pub mod keys;
 pub mod rebuild;
 pub mod records;
@@ -53,6 +55,15 @@ pub enum OpenError {
         /// Why.
         source: std::io::Error,
     },
+    /// There is no such database.
+    #[error("there is no database {0}: name the one of the server with --db")]
+    Missing(PathBuf),
+    /// Its tables are those of another version, and nobody changes them by reading.
+    #[error(
+        "the tables of {0} are those of another version of this program; `swarmbench serve` of this version brings \
+         older ones up to date"
+    )]
+    Tables(PathBuf),
     /// It is linked with an unsafe version.
     #[error("SQLite {0} can lose commits; at least {major}.{minor}.{patch} is needed",
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
@@ -80,8 +91,8 @@ pub enum OpenError {
 pub struct Store {
     readers: SqlitePool,
     writer: writer::Writer,
-    /// Held as long as the database is open.
-    lock: Arc<File>,
+    /// Held as long as the database is open; none where it is only read.
+    lock: Option<Arc<File>>,
 }
 
 impl Store {
@@ -98,7 +109,39 @@ impl Store {
             .connect_with(options.read_only(true).create_if_missing(false))
             .await
             .map_err(failed)?;
-        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Arc::new(lock) })
+        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Some(Arc::new(lock)) })
+    }
+
+    /// Opens a database only to read it, also while a server has it. What is handed to the writer is
+    /// refused.
+    ///
+    /// # Errors
+    /// Where there is none, or its tables are those of another version.
+    pub async fn open_to_read(path: &Path) -> Result<Self, OpenError> {
+        if !path.is_file() {
+            return Err(OpenError::Missing(path.to_owned()));
+        }
+        let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .read_only(true)
+            .busy_timeout(Duration::from_secs(10))
+            .disable_statement_logging();
+        let readers = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(READ_PATIENCE)
+            .connect_with(options)
+            .await
+            .map_err(failed)?;
+        let newest: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+            .fetch_one(&readers)
+            .await
+            .map_err(failed)?;
+        let known = sqlx::migrate!().iter().map(|migration| migration.version).max();
+        if newest != known {
+            return Err(OpenError::Tables(path.to_owned()));
+        }
+        Ok(Self { readers, writer: writer::Writer::none(), lock: None })
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
@@ -118,7 +161,7 @@ impl Store {
         self.readers.close().await;
         self.writer.stop().await;
         // Actors that have not noticed the end yet hold clones of the store, and so the lock file.
-        if let Err(error) = self.lock.unlock() {
+        if let Some(Err(error)) = self.lock.map(|lock| lock.unlock()) {
             tracing::warn!(%error, "the lock of the database is held until the process ends");
         }
     }

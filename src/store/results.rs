@@ -88,7 +88,8 @@ impl Changes {
                 | Entry::RevokeKey { .. }
                 | Entry::OpenRun(_)
                 | Entry::ReplaceRunToken { .. }
-                | Entry::Audit(_) => {}
+                | Entry::Audit(_)
+                | Entry::Import { .. } => {}
             }
         }
     }

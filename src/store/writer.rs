@@ -77,6 +77,13 @@ impl Writer {
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
+    /// A writer that refuses everything.
+    pub(super) fn none() -> Self {
+        let (queue, _) = mpsc::unbounded_channel();
+        let (state, stop) = (Arc::default(), tokio_util::sync::CancellationToken::new());
+        Self { queue, state, stop, task: Arc::default() }
+    }
+
     pub(super) fn state(&self) -> &WriterState {
         &self.state
     }
@@ -185,6 +192,7 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
             Entry::RevokeKey { id, at } => revoke_key(connection, id, *at).await?,
+            Entry::Import { game, at } => super::imports::keep(connection, game, *at).await?,
             Entry::OpenRun(row) => super::runs::open(connection, row).await?,
             Entry::EndRun { run, status, at } => {
                 super::runs::end(connection, *run, status, *at).await?;
@@ -372,7 +380,7 @@ async fn insert_rounds(
 }
 
 /// Cuts rows into pieces of few different lengths.
-fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
+pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
     let mut rest = rows;
     std::iter::from_fn(move || {
         let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;

@@ -7,6 +7,7 @@
 pub mod act;
 pub mod board;
 pub mod episode;
+pub mod import;
 pub mod key;
 pub mod observation;
 pub mod problem;

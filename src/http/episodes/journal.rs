@@ -16,7 +16,6 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
-use super::subject;
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, round_record};
 use crate::journal::{JournalError, StoredEpisode};
@@ -51,9 +50,8 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, visibility) = app.known(&caller, id).await?;
-    let subject = subject(&stored, visibility);
-    if !caller.may_read(&app.access, subject) || !(subject.is_over || caller.owns(subject)) {
+    let (stored, _) = app.known(&caller, id).await?;
+    if !app.may_read_journal(&caller, &stored) {
         let detail = "a journal holds the seed: until the end only the creator may read it";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
