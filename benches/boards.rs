@@ -224,6 +224,7 @@ impl Made {
             digest: self.suite.digest(),
             definition: serde_json::to_string(&definition).expect("JSON"),
             model: model.clone(),
+            visibility: "public",
             attempt: None,
             at: now,
             idempotency: None,

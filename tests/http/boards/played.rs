@@ -154,6 +154,7 @@ impl Offline {
             digest: definition.suite.digest(),
             definition: serde_json::to_string(&definition).expect("JSON"),
             model: definition.model.clone(),
+            visibility: "public",
             attempt: None,
             at: self.clock.now(),
             idempotency: None,
