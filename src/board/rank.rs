@@ -86,6 +86,8 @@ pub enum Source {
         /// How many runs the player has on this board.
         runs: usize,
     },
+    /// Games of one model that were read from files.
+    Imported(Arc<RunResult>),
     /// A row of the paper.
     Reference(&'static Reference),
 }
@@ -95,17 +97,17 @@ impl Row {
     #[must_use]
     pub fn id(&self) -> RowId {
         match &self.source {
-            Source::Runs { shown, .. } => shown.row,
+            Source::Runs { shown, .. } | Source::Imported(shown) => shown.row,
             Source::Reference(reference) => reference.id,
         }
     }
 
-    /// What it shows, unless it is one of the paper.
+    /// What it shows, if it was played here.
     #[must_use]
     pub fn shown(&self) -> Option<&Arc<RunResult>> {
         match &self.source {
             Source::Runs { shown, .. } => Some(shown),
-            Source::Reference(_) => None,
+            Source::Imported(_) | Source::Reference(_) => None,
         }
     }
 
@@ -113,14 +115,14 @@ impl Row {
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         match &self.source {
-            Source::Runs { shown, .. } => shown.total(tasks),
+            Source::Runs { shown, .. } | Source::Imported(shown) => shown.total(tasks),
             Source::Reference(reference) => reference.total(tasks),
         }
     }
 
     fn name(&self) -> &str {
         match &self.source {
-            Source::Runs { shown, .. } => &shown.run.player.model,
+            Source::Runs { shown, .. } | Source::Imported(shown) => &shown.run.player.model,
             Source::Reference(reference) => &reference.name,
         }
     }
@@ -130,6 +132,7 @@ impl Row {
 #[must_use]
 pub fn rank(
     runs: &[Arc<RunResult>],
+    imported: &[Arc<RunResult>],
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
 ) -> Vec<Row> {
@@ -138,8 +141,9 @@ pub fn rank(
         players.entry(run.row).or_default().push(run);
     }
     let sources = players.into_values().map(|runs| pick(runs, view));
+    let imported = imported.iter().cloned().map(Source::Imported);
     let references = references.into_iter().map(Source::Reference);
-    let mut rows: Vec<Row> = (sources.chain(references))
+    let mut rows: Vec<Row> = (sources.chain(imported).chain(references))
         .map(|source| {
             let mut row = Row { rank: None, value: None, source };
             row.value = row.total(view.ranked_by());
@@ -147,8 +151,8 @@ pub fn rank(
         })
         .collect();
     rows.sort_by_cached_key(|row| {
-        let is_reference = row.shown().is_none();
-        (Value::of(row.value), is_reference, row.name().to_owned(), row.id())
+        let is_elsewhere = row.shown().is_none();
+        (Value::of(row.value), is_elsewhere, row.name().to_owned(), row.id())
     });
     let mut above: Option<(Value, u32)> = None;
     for (place, row) in (1..).zip(&mut rows) {
@@ -292,7 +296,7 @@ pub(super) mod tests {
             played("c", "3", 0, [0.3, 0.3, 0.0, 0.0]),
             played("e", "5", 0, [0.0; 4]),
         ];
-        let ranks: Vec<_> = shown(&rank(&runs, [], &view(Pick::Best)))
+        let ranks: Vec<_> = shown(&rank(&runs, &[], [], &view(Pick::Best)))
             .into_iter()
             .map(|(rank, name, _)| (rank.expect("a rank"), name))
             .collect();
@@ -308,7 +312,7 @@ pub(super) mod tests {
             played("a", "second", 2, [6.0, 6.0, 2.0, 4.0]),
             played("a", "third", 3, [2.0, 2.0, 1.0, 5.0]),
         ];
-        let of = |pick| match rank(&runs, [], &view(pick)).remove(0) {
+        let of = |pick| match rank(&runs, &[], [], &view(pick)).remove(0) {
             Row { source: Source::Runs { ids, runs, .. }, value, .. } => {
                 (ids.join(","), runs, value)
             }
@@ -350,7 +354,7 @@ pub(super) mod tests {
         let games: Vec<_> = plan.iter().map(|slot| game(slot.task, slot.seed, 4.1)).collect();
         let runs = [Arc::new(RunResult::new(run, &plan, &games, true))];
         let view = View { tasks: TaskName::ALL.to_vec(), sort: None, pick: Pick::Best };
-        let rows = rank(&runs, REFERENCES.iter(), &view);
+        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
         let names: Vec<_> = rows.iter().take(5).map(Row::name).collect();
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
@@ -360,7 +364,7 @@ pub(super) mod tests {
         assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
         // By one task they have one.
         let view = View { sort: Some(TaskName::Synchronization), ..view };
-        let rows = rank(&runs, REFERENCES.iter(), &view);
+        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
         assert_eq!((rows[0].name(), rows[0].value), ("human players", Some(41.95)));
         assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
     }
@@ -410,11 +414,11 @@ pub(super) mod tests {
                 // To the bit: `Debug` writes floats so that they can be read again.
                 format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
             };
-            let first = tell(&rank(&runs, [], &view(pick)));
+            let first = tell(&rank(&runs, &[], [], &view(pick)));
             let turn = turn % runs.len();
             runs.rotate_left(turn);
             runs.reverse();
-            prop_assert_eq!(tell(&rank(&runs, [], &view(pick))), first);
+            prop_assert_eq!(tell(&rank(&runs, &[], [], &view(pick))), first);
         }
 
         #[test]
@@ -422,7 +426,7 @@ pub(super) mod tests {
             runs in some_runs(),
             pick in proptest::sample::select(&Pick::ALL[..]),
         ) {
-            let rows = rank(&results(&runs), [], &view(pick));
+            let rows = rank(&results(&runs), &[], [], &view(pick));
             for row in &rows {
                 let Some(value) = row.value else {
                     prop_assert_eq!(row.rank, None);
@@ -442,9 +446,9 @@ pub(super) mod tests {
         #[test]
         fn the_best_run_is_no_worse_than_any_other_choice(runs in some_runs()) {
             let runs = results(&runs);
-            let best = rank(&runs, [], &view(Pick::Best));
+            let best = rank(&runs, &[], [], &view(Pick::Best));
             for pick in [Pick::Last, Pick::Mean] {
-                for row in rank(&runs, [], &view(pick)) {
+                for row in rank(&runs, &[], [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
                     // Where the host broke games, the mean may be one of other seeds than the best.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {
