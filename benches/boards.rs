@@ -71,7 +71,7 @@ async fn main() {
         "{} runs with {} episodes ({games} each) of {PLAYERS} players, {:.0} MB, made in {:.0} s",
         made.runs,
         made.episodes,
-        mega(bytes),
+        float(bytes) / 1e6,
         started.elapsed().as_secs_f64()
     );
     let (address, stop) = start(store.clone()).await;
@@ -94,7 +94,7 @@ async fn main() {
             tokio::spawn(end_runs(store.clone(), made, Arc::clone(&ending), Arc::clone(&ended)));
         let began = Instant::now();
         let busy = measure(&client, address, query).await;
-        let rate = ended.load(Ordering::Relaxed) as f64 / began.elapsed().as_secs_f64();
+        let rate = float(ended.load(Ordering::Relaxed)) / began.elapsed().as_secs_f64();
         rates.push(format!("{rate:.0}"));
         ending.store(false, Ordering::Relaxed);
         made = writer.await.expect("no panic");
@@ -111,8 +111,10 @@ async fn main() {
     stop.cancel();
 }
 
-fn mega(bytes: u64) -> f64 {
-    bytes as f64 / 1e6
+/// A count as a number that can be divided.
+#[expect(clippy::cast_precision_loss, reason = "no count here comes near 2⁵³")]
+const fn float(count: u64) -> f64 {
+    count as f64
 }
 
 /// Serves the database as a server does.
@@ -255,7 +257,7 @@ impl Made {
             round_deadline: None,
             bank: Duration::ZERO,
             manual_start: false,
-            idle_timeout: Duration::from_secs(86_400),
+            idle_timeout: Duration::from_hours(24),
             visibility: Visibility::Public,
             model: model.to_owned(),
             agent_meta: Map::new(),
