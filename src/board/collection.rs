@@ -343,6 +343,7 @@ impl Ranked {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rank::Source;
     use super::super::rank::tests::{game, run, slots};
     use super::*;
 
