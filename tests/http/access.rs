@@ -143,7 +143,10 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_key() => None,
             _ => Some(403),
         },
-        "list_episodes" | "list_runs" => None,
+        // What may not be read is left out.
+        "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
+        // No game was imported here; who reads one is tested in `exports.rs`.
+        "show_import" | "show_imported_state" => Some(404),
         "show_run" | "stream_run_events" => (!reads_run()).then_some(404),
         "abort_run" | "replace_run_token" => match () {
             () if !reads_run() => Some(404),
@@ -336,7 +339,9 @@ impl World {
             _ if is_of_run => text(&run["id"]),
             _ => episode.id.clone(),
         };
-        let mut call = self.app.call(method.clone(), &path.replace("{id}", &id));
+        let mut call = self
+            .app
+            .call(method.clone(), &path.replace("{id}", &id).replace("{file}", "acts.jsonl"));
         if let Some(header) = self.header(kind, &episode) {
             call = call.header("authorization", &header);
         }
