@@ -98,6 +98,9 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "cli", "run"]),
     ("indicatif", &["cli"]),
+    ("zip", &["dataset"]),
+    ("parquet", &["dataset"]),
+    ("flate2", &["dataset"]),
     ("csv", &["board", "wire"]),
 ];
 

@@ -48,7 +48,7 @@ enum Command {
     Competition(Box<competition::Args>),
     /// Show what organizers did.
     Audit(audit::Args),
-    /// Create an episode on a server and play it with a built-in player.
+    /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
     /// Play a journal file, or all of a competition, again and check every hash, digest, act and score.
     Verify(verify::Args),

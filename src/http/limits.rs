@@ -123,7 +123,7 @@ impl Default for Limits {
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
             journals_max: 32,
-            exports_max: 4,
+            exports_max: 2,
             events_pending_max: 64,
             entrants_max: 10_000,
         }

@@ -13,6 +13,7 @@ use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
+use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
 /// How long one request may take beyond what it asked to wait.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -187,6 +188,40 @@ impl Client {
         self.ask(Method::GET, &path, |call| self.signed(call)).await
     }
 
+    /// Starts a run. A repeat after a lost answer gives the same one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
+        let key = uuid_text();
+        self.ask(Method::POST, "/api/v1/runs", |call| {
+            self.signed(call).header("Idempotency-Key", &key).json(request)
+        })
+        .await
+    }
+
+    /// Shows a run: with its own token, or else with the key.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn run(&self, id: &str, token: Option<&str>) -> Result<RunDetail, ClientError> {
+        let path = format!("/api/v1/runs/{id}");
+        self.ask(Method::GET, &path, |call| match token {
+            Some(token) => call.bearer_auth(token),
+            None => self.signed(call),
+        })
+        .await
+    }
+
+    /// A new token of a run, in place of the one that it had.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
+        let path = format!("/api/v1/runs/{id}/token");
+        self.ask(Method::POST, &path, |call| self.signed(call)).await
+    }
+
     /// The observations that wait for an act and were opened since `after`.
     ///
     /// # Errors
@@ -294,12 +329,12 @@ impl Client {
     /// # Errors
     /// See [`Client::create_episode`].
     pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
-        let Question { suite, rules, task, sort, pick, no_reference } = question;
+        let Question { suite, rules, task, sort, pick, no_reference, imported } = question;
         let asked =
             [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
         let mut query: Vec<(&str, String)> = (asked.into_iter())
             .filter_map(|(name, value)| Some((name, value.clone()?)))
-            .chain([("reference", (!no_reference).to_string())])
+            .chain([("reference", (!no_reference).to_string()), ("imported", imported.to_string())])
             .collect();
         let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
         while let Some(cursor) = board.next_cursor.take() {

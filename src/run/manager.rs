@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use futures::StreamExt;
+use futures::future::join_all;
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -379,7 +380,7 @@ impl Runs {
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
         let mut games = store.games_of(run).await?;
         games.retain(|game| !game.is_over() && (is_aborted || !game.counts()));
-        for game in games {
+        let ended = games.iter().map(async |game| {
             let ended = match registry.find(&game.id).await {
                 Ok(Some(handle)) => handle.abort().await.map_err(|error| error.to_string()),
                 Ok(None) => Ok(()),
@@ -389,7 +390,8 @@ impl Runs {
                 // The others go on.
                 tracing::error!(episode = %game.id, error, "a game cannot be ended");
             }
-        }
+        });
+        join_all(ended).await;
         if !self.tables().contains_key(&run) {
             return Ok(());
         }

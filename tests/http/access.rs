@@ -24,6 +24,9 @@ enum Kind {
     Swarm,
     SwarmElsewhere,
     ReplacedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
     Owner,
     Member,
     ExpiredKey,
@@ -34,11 +37,11 @@ enum Kind {
 
 use Kind::{
     BadChecksum, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken, Organizer,
-    OtherSeat, Owner, ReplacedSeat, ReplacedSwarm, RevokedKey, Seat, SeatElsewhere, Swarm,
-    SwarmElsewhere,
+    OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey, Run, RunElsewhere,
+    Seat, SeatElsewhere, Swarm, SwarmElsewhere,
 };
 
-const KINDS: [Kind; 18] = [
+const KINDS: [Kind; 21] = [
     Kind::None,
     NoToken,
     BadChecksum,
@@ -51,6 +54,9 @@ const KINDS: [Kind; 18] = [
     Swarm,
     SwarmElsewhere,
     ReplacedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
     Owner,
     Member,
     ExpiredKey,
@@ -69,6 +75,7 @@ impl Kind {
                 | NoBearer
                 | ReplacedSeat
                 | ReplacedSwarm
+                | ReplacedRun
                 | ExpiredKey
                 | RevokedKey
         )
@@ -79,7 +86,7 @@ impl Kind {
     }
 
     fn is_swarm(self) -> bool {
-        matches!(self, Swarm | SwarmElsewhere)
+        matches!(self, Swarm | SwarmElsewhere | Run | RunElsewhere)
     }
 
     fn is_key(self) -> bool {
@@ -88,7 +95,12 @@ impl Kind {
 
     /// Whether it stands where the creator of the episode does.
     fn owns(self) -> bool {
-        matches!(self, Swarm | Owner | Organizer)
+        matches!(self, Swarm | Run | Owner | Organizer)
+    }
+
+    /// Whether it stands where the creator of the run does.
+    fn owns_run(self) -> bool {
+        matches!(self, Run | Owner | Organizer)
     }
 }
 
@@ -104,11 +116,16 @@ struct Stage {
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     let reads = || {
         let anyone = stage.visibility == "public" || stage.ended;
-        let known = kind.is_key() || matches!(kind, Seat | OtherSeat | Swarm);
+        let known = kind.is_key() || matches!(kind, Seat | OtherSeat | Swarm | Run);
         kind.owns() || (anyone && (!stage.private || known))
     };
     let knows = || reads() || matches!(kind, Seat | OtherSeat);
-    if ["show_health", "show_readiness", "show_metrics"].contains(&operation) {
+    // Whoever knows of a run reads it, too: only an attempt in a competition is known and not read.
+    let reads_run = || {
+        let anyone = stage.visibility == "public" || stage.ended;
+        kind.owns_run() || (anyone && (!stage.private || kind.is_key()))
+    };
+    if ["show_health", "show_readiness", "show_metrics", "list_suites"].contains(&operation) {
         // They ask for no token, and look at none.
         return None;
     }
@@ -126,7 +143,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_swarm() => None,
             _ => Some(403),
         },
-        "create_episode" => match kind {
+        "create_episode" | "create_run" => match kind {
             Kind::None => Some(401),
             // It is for attempts in competitions.
             Entrant => Some(403),
@@ -161,7 +178,16 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             Organizer => None,
             _ => Some(403),
         },
-        "list_episodes" => None,
+        // What may not be read is left out.
+        "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
+        // No game was imported here; who reads one is tested in `exports.rs`.
+        "show_import" | "show_imported_state" => Some(404),
+        "show_run" | "stream_run_events" => (!reads_run()).then_some(404),
+        "abort_run" | "replace_run_token" => match () {
+            () if !reads_run() => Some(404),
+            () if !kind.owns_run() => Some(403),
+            () => None,
+        },
         "show_leaderboard" | "show_cross_play" => match kind {
             _ if !stage.private || kind.is_key() => None,
             Kind::None => Some(401),
@@ -183,8 +209,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" | "create_competition" | "create_codes"
-        | "change_entrant" | "void_attempt" | "list_audit" => match kind {
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "create_competition"
+        | "create_codes" | "change_entrant" | "void_attempt" | "list_audit" => match kind {
             Kind::None => Some(401),
             Organizer => None,
             _ => Some(403),
@@ -222,13 +248,28 @@ struct World {
     attempt: Attempt,
     /// Counts names that nobody else has.
     names: AtomicU64,
+    run_elsewhere: String,
+    replaced_run: String,
 }
 
 fn request(visibility: &str) -> Value {
     json!({ "task": "Synchronization", "num_agents": 3, "visibility": visibility })
 }
 
+/// A run with one game.
+fn run_request(visibility: &str) -> Value {
+    let suite = json!({
+        "name": "one game", "tasks": ["Synchronization"], "seeds": [1], "settings": { "num_agents": 3 },
+    });
+    json!({ "suite": suite, "model": "a model", "visibility": visibility })
+}
+
 impl World {
+    async fn run(&self, visibility: &str) -> Value {
+        let call = self.app.post("/api/v1/runs").token(&self.owner);
+        call.json(&run_request(visibility)).ok().await
+    }
+
     async fn new(private: bool) -> Self {
         let builder = TestApp::builder().manual_clock().keys();
         let app = builder.access(|access| access.private = private).start().await;
@@ -262,6 +303,14 @@ impl World {
         let entrant = cup.enter(&app, "the entrant").await;
         let attempt = cup.start(&app, &entrant).await;
         let names = AtomicU64::new(0);
+        let create = || app.post("/api/v1/runs").token(&member).json(&run_request("owner"));
+        let token = |run: &Value| run["swarm_token"].as_str().expect("a token").to_owned();
+        let run_elsewhere = token(&create().ok().await);
+        let run = create().ok().await;
+        let replaced_run = token(&run);
+        app.get("/swarm/obs").token(&replaced_run).ok().await;
+        let path = format!("/api/v1/runs/{}/token", run["id"].as_str().expect("an id"));
+        app.post(&path).token(&member).ok().await;
         Self {
             app,
             owner,
@@ -275,6 +324,8 @@ impl World {
             entrant,
             attempt,
             names,
+            run_elsewhere,
+            replaced_run,
         }
     }
 
@@ -297,6 +348,10 @@ impl World {
             Swarm => &episode.swarm,
             SwarmElsewhere => &self.elsewhere.swarm,
             ReplacedSwarm => &self.replaced.swarm,
+            // The episode is a game of it.
+            Run => &episode.swarm,
+            RunElsewhere => &self.run_elsewhere,
+            ReplacedRun => &self.replaced_run,
             Owner => &self.owner,
             Member => &self.member,
             ExpiredKey => &self.expired,
@@ -316,17 +371,31 @@ impl World {
         kind: Kind,
         stage: Stage,
     ) -> Answer {
-        let episode = self.app.create_with(&self.owner, request(stage.visibility)).await;
+        let is_of_run = path.starts_with("/api/v1/runs/{id}");
+        let run =
+            if is_of_run || kind == Run { self.run(stage.visibility).await } else { json!(null) };
+        let text = |value: &Value| value.as_str().expect("a text").to_owned();
+        let mut episode = self.app.create_with(&self.owner, request(stage.visibility)).await;
+        if kind == Run {
+            episode.id = text(&run["games"][0]["episode"]);
+            episode.swarm = text(&run["swarm_token"]);
+        }
         if stage.ended {
             self.app.delete(&episode.path("")).token(&self.owner).ok().await;
+            if is_of_run {
+                let path = format!("/api/v1/runs/{}", text(&run["id"]));
+                let ended = self.app.delete(&path).token(&self.owner).send().await;
+                assert!([200, 409].contains(&ended.status), "{}", ended.text());
+            }
         }
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
             _ if path.contains("/competitions") => self.cup.id.clone(),
+            _ if is_of_run => text(&run["id"]),
             _ => episode.id.clone(),
         };
         let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
-        let path = path.replace("{run}", &self.attempt.run);
+        let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
         let mut call = self.app.call(method.clone(), &path);
         if let Some(header) = self.header(kind, &episode) {
             call = call.header("authorization", &header);
@@ -347,15 +416,17 @@ impl World {
             "change_entrant" => call.json(&json!({ "vouched": true })),
             "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
             "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
+            "create_run" => call.json(&run_request("owner")),
+            "void_episode" => call.json(&json!({ "reason": "a test" })),
             _ => call,
         };
-        if operation == "stream_events" {
+        if ["stream_events", "stream_run_events"].contains(&operation) {
             // What is streamed does not end before the episode.
             return Answer::without_body(&call.open().await);
         }
         let answer = call.send().await;
-        if operation == "post_swarm_act" && kind == SwarmElsewhere {
-            // It is good for its own episode only.
+        if operation == "post_swarm_act" && [SwarmElsewhere, RunElsewhere].contains(&kind) {
+            // It is good for its own episodes only.
             assert_eq!(answer.json()["receipts"][0]["code"], "not_found");
         }
         answer
@@ -411,7 +482,7 @@ async fn a_private_server() {
 async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
     let world = World::new(false).await;
     let episode = world.app.create_with(&world.owner, request("owner")).await;
-    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless()) {
+    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless() && *kind != Run) {
         let ask = |path: &str| {
             let call = world.app.get(path);
             match world.header(kind, &episode) {

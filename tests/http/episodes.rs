@@ -393,7 +393,7 @@ mod lifecycle {
             json!({
                 "id": episode.id, "status": "running", "task": "Synchronization", "model": "unnamed",
                 "round": 0, "score": 0.0, "created_at": "2026-03-01T12:00:00Z", "ended_at": null,
-                "result": null, "config": episode.config,
+                "result": null, "config": episode.config, "run": null, "void_reason": null,
             })
         );
         app.pass(std::time::Duration::from_millis(1500));

@@ -21,6 +21,7 @@ mod concurrency;
 mod connections;
 mod episode;
 mod episodes;
+mod exports;
 mod golden;
 mod host;
 mod keys;
