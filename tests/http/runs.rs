@@ -213,7 +213,7 @@ mod playing {
                 assert_eq!(game["score"], episode["score"]);
                 scores.push(episode["score"].as_f64().expect("a number"));
             }
-            let mean = (scores[0] + scores[1]) / 2.0;
+            let mean = f64::midpoint(scores[0], scores[1]);
             assert_eq!(task["mean"], mean);
             let deviation = task["deviation"].as_f64().expect("a number");
             assert!((deviation - ((scores[0] - scores[1]) / 2.0).abs()).abs() < 1e-12, "{task}");
@@ -473,17 +473,17 @@ mod ending {
         let app = TestApp::with_manual_clock().await;
         let request = with(small(), &json!({ "parallel": 2, "idle_timeout_s": 100 }));
         let run = create(&app, request).await;
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         // One of the two games goes on a little.
         let act = json!({
             "episode": run.created["games"][1]["episode"], "agent": "Agent_0", "round": 0, "action": "UP",
         });
         send(&app, &run, &[act]).await;
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         let shown = until(&app, &run, |shown| !slots(shown, "abandoned").is_empty()).await;
         assert_eq!((slots(&shown, "abandoned"), slots(&shown, "running")), (vec![0], vec![1]));
         assert_eq!(shown["status"], "running", "the game that is open may be played to its end");
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         let shown = until(&app, &run, |shown| shown["status"] != "running").await;
         assert_eq!(shown["status"], "abandoned");
         assert_eq!(slots(&shown, "planned"), [2, 3]);
