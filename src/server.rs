@@ -59,7 +59,7 @@ const FILES_RESERVED: u64 = 256;
 #[must_use]
 pub fn fit_open_files(limits: Limits) -> Limits {
     let files = raise_open_files();
-    let fitting = within_files(limits, files);
+    let fitting = within_files(&limits, files);
     if fitting.connections_max < limits.connections_max {
         tracing::warn!(
             open_files = files,
@@ -72,10 +72,10 @@ pub fn fit_open_files(limits: Limits) -> Limits {
 }
 
 /// The limits where so many files may be open; none means any number.
-fn within_files(limits: Limits, files: Option<u64>) -> Limits {
+fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
     let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
     let fit = usize::try_from(fit).unwrap_or(usize::MAX);
-    Limits { connections_max: limits.connections_max.min(fit), ..limits }
+    Limits { connections_max: limits.connections_max.min(fit), ..*limits }
 }
 
 /// A server could not be started.
@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn there_are_no_more_connections_than_open_files() {
         let limits = Limits::default();
-        let most = |files| within_files(limits, files).connections_max;
+        let most = |files| within_files(&limits, files).connections_max;
         assert_eq!(most(None), limits.connections_max);
         assert_eq!(most(Some(1_048_576)), limits.connections_max);
         assert_eq!(most(Some(4096)), 3840);

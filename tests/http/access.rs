@@ -345,11 +345,10 @@ impl World {
             SeatElsewhere => self.elsewhere.seat(0),
             FinishedSeat => self.finished.seat(0),
             ReplacedSeat => self.replaced.seat(0),
-            Swarm => &episode.swarm,
+            // Of a game of a run it is the run's.
+            Swarm | Run => &episode.swarm,
             SwarmElsewhere => &self.elsewhere.swarm,
             ReplacedSwarm => &self.replaced.swarm,
-            // The episode is a game of it.
-            Run => &episode.swarm,
             RunElsewhere => &self.run_elsewhere,
             ReplacedRun => &self.replaced_run,
             Owner => &self.owner,
