@@ -101,7 +101,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("zip", &["dataset"]),
     ("parquet", &["dataset"]),
     ("flate2", &["dataset"]),
-    ("csv", &["board", "wire"]),
+    ("toml", &["cli"]),
+    ("csv", &["board", "wire", "http"]),
 ];
 
 fn root() -> PathBuf {
