@@ -398,6 +398,8 @@ pub(crate) mod tests {
         }
     }
 
+    type Change<'a> = &'a dyn Fn(&mut Definition);
+
     #[test]
     fn whatever_is_wrong_is_named_and_all_of_it_at_once() {
         assert_eq!(definition().problems(at(0)), []);
@@ -406,7 +408,7 @@ pub(crate) mod tests {
             change(&mut changed);
             changed.problems(at(0)).into_iter().map(|(field, _)| field).collect::<Vec<_>>()
         };
-        let one: [(&dyn Fn(&mut Definition), &str); 20] = [
+        let one: [(Change<'_>, &str); 20] = [
             (&|d| d.name = String::new(), "name"),
             (&|d| d.name = "a\u{7}".to_owned(), "name"),
             (&|d| d.description = "\u{1b}[31m".to_owned(), "description"),

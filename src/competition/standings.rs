@@ -277,7 +277,7 @@ mod tests {
             id: id.to_owned(),
             name: format!("team {id}"),
             declaration: Declaration {
-                model: "m".to_owned(),
+                model: format!("model {id}"),
                 temperature: None,
                 top_p: None,
                 agent_meta: serde_json::Map::new(),

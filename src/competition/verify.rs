@@ -104,7 +104,7 @@ pub fn verify(
                 reader.place = format!("the entrant {}", entrant.id);
                 checker.entrant(entrant).map_err(|what| reader.wrong(what))?;
             }
-            Some(Line::Attempt(attempt)) => checker.attempt(&mut reader, attempt, solver)?,
+            Some(Line::Attempt(attempt)) => checker.attempt(&mut reader, &attempt, solver)?,
             Some(Line::Board(board)) => {
                 "the board".clone_into(&mut reader.place);
                 break checker.board(board.rows).map_err(|what| reader.wrong(what))?;
@@ -301,12 +301,12 @@ impl Checker {
     fn attempt<R: BufRead, P: FnMut(usize)>(
         &mut self,
         reader: &mut Reader<R, P>,
-        told: export::Attempt,
+        told: &export::Attempt,
         solver: Solver,
     ) -> Result<(), Fault> {
         let place = format!("attempt {} of {}", told.attempt, told.entrant);
         reader.place.clone_from(&place);
-        let (window, run) = self.place(&told).map_err(|what| reader.wrong(what))?;
+        let (window, run) = self.place(told).map_err(|what| reader.wrong(what))?;
         let plan = run.suite.plan();
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
@@ -349,8 +349,8 @@ impl Checker {
             }
             let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
             let played = reader.journal(header.lines, head, solver)?;
-            let asked = Asked { told: &told, game, run: &run, window, planned };
-            self.check_game(&asked, &played).map_err(|what| reader.wrong(what))?;
+            let asked = Asked { told, game, run: &run, window, planned };
+            Self::check_game(&asked, &played).map_err(|what| reader.wrong(what))?;
             self.episodes += 1;
             self.rounds += u64::from(played.rounds);
             attempt.games.push(Game {
@@ -392,7 +392,7 @@ impl Checker {
     }
 
     /// Checks that a game that plays again is the one that belongs in its place.
-    fn check_game(&self, asked: &Asked<'_>, played: &Played) -> Result<(), String> {
+    fn check_game(asked: &Asked<'_>, played: &Played) -> Result<(), String> {
         let Asked { told, game, run, window, planned } = *asked;
         let opening = &played.opening;
         if opening.episode != game.episode {

@@ -85,8 +85,7 @@ async fn the_commitment_is_there_from_the_beginning_and_the_seeds_are_not() {
     };
     let seeds: Vec<u8> = list(&closed["seeds"]).iter().flat_map(hex).collect();
     assert_eq!(seeds.len(), 2 * 2 * 16);
-    use sha2::Digest;
-    let hash = sha2::Sha256::digest([hex(&closed["salt"]), seeds].concat());
+    let hash = <sha2::Sha256 as sha2::Digest>::digest([hex(&closed["salt"]), seeds].concat());
     assert_eq!(data_encoding::HEXLOWER.encode(&hash), commitment);
 }
 
@@ -558,7 +557,7 @@ mod closing {
         // 12:10: nobody acts for 49 minutes and 55 seconds, but the clocks would run out. So the attempt is started
         // late instead.
         cup.void(&app, &attempt, "a rehearsal").await;
-        app.pass(Duration::from_millis(50 * 60_000 - 5_000));
+        app.pass(Duration::from_secs(50 * 60 - 5));
         let (blue, red) = (cup.enter(&app, "late").await, cup.enter(&app, "red").await);
         let attempt = cup.start(&app, &blue).await;
         let other = cup.start(&app, &red).await;
@@ -643,7 +642,7 @@ mod closing {
         let cup = Cup::open(&app, change).await;
         let blue = cup.enter(&app, "blue").await;
         let attempt = cup.start(&app, &blue).await;
-        app.pass(Duration::from_millis(10 * 60_000));
+        app.pass(Duration::from_mins(10));
         // The clock of the first round has run out, after the closing time.
         for _ in 0..10_000 {
             if attempt.look(&app).await["finished"] == true {

@@ -61,9 +61,10 @@ impl Shell {
     async fn run(&self, commands: &str) -> String {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let state = self.folder.path().join("state");
+        let state = state.display();
         let script = format!(
-            "set -euo pipefail\n[ -e {state:?} ] && source {state:?}\nset -x\n{commands}\nset +x\n\
-             {{ declare -p | grep -E '^declare -- [A-Z]' ; declare -f; }} > {state:?}\n"
+            "set -euo pipefail\n[ -e '{state}' ] && source '{state}'\nset -x\n{commands}\nset +x\n\
+             {{ declare -p | grep -E '^declare -- [A-Z]' ; declare -f; }} > '{state}'\n"
         );
         let binary = PathBuf::from(env!("CARGO_BIN_EXE_swarmbench"));
         let path = std::env::var("PATH").expect("a path");

@@ -137,7 +137,7 @@ async fn a_byte_that_is_changed_anywhere_is_found() {
         changed[*place] ^= 1;
         let fault = verify(&changed[..], Expected::default(), Solver::Flow, |_| {});
         let fault = fault.expect_err("one byte is another").to_string();
-        let line = 1 + bytes[..*place].iter().filter(|byte| **byte == b'\n').count();
+        let line = bytes[..*place].split(|byte| *byte == b'\n').count();
         named += usize::from(fault.starts_with(&format!("line {line} ")));
     }
     // An end of a line that is gone makes one line of two, which is told of the second one's beginning.

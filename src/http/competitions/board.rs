@@ -61,9 +61,10 @@ pub(in super::super) async fn show_board(
     };
     let competition = app.competition(&caller, &id).await?;
     let is_revealed = competition.revealed_at.is_some();
-    let view = match caller.is_organizer() {
-        true => BoardView::All,
-        false => board_view(&competition.definition, is_revealed, app.clock.now()),
+    let view = if caller.is_organizer() {
+        BoardView::All
+    } else {
+        board_view(&competition.definition, is_revealed, app.clock.now())
     };
     let (shows, before) = match view {
         BoardView::Nothing => ("nothing", None),

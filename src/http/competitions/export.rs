@@ -62,7 +62,7 @@ pub(in super::super) async fn export_competition(
     }
     let turn = app.journal_turn()?;
     let field = app.field(competition).await?;
-    let reader = Reader::new(app, field)?;
+    let reader = Reader::new(app, &field)?;
     let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
         let lines = reader.next().await?;
         Ok::<_, JournalError>(lines.map(|lines| (lines, (reader, turn))))
@@ -92,7 +92,7 @@ enum Piece {
 }
 
 impl Reader {
-    fn new(app: App, field: Field) -> Result<Self, ApiError> {
+    fn new(app: App, field: &Field) -> Result<Self, ApiError> {
         let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
         let StoredCompetition {
             id, definition, sealed, commitment, created_at, revealed_at, ..

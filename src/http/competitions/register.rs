@@ -121,16 +121,15 @@ async fn register(
     let mut entries = Vec::new();
     let mut secret = None;
     let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
-    let owner = match own_key {
-        Some(key) => key.id,
-        None => {
-            let (key, token) = Key::new(Role::Entrant, &request.name, None, now, &*app.entropy)
-                .map_err(|problem| ApiError::field("name", problem))?;
-            let id = key.id.clone();
-            entries.push(Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })));
-            secret = Some(token);
-            id
-        }
+    let owner = if let Some(key) = own_key {
+        key.id
+    } else {
+        let (key, token) = Key::new(Role::Entrant, &request.name, None, now, &*app.entropy)
+            .map_err(|problem| ApiError::field("name", problem))?;
+        let id = key.id.clone();
+        entries.push(Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })));
+        secret = Some(token);
+        id
     };
     let declaration = Declaration {
         model: request.model.clone(),
