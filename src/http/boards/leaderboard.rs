@@ -79,7 +79,7 @@ pub(in super::super) async fn show_leaderboard(
         Format::Json => app.limits.page_items_default,
         Format::Csv => app.limits.page_items_max,
     };
-    let limit = page_limit(&app, params.limit, usual)?;
+    let limit = page_limit(&app, params.limit, usual)? as usize;
     let after = match &params.cursor {
         None => None,
         Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
