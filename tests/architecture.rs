@@ -16,10 +16,10 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("journal", &["ids", "keys"]),
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
-    ("wire", &["board", "episode", "journal", "keys"]),
+    ("wire", &["board", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
-    ("run", &["clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
+    ("run", &["board", "clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
     ("standings", &["board", "journal", "run", "store"]),
     (
         "http",

@@ -102,7 +102,7 @@ impl Registry {
     ) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, opened: Arc::default(), ended: tell },
+            host: Host { journal, clock, spawn, quotas, ended: tell },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),

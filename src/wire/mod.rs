@@ -11,6 +11,7 @@ pub mod import;
 pub mod key;
 pub mod observation;
 pub mod problem;
+pub mod run;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;

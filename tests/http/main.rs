@@ -26,5 +26,6 @@ mod keys;
 mod limits;
 mod privacy;
 mod restart;
+mod runs;
 mod swarm;
 mod vectors;
