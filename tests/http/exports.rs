@@ -428,6 +428,7 @@ async fn filters_choose_and_nonsense_is_refused() {
         ("?status=aborted", vec![&aborted.id]),
         ("?status=running", vec![]),
         ("?model=three", vec![]),
+        ("?run=run_0", vec![]),
     ] {
         let files = dataset(&app, query).await;
         let mut expected: Vec<&str> = expected.into_iter().map(String::as_str).collect();
@@ -446,7 +447,6 @@ async fn filters_choose_and_nonsense_is_refused() {
     assert!(rows(&app, "acts.parquet?model=three").await.is_empty());
     for (path, status, code) in [
         ("dataset.tar", 404, "not_found"),
-        ("dataset.zip?run=run_0", 404, "not_found"),
         ("acts.jsonl?episode=ep_0", 404, "not_found"),
         ("acts.jsonl?task=Chess", 400, "malformed"),
         ("acts.jsonl?status=lost", 400, "malformed"),
@@ -454,6 +454,43 @@ async fn filters_choose_and_nonsense_is_refused() {
     ] {
         app.get(&format!("/api/v1/exports/{path}")).problem(status, code).await;
     }
+}
+
+/// The episodes of a run, and what of them says that they belong to it.
+#[tokio::test]
+async fn a_run_is_exported_by_its_id() {
+    let app = TestApp::start().await;
+    app.delete(&app.create(request("Pursuit")).await.path("")).send().await;
+    let suite = json!({
+        "name": "small", "tasks": ["Pursuit"], "seeds": [4, 9], "settings": { "num_agents": 2, "max_round": 1 },
+    });
+    let created =
+        app.post("/api/v1/runs").json(&json!({ "suite": suite, "model": "m" })).ok().await;
+    let (id, token) =
+        (created["id"].as_str().expect("an id"), created["swarm_token"].as_str().expect("a token"));
+    loop {
+        let seen = app.get("/swarm/obs?wait=10").token(token).ok().await;
+        let stay = |seen: &Value| {
+            let (episode, agent) = (&seen["episode"], &seen["agent"]);
+            json!({ "episode": episode, "agent": agent, "round": seen["round"], "action": "STAY" })
+        };
+        let acts: Vec<Value> = list(&seen["observations"]).iter().map(stay).collect();
+        if acts.is_empty() && seen["finished"] == true {
+            break;
+        }
+        app.post("/swarm/act").token(token).json(&json!({ "acts": acts })).ok().await;
+    }
+    let files = dataset(&app, &format!("?run={id}")).await;
+    let metas = files["meta_log.json"].as_object().expect("an object");
+    assert_eq!(
+        metas.values().map(|meta| &meta["seed"]).collect::<Vec<_>>(),
+        [&json!(4), &json!(9)]
+    );
+    assert!(metas.values().all(|meta| meta["run"] == id && meta["model"] == "m"));
+    let rows = lines(&app, &format!("acts.jsonl?run={id}")).await;
+    assert_eq!(rows.len(), 4);
+    assert!(rows.iter().all(|row| row["run"] == id));
+    assert_eq!(lines(&app, "rounds.jsonl").await.len(), 2 + 2 + 1);
 }
 
 #[tokio::test]
