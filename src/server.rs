@@ -199,6 +199,7 @@ async fn take_up(app: App) {
         }
     }
     app.ready.store(true, Ordering::Release);
+    app.read_boards().await;
 }
 
 /// Has runs go on whenever one of their games has ended.

@@ -144,6 +144,14 @@ impl App {
         }))
     }
 
+    /// Reads all results, so that whoever asks for a board first does not wait for that.
+    pub async fn read_boards(&self) {
+        if let Err(error) = self.standings.boards().await {
+            // Whoever asks is told the same.
+            tracing::warn!(%error, "boards cannot be read");
+        }
+    }
+
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
         self.registry.let_go();

@@ -308,7 +308,7 @@ impl BoardRow {
                 clock_out_share: None,
                 voided: None,
             },
-            Source::Runs { shown, runs, .. } => {
+            Source::Runs { shown, runs } => {
                 let of: Vec<&TaskResult> = tasks.filter_map(|&task| shown.task(task)).collect();
                 let sum =
                     |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();

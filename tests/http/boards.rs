@@ -462,10 +462,10 @@ async fn a_board_has_what_is_durable() {
     offline.end(run, "closed").await;
     assert_eq!(names().await.len(), 5);
     offline.abort_last().await;
-    assert_eq!(names().await[4], "closed 3/5");
+    assert_eq!(names().await[5], "closed 3/5");
     // More changes than are kept one by one.
     offline.void_last(5000).await;
-    assert_eq!(names().await[5], "closed 2/4");
+    assert_eq!(names().await[4], "closed 2/4");
     offline.close().await;
 }
 
