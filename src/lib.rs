@@ -17,6 +17,7 @@ pub mod cli;
 pub mod clock;
 pub mod episode;
 pub mod host;
+pub mod house;
 pub mod http;
 pub mod ids;
 pub mod journal;

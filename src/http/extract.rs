@@ -15,6 +15,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::claim::ClaimRequest;
 use crate::wire::episode::EpisodeRequest;
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
@@ -34,6 +35,10 @@ impl Named for SwarmAct {
 }
 
 impl Named for KeyRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for ClaimRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 

@@ -2,6 +2,7 @@
 
 mod agent;
 pub mod auth;
+mod claims;
 mod client;
 mod episodes;
 pub mod error;

@@ -61,7 +61,7 @@ enum Detail {
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.status, e.reason, e.created_at, e.ended_at,
+        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
                 CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
@@ -267,6 +267,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             run: row.try_get::<Option<i64>, _>("run")?.map(RunKey),
             revealed: row.try_get("revealed")?,
             opening: raw(row.try_get("opening")?)?,
+            seating: row.try_get::<Option<String>, _>("seating")?.map(raw).transpose()?,
             status: row.try_get("status")?,
             reason: row.try_get("reason")?,
             end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,

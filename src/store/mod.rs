@@ -10,6 +10,7 @@ pub mod keys;
 pub mod records;
 pub mod results;
 pub mod runs;
+pub mod seats;
 pub mod tokens;
 mod writer;
 

@@ -5,6 +5,7 @@
 //! reads them.
 
 pub mod act;
+pub mod claim;
 pub mod episode;
 pub mod key;
 pub mod observation;

@@ -6,7 +6,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{AgentId, Config, Settings};
+use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -18,6 +18,7 @@ use super::{config, duration};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
 use crate::episode::spec::{Spec, Visibility};
+use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
 use crate::keys::OwnerKey;
@@ -57,14 +58,12 @@ pub(in super::super) async fn create_episode(
     let key = idempotency_key(&headers, &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
-    let Some(key) = key else { return new_episode(&app, owner, spec, None).await };
+    let shows_seed = caller.is_organizer() || !spec.is_mixed();
+    let Some(key) = key else { return new_episode(&app, owner, spec, shows_seed, None).await };
     // Everybody has names of their own.
-    let key = match owner {
-        Some(OwnerKey(number)) => format!("{number}/{key}"),
-        None => format!("/{key}"),
-    };
+    let key = idempotency_name(owner, &key);
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move { create_or_repeat(&app, owner, spec, key, body).await }).await
+    App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await }).await
 }
 
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.
@@ -72,25 +71,27 @@ async fn create_or_repeat(
     app: &App,
     owner: Option<OwnerKey>,
     spec: Spec,
+    shows_seed: bool,
     key: String,
     body: [u8; 32],
 ) -> Result<Response, ApiError> {
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
-        None => new_episode(app, owner, spec, Some((key, body))).await,
+        None => new_episode(app, owner, spec, shows_seed, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::new(
             Code::Invalid,
             "this Idempotency-Key was used with another body; send that body, or another key",
         )),
         Some((id, _)) => {
             let handle = app.episode(&id).await?;
-            let tokens = Tokens::new(app, handle.spec.config.num_agents());
-            let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
+            let tokens = Tokens::new(app, &handle.spec);
+            let (episode, tokens_now) = (handle.key, tokens.rows());
+            let entry = Entry::ReplaceTokens { episode, holder: None, tokens: tokens_now };
             app.store.keep(vec![entry]).await?;
             app.forget_tokens(
                 |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if *episode == id),
             );
-            Ok(created(&handle, &tokens))
+            Ok(created(&handle, &tokens, shows_seed))
         }
     }
 }
@@ -99,6 +100,7 @@ async fn new_episode(
     app: &App,
     owner: Option<OwnerKey>,
     spec: Spec,
+    shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
     let least = app.limits.disk_free_percent_min;
@@ -115,23 +117,25 @@ async fn new_episode(
         .retry_after(std::time::Duration::from_mins(1)));
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
-    let tokens = Tokens::new(app, spec.config.num_agents());
+    let tokens = Tokens::new(app, &spec);
     let creation = Creation { id, owner, run: None, spec, tokens: tokens.rows(), idempotency };
     let handle = app.registry.create(creation).await?;
-    Ok(created(&handle, &tokens))
+    Ok(created(&handle, &tokens, shows_seed))
 }
 
-/// The tokens of one episode in clear.
+/// The tokens of the creator's seats in clear.
 struct Tokens {
     seats: Vec<(AgentId, Token)>,
     swarm: Token,
 }
 
 impl Tokens {
-    fn new(app: &App, agents: u16) -> Self {
+    fn new(app: &App, spec: &Spec) -> Self {
         let token = |kind| Token::new(kind, &*app.entropy);
         Self {
-            seats: (0..agents).map(|agent| (AgentId(agent), token(TokenKind::Seat))).collect(),
+            seats: (spec.agents().filter(|agent| spec.is_creators(*agent)))
+                .map(|agent| (agent, token(TokenKind::Seat)))
+                .collect(),
             swarm: token(TokenKind::Swarm),
         }
     }
@@ -149,7 +153,7 @@ impl Tokens {
     }
 }
 
-fn created(handle: &Handle, tokens: &Tokens) -> Response {
+fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
     let seat = |(agent, token): &(AgentId, Token)| SeatToken {
         agent: agent.to_string(),
         token: token.reveal().to_owned(),
@@ -157,7 +161,7 @@ fn created(handle: &Handle, tokens: &Tokens) -> Response {
     let body = CreatedEpisode {
         id: handle.id.to_string(),
         status: handle.snapshot().status.into(),
-        config: config(&handle.spec, true),
+        config: config(&handle.spec, shows_seed),
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     };
@@ -171,7 +175,11 @@ fn created(handle: &Handle, tokens: &Tokens) -> Response {
     response
 }
 
-fn idempotency_key(headers: &HeaderMap, limits: &Limits) -> Result<Option<String>, ApiError> {
+/// The name that the caller has for what is created.
+pub(in super::super) fn idempotency_key(
+    headers: &HeaderMap,
+    limits: &Limits,
+) -> Result<Option<String>, ApiError> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     let most = limits.idempotency_key_chars_max;
     match value.to_str() {
@@ -180,6 +188,35 @@ fn idempotency_key(headers: &HeaderMap, limits: &Limits) -> Result<Option<String
             Code::Malformed,
             format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
         )),
+    }
+}
+
+/// A name that the holder of a key has for something, among the names of all.
+pub(in super::super) fn idempotency_name(owner: Option<OwnerKey>, name: &str) -> String {
+    match owner {
+        Some(OwnerKey(number)) => format!("{number}/{name}"),
+        None => format!("/{name}"),
+    }
+}
+
+/// Checks what is told of who plays.
+pub(in super::super) fn check_player(
+    model: Option<&str>,
+    agent_meta: Option<&serde_json::Map<String, serde_json::Value>>,
+    limits: &Limits,
+    mut refuse: impl FnMut(&str, String),
+) {
+    if let Some(model) = model
+        && (!(1..=limits.model_chars_max).contains(&model.chars().count())
+            || model.chars().any(char::is_control))
+    {
+        let most = limits.model_chars_max;
+        refuse("model", format!("must be 1 to {most} characters without control characters"));
+    }
+    let meta_bytes = agent_meta.map_or(0, |meta| serde_json::to_vec(meta).map_or(0, |json| json.len()));
+    if meta_bytes > limits.agent_meta_bytes_max {
+        let most = limits.agent_meta_bytes_max;
+        refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
     }
 }
 
@@ -227,6 +264,9 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let round_deadline = request
         .round_deadline_s
         .map(|value| seconds("round_deadline_s", Some(value), 0.0, 0.05, 86_400.0));
+    let fill_after = request
+        .fill_after_s
+        .map(|value| seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
     let start = request.start.as_deref().unwrap_or("now");
     if !["now", "manual"].contains(&start) {
         refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
@@ -239,27 +279,43 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     } else if found.is_none() {
         refuse("visibility", format!("must be one of public, owner, is {:?}", short(visibility)));
     }
-    let model = request.model.unwrap_or_else(|| "unnamed".to_owned());
-    if !(1..=limits.model_chars_max).contains(&model.chars().count())
-        || model.chars().any(char::is_control)
-    {
-        let most = limits.model_chars_max;
-        refuse("model", format!("must be 1 to {most} characters without control characters"));
-    }
+    check_player(request.model.as_deref(), request.agent_meta.as_ref(), limits, &mut refuse);
     let agent_meta = request.agent_meta.unwrap_or_default();
-    let meta_bytes = serde_json::to_vec(&agent_meta).map_or(0, |json| json.len());
-    if meta_bytes > limits.agent_meta_bytes_max {
-        let most = limits.agent_meta_bytes_max;
-        refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
-    }
     if let Some(template) = &request.prompt_template
         && let Err(error) = prompt::check(template)
     {
         refuse("prompt_template", error.to_string());
     }
+    let open = request.open_seats.unwrap_or(0);
+    let agents = settings.num_agents;
+    if !(0..=agents).contains(&open) {
+        refuse("open_seats", format!("must be from 0 to the number of agents, {agents}, is {open}"));
+    }
+    if fill_after.is_some() && open == 0 {
+        refuse("fill_after_s", "goes with `open_seats`: no seat is open".to_owned());
+    } else if fill_after.is_some_and(|after| after >= idle) {
+        refuse("fill_after_s", "must be less than idle_timeout_s".to_owned());
+    }
+    if request.fill_with.is_some() && fill_after.is_none() {
+        refuse("fill_with", "goes with `fill_after_s`".to_owned());
+    }
+    if request.player.is_some() && open > 0 && open == agents {
+        let problem = "has no seat to play: all are open; `fill_with` names who fills open ones";
+        refuse("player", problem.to_owned());
+    }
+    let task = request.task.as_deref().and_then(TaskName::parse);
+    let mut built_in = |field: &str, name: Option<&str>| {
+        house::player(name, task?).map_err(|problem| refuse(field, problem)).ok()
+    };
+    let fill_with = fill_after.and_then(|_| built_in("fill_with", request.fill_with.as_deref()));
+    let player = request.player.as_deref().and_then(|name| built_in("player", Some(name)));
     let (Ok(checked), Some(visibility), true) = (checked, found, problems.is_empty()) else {
         return Err(ApiError::fields(problems));
     };
+    let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));
+    let model = request.model.unwrap_or_else(usual);
+    let agents = checked.num_agents();
+    let own = agents.saturating_sub(u16::try_from(open).unwrap_or(agents));
     Ok(Spec {
         config: Arc::new(checked),
         round_deadline,
@@ -274,10 +330,10 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         run: None,
         salt: None,
         closes_at: None,
-        open_seats: Vec::new(),
-        fill_after: None,
-        fill_with: None,
-        player: None,
+        open_seats: (own..agents).map(AgentId).collect(),
+        fill_after,
+        fill_with,
+        player,
     })
 }
 

@@ -51,10 +51,14 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, visibility) = app.known(&caller, id).await?;
-    let subject = subject(&stored, visibility);
-    if !caller.may_read(&app.access, subject) || !(subject.is_over || caller.owns(subject)) {
-        let detail = "a journal holds the seed: until the end only the creator may read it";
+    let (stored, spec) = app.known(&caller, id).await?;
+    let subject = subject(&stored, &spec);
+    if !caller.may_read(&app.access, subject) || !(subject.is_over || caller.oversees(subject)) {
+        let detail = if subject.is_mixed {
+            "a journal holds the seed and what all holders of seats answer: it is shown after the end"
+        } else {
+            "a journal holds the seed: until the end only the creator may read it"
+        };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let most = app.limits.journals_max;
@@ -97,9 +101,13 @@ impl Reader {
             match self.at {
                 Place::Opening => {
                     self.at = Place::Round(0);
-                    let opening = &self.stored.opening;
-                    let head = Head::START.link(opening.as_str().as_bytes());
-                    return Ok(Some(opening.line(head).into()));
+                    let mut head = Head::START;
+                    let first = [Some(&self.stored.opening), self.stored.seating.as_ref()];
+                    let lines = first.into_iter().flatten().map(|record| {
+                        head = head.link(record.as_str().as_bytes());
+                        record.line(head)
+                    });
+                    return Ok(Some(lines.collect::<String>().into()));
                 }
                 Place::Round(round) if round < self.stored.rounds => {
                     let to = self.stored.rounds.min(round + CHUNK);

@@ -13,7 +13,6 @@ use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Named, Nothing, Params, json_bytes, read};
 use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
-use crate::episode::actor::Handle;
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 use crate::wire::problem::Problem;
@@ -39,7 +38,7 @@ use crate::wire::problem::Problem;
 )]
 pub(in super::super) async fn post_swarm_act(
     State(app): State<App>,
-    Swarm { handle }: Swarm,
+    swarm: Swarm,
     _: Params<Nothing>,
     request: Request,
 ) -> Result<Response, ApiError> {
@@ -57,7 +56,7 @@ pub(in super::super) async fn post_swarm_act(
     let mut places = Vec::new();
     let mut submissions = Vec::new();
     for (place, act) in acts.into_iter().enumerate() {
-        match check(&app, &handle, &act) {
+        match check(&app, &swarm, &act) {
             Ok(submission) => {
                 places.push(place);
                 submissions.push(submission);
@@ -65,6 +64,7 @@ pub(in super::super) async fn post_swarm_act(
             Err(error) => receipts[place] = Some(SwarmReceipt::Problem(error.problem())),
         }
     }
+    let handle = &swarm.handle;
     let outcomes =
         if submissions.is_empty() { Vec::new() } else { handle.submit(submissions).await };
     for (place, outcome) in places.into_iter().zip(outcomes) {
@@ -129,7 +129,7 @@ impl Named for Envelope {
 }
 
 /// Checks one act.
-fn check(app: &App, handle: &Handle, act: &RawValue) -> Result<(AgentId, Submission), ApiError> {
+fn check(app: &App, swarm: &Swarm, act: &RawValue) -> Result<(AgentId, Submission), ApiError> {
     let limit = app.limits.body_bytes_max;
     if act.get().len() > limit {
         let detail = format!("the act has more than {limit} bytes");
@@ -137,11 +137,15 @@ fn check(app: &App, handle: &Handle, act: &RawValue) -> Result<(AgentId, Submiss
     }
     let act: SwarmAct = read(act.get().as_bytes())?;
     let (episode, agent, act) = act.split();
-    if episode != handle.id.as_str() {
+    if episode != swarm.handle.id.as_str() {
         return Err(ApiError::not_found("the episode"));
     }
-    let config = &handle.spec.config;
+    let config = &swarm.handle.spec.config;
     let agent = AgentId::parse(&agent).filter(|agent| agent.0 < config.num_agents());
     let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
+    if !swarm.covers(agent) {
+        let detail = format!("this token does not stand for the seat of {agent}");
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
     Ok((agent, submission(act, config, agent)?))
 }

@@ -53,7 +53,7 @@ pub(in super::super) struct SwarmObsParams {
 )]
 pub(in super::super) async fn get_swarm_obs(
     State(app): State<App>,
-    Swarm { handle }: Swarm,
+    swarm: Swarm,
     Params(params): Params<SwarmObsParams>,
 ) -> Result<Response, ApiError> {
     let patience = wait(&app, params.wait)?;
@@ -68,14 +68,14 @@ pub(in super::super) async fn get_swarm_obs(
         None => Cursor::START,
     };
     let wanted = |snapshot: &Snapshot| {
-        snapshot.status.is_over() || open_seats(snapshot, after).next().is_some()
+        snapshot.status.is_over() || open_seats(&swarm, snapshot, after).next().is_some()
     };
-    let snapshot = app.wait_until(&handle, patience, wanted).await?;
+    let snapshot = app.wait_until(&swarm.handle, patience, wanted).await?;
     let mut observations = b"[".to_vec();
     let mut cursor = after;
-    for seat in open_seats(&snapshot, after).take(limit) {
+    for seat in open_seats(&swarm, &snapshot, after).take(limit) {
         let agent = AgentId(seat.agent);
-        let body = observation(&app, &handle, &snapshot, agent, params.prompt).await?;
+        let body = observation(&app, &swarm.handle, &snapshot, agent, params.prompt).await?;
         if observations.len() > 1 {
             observations.push(b',');
         }
@@ -94,9 +94,14 @@ struct Rest {
     finished: bool,
 }
 
-/// The seats that wait for an act and were opened after `after`.
-fn open_seats(snapshot: &Snapshot, after: Cursor) -> impl Iterator<Item = Cursor> + '_ {
-    let waiting = snapshot.world.agents().filter(|&agent| snapshot.waits_for(agent));
+/// The token's seats that wait for an act and were opened after `after`.
+fn open_seats<'a>(
+    swarm: &'a Swarm,
+    snapshot: &'a Snapshot,
+    after: Cursor,
+) -> impl Iterator<Item = Cursor> + 'a {
+    let own = snapshot.world.agents().filter(|&agent| swarm.covers(agent));
+    let waiting = own.filter(|&agent| snapshot.waits_for(agent));
     waiting
         .map(|agent| Cursor { opened: snapshot.opened, agent: agent.0 })
         .filter(move |seat| *seat > after)
