@@ -108,21 +108,21 @@ pub async fn play(
             Status::Running => {
                 let mut all = match players.take() {
                     Some(players) => players,
-                    None => Players::new(&handle)?,
+                    None => Players::new(&handle.spec, handle.hosted())?,
                 };
-                if all.is_empty() {
+                if all.seats.is_empty() {
                     return Ok(());
                 }
                 let round = snapshot.world.round();
                 let mut last = None;
                 while all.shown < round {
                     let world = state_at(journal, &handle, all.shown, last.as_ref()).await?;
-                    (all, _) = all.decide(&world, turns).await?;
+                    (all, _) = all.take_turn(&world, turns).await?;
                     last = Some(world);
                 }
                 if all.shown == round {
                     let decided;
-                    (all, decided) = all.decide(&snapshot.world, turns).await?;
+                    (all, decided) = all.take_turn(&snapshot.world, turns).await?;
                     // After a restart some of them may have acted before it.
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
@@ -144,7 +144,7 @@ pub async fn play(
 }
 
 /// The players of one episode's hosted seats.
-struct Players {
+pub struct Players {
     seats: Vec<(AgentId, Box<dyn Player>)>,
     /// The first round that they were not shown.
     shown: u32,
@@ -152,9 +152,12 @@ struct Players {
 }
 
 impl Players {
-    fn new(handle: &Handle) -> Result<Self, HouseError> {
-        let spec = &handle.spec;
-        let made = handle.hosted().iter().map(|(agent, name)| {
+    /// The players of these seats, by their names; they were shown nothing yet.
+    ///
+    /// # Errors
+    /// Where one is not built in.
+    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
+        let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
             let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
             Ok((*agent, built_in.make(&seat(spec, *agent))))
@@ -163,12 +166,17 @@ impl Players {
         Ok(Self { seats, shown: 0, is_heavy: is_heavy(&spec.config) })
     }
 
-    fn is_empty(&self) -> bool {
-        self.seats.is_empty()
+    /// Shows all that live their observations of the next round, and asks what they do.
+    pub fn decide(&mut self, world: &World) -> Vec<(AgentId, Submission)> {
+        let seats = self.seats.iter_mut().filter(|(agent, _)| world.is_alive(*agent));
+        let decided = seats.map(|(agent, player)| (*agent, decision(world, *agent, &mut **player)));
+        let decided = decided.collect();
+        self.shown = world.round() + 1;
+        decided
     }
 
-    /// Shows all that live their observations of the next round, and asks what they do.
-    async fn decide(
+    /// Has them decide when it is their turn.
+    async fn take_turn(
         mut self,
         world: &Arc<World>,
         turns: &Turns,
@@ -177,13 +185,7 @@ impl Players {
         let _turn = turns.0.acquire().await;
         let (world, is_heavy) = (Arc::clone(world), self.is_heavy);
         let work = move || {
-            let mut decided = Vec::with_capacity(self.seats.len());
-            for (agent, player) in &mut self.seats {
-                if world.is_alive(*agent) {
-                    decided.push((*agent, decision(&world, *agent, &mut **player)));
-                }
-            }
-            self.shown = world.round() + 1;
+            let decided = self.decide(&world);
             (self, decided)
         };
         Ok(off_thread(is_heavy, work).await?)

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each module of the server may name of the others, beside itself.
-const MAY_NAME: [(&str, &[&str]); 17] = [
+const MAY_NAME: [(&str, &[&str]); 18] = [
     ("clock", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
@@ -15,6 +15,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
     ("journal", &["ids", "keys"]),
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
+    ("house", &["episode", "journal"]),
     ("wire", &["episode", "keys"]),
     ("prompt", &["wire"]),
     ("run", &["clock", "episode", "ids", "journal", "keys", "store"]),
@@ -24,6 +25,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
             "clock",
             "episode",
             "host",
+            "house",
             "ids",
             "journal",
             "keys",
@@ -33,7 +35,7 @@ const MAY_NAME: [(&str, &[&str]); 17] = [
             "wire",
         ],
     ),
-    ("server", &["clock", "episode", "host", "http", "journal", "store", "telemetry"]),
+    ("server", &["clock", "episode", "host", "house", "http", "journal", "store", "telemetry"]),
     ("players", &["clock", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
@@ -67,7 +69,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("minijinja", &["prompt"]),
     ("reqwest", &["players", "loadtest"]),
     ("clap", &["cli", "keys", "telemetry"]),
-    ("swarmbench_players", &["players", "cli"]),
+    ("swarmbench_players", &["players", "house", "cli"]),
     ("indicatif", &["cli"]),
 ];
 
