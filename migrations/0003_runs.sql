@@ -8,6 +8,7 @@ CREATE TABLE runs (
     digest            TEXT    NOT NULL,              -- of all of the suite: games with other settings are never compared
     definition        TEXT    NOT NULL,              -- JSON: what is played, and by whom
     model             TEXT    NOT NULL,
+    visibility        TEXT    NOT NULL,              -- public owner sealed: who may see it, as for its episodes
     status            TEXT    NOT NULL,              -- running finished aborted abandoned closed
     entry             INTEGER,                       -- entries.key of an attempt in a competition
     attempt           INTEGER,                       -- its number, from 1
@@ -23,6 +24,7 @@ CREATE INDEX runs_by_status ON runs (status, key);
 CREATE INDEX runs_by_owner  ON runs (owner, key);
 CREATE INDEX runs_by_entry  ON runs (entry, attempt);
 CREATE INDEX runs_by_suite  ON runs (suite, key);
+CREATE INDEX runs_by_model  ON runs (model, key);
 
 ALTER TABLE episodes ADD COLUMN run INTEGER;         -- runs.key
 ALTER TABLE episodes ADD COLUMN slot INTEGER;        -- which game of the run's plan it is, from 0

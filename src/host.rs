@@ -22,6 +22,11 @@ pub fn raise_open_files() -> Option<u64> {
 pub trait Disk: Send + Sync + 'static {
     /// How much of it is free, in percent; none where the host does not tell.
     fn free_percent(&self) -> Option<f64>;
+
+    /// Whether less than so much is free.
+    fn is_full(&self, free_percent_min: u32) -> bool {
+        self.free_percent().is_some_and(|free| free < f64::from(free_percent_min))
+    }
 }
 
 /// The host's disk that holds a directory.

@@ -13,8 +13,10 @@
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
+pub mod board;
 pub mod cli;
 pub mod clock;
+pub mod dataset;
 pub mod episode;
 pub mod host;
 pub mod house;
@@ -27,6 +29,7 @@ pub mod players;
 pub mod prompt;
 pub mod run;
 pub mod server;
+pub mod standings;
 pub mod store;
 pub mod telemetry;
 pub mod wire;

@@ -18,6 +18,7 @@ use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
 use crate::journal::{Journal, JournalError};
+use crate::run::manager::{self, Runs};
 use crate::store::{OpenError, Store};
 use crate::telemetry;
 
@@ -115,9 +116,20 @@ impl Server {
             Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key);
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
+        let runs = Runs::new(manager::Parts {
+            store: store.clone(),
+            registry: registry.clone(),
+            clock: Arc::clone(&clock),
+            entropy: Arc::clone(&entropy),
+            disk: Arc::clone(&disk),
+            disk_free_percent_min: limits.disk_free_percent_min,
+            stop: stop.clone(),
+            last_key: store.last_run_key().await?,
+        });
         let app = App::new(Foundation {
             store,
             registry,
+            runs,
             clock,
             entropy,
             disk,
@@ -157,6 +169,7 @@ impl Server {
             tokio::spawn(house::run(hosted, journal, stop.clone()));
         }
         let recovery = tokio::spawn(take_up(app.clone()));
+        let runs = tokio::spawn(look_after_runs(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
         let serving = tokio::spawn(serve(listener, router(app.clone()), limits, stop.clone()));
         shutdown.await;
@@ -165,6 +178,7 @@ impl Server {
         // A panic in there was logged where it happened.
         drop(serving.await);
         recovery.abort();
+        runs.abort();
         sweeper.abort();
         app.store.clone().close().await;
         Ok(())
@@ -174,20 +188,39 @@ impl Server {
 /// Takes up what was running before a restart.
 async fn take_up(app: App) {
     match app.registry.take_up_unfinished().await {
-        Ok(count) => {
-            if count > 0 {
-                tracing::info!(count, "unfinished episodes were taken up");
-            }
-            app.ready.store(true, Ordering::Release);
+        Ok(count) if count > 0 => tracing::info!(count, "unfinished episodes were taken up"),
+        Ok(_) => {}
+        Err(error) => {
+            tracing::error!(%error, "unfinished episodes cannot be taken up");
+            return;
         }
-        Err(error) => tracing::error!(%error, "unfinished episodes cannot be taken up"),
+    }
+    match app.runs.advance_all().await {
+        Ok(count) if count > 0 => tracing::info!(count, "unfinished runs go on"),
+        Ok(_) => {}
+        Err(error) => {
+            tracing::error!(%error, "unfinished runs cannot go on");
+            return;
+        }
+    }
+    app.ready.store(true, Ordering::Release);
+}
+
+/// Has runs go on whenever one of their games has ended.
+async fn look_after_runs(app: App) {
+    if let Some(ended) = app.registry.take_ended() {
+        app.runs.look_after(ended).await;
     }
 }
 
-/// Looks after episodes that are not in memory, and lets go of what nobody asks for.
+/// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what
+/// nobody asks for.
 async fn sweep(app: App) {
     loop {
         app.registry.look_after_idle().await;
+        if let Err(error) = app.runs.advance_all().await {
+            tracing::error!(%error, "runs cannot be looked after");
+        }
         app.tidy();
         app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
     }

@@ -1,9 +1,13 @@
 //! The command line, one file a command.
 
 mod backup;
+mod board;
 mod demo;
+mod export;
 mod healthcheck;
+mod import;
 mod key;
+mod leaderboard;
 mod loadtest;
 mod openapi;
 mod play;
@@ -42,8 +46,18 @@ enum Command {
     Play(play::Args),
     /// Play a journal file again and check every hash, digest, act and score.
     Verify(verify::Args),
+    /// Show who did how well in a suite.
+    Leaderboard(leaderboard::Args),
+    /// Show which models did how well together.
+    CrossPlay(leaderboard::CrossPlayArgs),
+    /// Make what boards are made of again.
+    Board(board::Args),
     /// Copy the database of a server, which may go on meanwhile.
     Backup(backup::Args),
+    /// Write episodes in the data format of the public toolkit, or as tables.
+    Export(export::Args),
+    /// Read games in the data format of the public toolkit.
+    Import(import::Args),
     /// Load a server of your own, and compare it with what is possible at best.
     Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
@@ -62,7 +76,12 @@ pub fn main() -> ExitCode {
         Command::Key(args) => with_runtime(key::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
+        Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
+        Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
+        Command::Board(args) => with_runtime(board::run(args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
+        Command::Export(args) => with_runtime(export::run(args)),
+        Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),

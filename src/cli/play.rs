@@ -53,7 +53,7 @@ pub(super) struct Args {
     max_round: Option<i64>,
 }
 
-fn task(name: &str) -> Result<TaskName, String> {
+pub(super) fn task(name: &str) -> Result<TaskName, String> {
     let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
     (TaskName::ALL.into_iter())
         .find(|task| task.name().eq_ignore_ascii_case(name))

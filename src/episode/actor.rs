@@ -573,7 +573,8 @@ impl Actor {
     fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
         let mut effects = self.apply(now, Event::Tick);
         if self.lockstep.status() == Status::Waiting
-            && let Some((holder, agents)) = self.seating.as_mut().and_then(|seating| seating.fill(now))
+            && let Some((holder, agents)) =
+                self.seating.as_mut().and_then(|seating| seating.fill(now))
         {
             self.ahead.push(self.claim_entry(holder, agents, Vec::new(), None));
             effects.extend(self.start_if_seated(now));
@@ -636,7 +637,9 @@ impl Actor {
                 let open = self.seating.as_ref().map_or(0, Seating::count_open);
                 if self.lockstep.status() == Status::Waiting && open > 0 {
                     let refused = move |result: Result<(), JournalError>| {
-                        drop(reply.send(Err(result.err().map_or(StartError::SeatsOpen(open), Into::into))));
+                        drop(reply.send(Err(
+                            result.err().map_or(StartError::SeatsOpen(open), Into::into),
+                        )));
                     };
                     return self.perform(at, Vec::new(), refused).await;
                 }
@@ -725,7 +728,9 @@ impl Actor {
         let mut used = self.bytes;
         let Batch { acts, places } = batch;
         for sent in acts {
-            if sent.submission.round < self.world.round() && matches!(sent.earlier, Earlier::Unknown) {
+            if sent.submission.round < self.world.round()
+                && matches!(sent.earlier, Earlier::Unknown)
+            {
                 told.push((sent.place, Told::Late(sent)));
                 continue;
             }

@@ -113,7 +113,8 @@ mod tests {
         assert_eq!(places.take(times(ONE, 1)).1, BTreeSet::from([ONE]));
         let part = all.split(times(ONE, 1020).chain(times(OTHER, 9)));
         drop(all);
-        let counts = || places.0.iter().map(|count| count.load(Ordering::Relaxed)).collect::<Vec<_>>();
+        let counts =
+            || places.0.iter().map(|count| count.load(Ordering::Relaxed)).collect::<Vec<_>>();
         assert_eq!(counts(), [1020, 3]);
         drop(part);
         assert_eq!(counts(), [0, 0]);

@@ -93,21 +93,17 @@ impl Quotas {
     /// The cap that was reached.
     pub fn admit(&self, episode: EpisodeKey, owner: Option<OwnerKey>) -> Result<(), Full> {
         let mut held = self.held();
-        let caps = &self.caps;
-        if held.unfinished.len() >= caps.episodes_unfinished_max {
-            return Err(Full::Episodes(caps.episodes_unfinished_max));
-        }
-        if let Some(owner) = owner {
-            let own = held.by_owner.get(&owner).copied().unwrap_or_default();
-            if own.episodes >= caps.episodes_per_key_max {
-                return Err(Full::EpisodesOfKey(caps.episodes_per_key_max));
-            }
-            if own.bytes >= caps.journal_bytes_per_key_max {
-                return Err(Full::BytesOfKey(caps.journal_bytes_per_key_max));
-            }
-        }
+        held.check(&self.caps, owner)?;
         held.begin(episode, owner);
         Ok(())
+    }
+
+    /// Whether there is a place for a new episode now.
+    ///
+    /// # Errors
+    /// The cap that was reached.
+    pub fn check(&self, owner: Option<OwnerKey>) -> Result<(), Full> {
+        self.held().check(&self.caps, owner)
     }
 
     /// Notes an unfinished episode that exists already; doing it again changes nothing.
@@ -159,6 +155,22 @@ impl Quotas {
 }
 
 impl Held {
+    fn check(&self, caps: &Caps, owner: Option<OwnerKey>) -> Result<(), Full> {
+        if self.unfinished.len() >= caps.episodes_unfinished_max {
+            return Err(Full::Episodes(caps.episodes_unfinished_max));
+        }
+        if let Some(owner) = owner {
+            let own = self.by_owner.get(&owner).copied().unwrap_or_default();
+            if own.episodes >= caps.episodes_per_key_max {
+                return Err(Full::EpisodesOfKey(caps.episodes_per_key_max));
+            }
+            if own.bytes >= caps.journal_bytes_per_key_max {
+                return Err(Full::BytesOfKey(caps.journal_bytes_per_key_max));
+            }
+        }
+        Ok(())
+    }
+
     fn begin(&mut self, episode: EpisodeKey, owner: Option<OwnerKey>) {
         let is_new = self.unfinished.insert(episode, owner).is_none();
         if let Some(owner) = owner.filter(|_| is_new) {

@@ -80,11 +80,8 @@ pub(super) async fn recover(
             .collect(),
         last_act_at: stored.last_act_at.unwrap_or(stored.created_at),
     };
-    let holders = if spec.is_seated() {
-        journal.holders(stored.episode).await?
-    } else {
-        Vec::new()
-    };
+    let holders =
+        if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
     let seating = Seating::new(&spec, stored.created_at, holders);
     let clocks = clocks(&spec);
     Ok(Fresh {

@@ -150,6 +150,14 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
+    /// Whether there is a place for a new episode of this key now.
+    ///
+    /// # Errors
+    /// The cap that was reached.
+    pub fn check_room(&self, owner: Option<OwnerKey>) -> Result<(), Full> {
+        self.host.quotas.check(owner)
+    }
+
     /// Creates an episode; it is durable when this returns.
     ///
     /// # Errors
@@ -210,7 +218,8 @@ impl Registry {
             idempotency,
             tokens,
         };
-        let mut entries: Vec<Entry> = [Entry::Open(Box::new(row))].into_iter().chain(entries).collect();
+        let mut entries: Vec<Entry> =
+            [Entry::Open(Box::new(row))].into_iter().chain(entries).collect();
         if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
             let record;
             (record, head) = seated(seating, head);

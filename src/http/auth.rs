@@ -163,6 +163,11 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
+    /// Whether the caller may read what everybody may read once it is over.
+    pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
+        !access.private || matches!(self, Self::Key(_))
+    }
+
     /// Whether the caller may know that the episode exists.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
@@ -203,9 +208,23 @@ impl Caller {
         }
     }
 
+    /// Whether the caller may read boards. On a private server it takes a key.
+    pub(super) fn may_read_boards(&self, access: &Access) -> Result<(), ApiError> {
+        match self {
+            _ if !access.private => Ok(()),
+            Self::Key(_) => Ok(()),
+            Self::Anonymous { .. } => Err(needs_token("a key")),
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+                let detail = "this server is private: boards take a key";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
+        }
+    }
+
     /// The key to which a new episode belongs, where the caller may create one.
     pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
-        let detail = "a token of an episode creates no other; send a key, or nothing where there are none";
+        let detail =
+            "a token of an episode creates no other; send a key, or nothing where there are none";
         self.player(app, detail)
     }
 
@@ -214,7 +233,8 @@ impl Caller {
         &self,
         app: &App,
     ) -> Result<(Option<OwnerKey>, Option<String>), ApiError> {
-        let detail = "a token of an episode claims no seats; send a key, or nothing where there are none";
+        let detail =
+            "a token of an episode claims no seats; send a key, or nothing where there are none";
         let owner = self.player(app, detail)?;
         let id = match self {
             Self::Key(key) => Some(key.id.clone()),

@@ -11,6 +11,7 @@ use std::time::Duration;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
+use crate::board::collection::Unknown;
 use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::lockstep::Refusal;
@@ -219,6 +220,12 @@ impl IntoResponse for ApiError {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         response
+    }
+}
+
+impl From<Unknown> for ApiError {
+    fn from(unknown: Unknown) -> Self {
+        Self::new(Code::Malformed, unknown.to_string())
     }
 }
 

@@ -223,6 +223,17 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     }
 }
 
+/// How many items somebody wants of a list, checked.
+pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<usize, ApiError> {
+    let most = app.limits.page_items_max;
+    let limit = asked.unwrap_or(usual);
+    if !(1..=most).contains(&limit) {
+        let detail = format!("limit must be from 1 to {most}, is {limit}");
+        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
+    }
+    Ok(limit as usize)
+}
+
 /// How long a request wants to wait, checked.
 pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError> {
     let most = app.limits.wait_s_max;

@@ -67,6 +67,8 @@ pub struct Limits {
     pub idempotency_key_chars_max: usize,
     /// Journals that are read at once.
     pub journals_max: usize,
+    /// Exports that are made at once.
+    pub exports_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
 }
@@ -104,6 +106,7 @@ impl Default for Limits {
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
             journals_max: 32,
+            exports_max: 4,
             events_pending_max: 64,
         }
     }
@@ -123,7 +126,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 31] {
+    pub fn table(&self) -> [(&'static str, u64); 32] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -155,6 +158,7 @@ impl Limits {
             ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
             ("journals_max", self.journals_max as u64),
+            ("exports_max", self.exports_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
         ]
     }

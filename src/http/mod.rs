@@ -2,12 +2,15 @@
 
 mod agent;
 pub mod auth;
+mod boards;
 mod claims;
 mod client;
 mod episodes;
 pub mod error;
+mod exports;
 mod extract;
 mod host;
+mod imports;
 mod keys;
 pub mod limits;
 pub mod openapi;
@@ -26,11 +29,14 @@ use quick_cache::sync::Cache;
 use tokio::sync::{Mutex, MutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
 
+use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
+use crate::run::manager::Runs;
+use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
 use auth::Access;
@@ -45,10 +51,13 @@ const TOKENS_CACHED: usize = 100_000;
 /// Locks of creations that may be repeated: those with the same key have the same one.
 const CREATION_LOCKS: usize = 64;
 
-/// Texts for language models that are made at once; each keeps a core busy.
+/// Texts for language models, and boards, that are made at once; each keeps a core busy.
 const RENDERS_MAX: usize = 8;
 
-/// How long a request waits for its turn to have a text made.
+/// Differences between rows of boards that are remembered.
+const INTERVALS_CACHED: usize = 100_000;
+
+/// How long a request waits for its turn to have a text or a board made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What all handlers share. Cloning shares it.
@@ -61,6 +70,8 @@ pub struct Foundation {
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
+    /// All runs.
+    pub runs: Runs,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// Where randomness comes from.
@@ -95,7 +106,12 @@ pub struct Shared {
     renders: Semaphore,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
+    /// Turns to make an export; each keeps a thread busy.
+    exports: Arc<Semaphore>,
     creating: [Mutex<()>; CREATION_LOCKS],
+    /// What boards are made of.
+    standings: Standings,
+    intervals: Memory,
 }
 
 impl App {
@@ -107,6 +123,9 @@ impl App {
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
+            standings: Standings::new(foundation.store.clone()),
+            intervals: Memory::new(INTERVALS_CACHED),
+            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
@@ -147,7 +166,8 @@ impl App {
     ) -> Result<T, ApiError> {
         let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
         else {
-            let detail = "too many prompts are asked for; ask again later, or without `prompt`";
+            let detail =
+                "too many prompts and boards are asked for; ask again later, or without `prompt`";
             return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
                 .retry_after(Duration::from_secs(1)));
         };

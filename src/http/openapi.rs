@@ -22,6 +22,8 @@ use super::limits::Limits;
         (name = "agent", description = "One agent of one episode: two calls and a seat token."),
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "boards", description = "Who did how well."),
+        (name = "data", description = "Many episodes in one file, and games that were read from files."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),

@@ -22,7 +22,9 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
-use super::{App, agent, claims, client, episodes, host, keys, openapi, swarm};
+use super::{
+    App, agent, boards, claims, client, episodes, exports, host, imports, keys, openapi, swarm,
+};
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
@@ -38,8 +40,14 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
         .routes(routes!(claims::create::create_claim, claims::list::list_claims))
+        .routes(routes!(exports::download::download_export))
+        .routes(routes!(imports::list::list_imports))
+        .routes(routes!(imports::show::show_import))
+        .routes(routes!(imports::state::show_imported_state))
         .routes(routes!(keys::create::create_key, keys::list::list_keys))
         .routes(routes!(keys::revoke::revoke_key))
+        .routes(routes!(boards::leaderboard::show_leaderboard))
+        .routes(routes!(boards::cross_play::show_cross_play))
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))

@@ -5,6 +5,7 @@
 //! and observations are recomputed from it.
 
 pub mod chain;
+mod import;
 pub mod record;
 pub mod replay;
 
@@ -17,6 +18,7 @@ use swarmbench_engine::AgentId;
 use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
+pub use import::{ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport};
 use record::{ActRecord, RawRecord, Source};
 
 /// The number of an episode in its journal; short, and never shown.
@@ -71,6 +73,13 @@ pub enum Entry {
         /// When.
         at: Timestamp,
     },
+    /// A game that was read from files.
+    Import {
+        /// The game.
+        game: Box<ImportRow>,
+        /// When.
+        at: Timestamp,
+    },
     /// A new run.
     OpenRun(Box<RunRow>),
     /// The end of a run; one that has ended is left as it is.
@@ -119,6 +128,8 @@ pub struct RunRow {
     pub definition: String,
     /// The model's name.
     pub model: String,
+    /// Who may see it before its end, as for its episodes.
+    pub visibility: &'static str,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
     /// When it was created.
@@ -427,6 +438,30 @@ pub struct StoredRound {
     pub score: f64,
     /// The head of the chain after it.
     pub head: Head,
+}
+
+/// A resolved round with all that is stored of it.
+#[derive(Clone, Debug)]
+pub struct LoggedRound {
+    /// The round.
+    pub round: u32,
+    /// The digest of the state after it.
+    pub digest: [u8; 32],
+    /// When it was resolved.
+    pub at: Timestamp,
+    /// Its acts, in order of their seats.
+    pub acts: Vec<LoggedAct>,
+}
+
+/// An act with the time at which it came.
+#[derive(Clone, Debug)]
+pub struct LoggedAct {
+    /// The seat.
+    pub agent: AgentId,
+    /// When it came.
+    pub at: Timestamp,
+    /// The record.
+    pub record: ActRecord,
 }
 
 /// What keeps journals. Entries become durable in the order in which they were handed over.

@@ -95,6 +95,14 @@ pub struct Opening {
     pub salt: Option<String>,
 }
 
+impl Opening {
+    /// Whether boards count the episode: it belongs to a run, or several holders play it.
+    #[must_use]
+    pub fn counts(&self) -> bool {
+        self.run.is_some() || !self.config.open_seats.is_empty()
+    }
+}
+
 /// All settings of an episode, under the names that the wire has for them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -332,6 +340,17 @@ impl ActRecord {
         };
         Some(Act { action, message, to })
     }
+}
+
+/// The lines of a journal file before its first round.
+#[must_use]
+pub fn first_lines(opening: &RawRecord, seating: Option<&RawRecord>) -> String {
+    let mut head = Head::START;
+    let lines = [Some(opening), seating].into_iter().flatten().map(|record| {
+        head = head.link(record.as_str().as_bytes());
+        record.line(head)
+    });
+    lines.collect()
 }
 
 /// The bytes of a round's record from those of its acts: the same as writing a [`Round`].

@@ -6,7 +6,9 @@ use backon::{ExponentialBuilder, Retryable};
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::de::DeserializeOwned;
 
+use crate::board::collection::Question;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
@@ -75,6 +77,17 @@ impl ClientError {
     }
 }
 
+/// What a server said that does not do what was asked.
+fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
+    match serde_json::from_slice(body) {
+        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
+        Err(_) => {
+            let what = String::from_utf8_lossy(body).chars().take(200).collect();
+            ClientError::Strange { url, status, what }
+        }
+    }
+}
+
 /// A client of one server. Cloning shares its connections.
 #[derive(Clone, Debug)]
 pub struct Client {
@@ -121,6 +134,32 @@ impl Client {
     #[must_use]
     pub const fn base(&self) -> &Url {
         &self.base
+    }
+
+    /// Takes what may be too large for memory. An answer that breaks off is an error.
+    ///
+    /// # Errors
+    /// Where the server refuses or does not answer, or `out` cannot be written to.
+    pub async fn download(
+        &self,
+        path: &str,
+        query: &[(&str, &String)],
+        out: &mut (impl std::io::Write + ?Sized),
+    ) -> anyhow::Result<()> {
+        let mut url = self.base.clone();
+        url.set_path(path);
+        let transport = |source| ClientError::Transport { url: url.clone(), source };
+        let call = self.signed(self.http.get(url.clone())).query(query);
+        let mut answer = call.send().await.map_err(transport)?;
+        let status = answer.status();
+        if !status.is_success() {
+            let bytes = answer.bytes().await.map_err(transport)?;
+            return Err(refused(url, status, &bytes).into());
+        }
+        while let Some(piece) = answer.chunk().await.map_err(transport)? {
+            out.write_all(&piece)?;
+        }
+        Ok(out.flush()?)
     }
 
     /// Creates an episode. A repeat after a lost answer gives the same one.
@@ -205,6 +244,63 @@ impl Client {
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
     }
 
+    /// A whole board, page by page.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
+        let Question { suite, rules, task, sort, pick, no_reference } = question;
+        let asked =
+            [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value.clone()?)))
+            .chain([("reference", (!no_reference).to_string())])
+            .collect();
+        let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+        while let Some(cursor) = board.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+            board.items.extend(next.items);
+            board.next_cursor = next.next_cursor;
+        }
+        Ok(board)
+    }
+
+    /// All pairs of models that played together, page by page.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn cross_play(
+        &self,
+        task: Option<&str>,
+        rules: Option<&str>,
+    ) -> Result<CrossPlay, ClientError> {
+        let asked = [("task", task), ("rules", rules)];
+        let mut query: Vec<(&str, String)> = (asked.into_iter())
+            .filter_map(|(name, value)| Some((name, value?.to_owned())))
+            .collect();
+        let mut found: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+        while let Some(cursor) = found.next_cursor.take() {
+            query.retain(|(name, _)| *name != "cursor");
+            query.push(("cursor", cursor));
+            let next: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+            found.items.extend(next.items);
+            found.next_cursor = next.next_cursor;
+        }
+        Ok(found)
+    }
+
+    /// A page that is as large as pages may be.
+    async fn page<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, String)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(&[("limit", 1000)]).query(query))
+            .await
+    }
+
     /// Whether the server lives.
     ///
     /// # Errors
@@ -245,10 +341,7 @@ impl Client {
         if status.is_success() {
             return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
         }
-        match serde_json::from_slice(&body) {
-            Ok(problem) => Err(ClientError::Refused { url, status, problem: Box::new(problem) }),
-            Err(_) => Err(strange(String::from_utf8_lossy(&body).chars().take(200).collect())),
-        }
+        Err(refused(url, status, &body))
     }
 }
 

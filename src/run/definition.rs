@@ -1,11 +1,22 @@
 //! What a run is: a suite, who plays it, and how.
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
+use swarmbench_engine::{Config, TaskName};
 
-use super::suite::Suite;
+use super::suite::{Game, Suite};
+use crate::episode::spec::{Spec, Visibility};
+use crate::journal::JournalError;
+use crate::prompt;
+use crate::store::runs::StoredRun;
+
+/// As a player's name: each task's own built-in player.
+pub const EACH_TASKS_OWN: &str = "default";
 
 /// All that was decided about a run when it was created; stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,12 +38,13 @@ pub struct Definition {
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// The built-in player that the server hosts on all seats, where nobody else plays.
+    /// The built-in player that the server hosts on all seats, where nobody else plays;
+    /// [`EACH_TASKS_OWN`] for the one that each task has of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
     /// How many games are open at a time, at most.
     pub parallel: u32,
-    /// Who reads its episodes before their end: `public`, `owner` or `sealed`.
+    /// Who reads it and its episodes before their end: `public`, `owner` or `sealed`.
     pub visibility: String,
     /// After so long without any act an episode ends as abandoned.
     pub idle_timeout_ms: u64,
@@ -42,6 +54,62 @@ pub struct Definition {
 }
 
 impl Definition {
+    /// What was stored of a run.
+    ///
+    /// # Errors
+    /// Where this program cannot read it.
+    pub fn of(stored: &StoredRun) -> Result<Self, JournalError> {
+        serde_json::from_str(&stored.definition).map_err(|error| {
+            JournalError(format!("the definition of {} cannot be read: {error}", stored.id).into())
+        })
+    }
+
+    /// Who reads it, if this program knows the name.
+    #[must_use]
+    pub fn visibility(&self) -> Option<Visibility> {
+        Visibility::ALL.into_iter().find(|known| known.name() == self.visibility)
+    }
+
+    /// What one of its games is.
+    ///
+    /// # Errors
+    /// What this program does not know or does not allow.
+    pub fn spec(&self, run: &str, game: &Game, salt: Option<String>) -> Result<Spec, String> {
+        let suite = &self.suite;
+        let config = Config::check(&suite.settings_of(game)).map_err(|error| error.to_string())?;
+        let visibility = self.visibility();
+        Ok(Spec {
+            round_deadline: suite.settings.round_deadline_ms.map(Duration::from_millis),
+            bank: Duration::from_millis(suite.settings.bank_ms),
+            manual_start: false,
+            idle_timeout: Duration::from_millis(self.idle_timeout_ms),
+            visibility: visibility.ok_or_else(|| format!("visibility {:?}", self.visibility))?,
+            model: self.model.clone(),
+            agent_meta: self.agent_meta(),
+            prompt_template: self.prompt_template.as_deref().unwrap_or(prompt::BUILT_IN).into(),
+            custom_template: self.prompt_template.is_some(),
+            run: Some(run.to_owned()),
+            salt,
+            closes_at: self.closes_at,
+            open_seats: Vec::new(),
+            fill_after: None,
+            fill_with: None,
+            player: self.player.as_deref().map(|name| player(name, config.task())).transpose()?,
+            config: Arc::new(config),
+        })
+    }
+
+    /// What its episodes tell of who plays: the declared sampling, and what else was told.
+    fn agent_meta(&self) -> Map<String, Value> {
+        let mut meta = self.meta.clone();
+        for (name, value) in [("temperature", self.temperature), ("top_p", self.top_p)] {
+            if let Some(value) = value {
+                meta.insert(name.to_owned(), json!(value));
+            }
+        }
+        meta
+    }
+
     /// Tells prompt templates apart: the first 12 hexadecimal digits of SHA-256 of the text; none for the
     /// built-in one.
     #[must_use]
@@ -49,4 +117,17 @@ impl Definition {
         let text = self.prompt_template.as_ref()?;
         Some(data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6]))
     }
+}
+
+/// The name of the built-in player that plays a task under this name.
+///
+/// # Errors
+/// Where no such player plays it.
+pub fn player(name: &str, task: TaskName) -> Result<String, String> {
+    let player = if name == EACH_TASKS_OWN {
+        swarmbench_players::default_for(task)
+    } else {
+        swarmbench_players::find(name, task).map_err(|error| error.to_string())?
+    };
+    Ok(player.name.to_owned())
 }

@@ -1,6 +1,7 @@
 //! Runs: a suite of games for one model, opened as they are needed.
 
 pub mod definition;
+pub mod manager;
 pub mod suite;
 
 use jiff::Timestamp;

@@ -113,6 +113,26 @@ impl Suite {
             .collect()
     }
 
+    /// All settings of the engine for one of its games.
+    #[must_use]
+    pub fn settings_of(&self, game: &Game) -> Settings {
+        let settings = &self.settings;
+        Settings {
+            task: game.task.clone(),
+            rules: self.rules.clone(),
+            control: settings.control.clone(),
+            seed: i64::try_from(game.seed).unwrap_or(i64::MAX),
+            num_agents: settings.num_agents,
+            width: settings.width,
+            height: settings.height,
+            view_size: settings.view_size,
+            memory: settings.memory,
+            max_round: settings.max_round,
+            noise: settings.noise,
+            max_delay: settings.max_delay,
+        }
+    }
+
     /// Tells suites of the same name apart: the first 12 hexadecimal digits of SHA-256 of all of it.
     #[must_use]
     pub fn digest(&self) -> String {

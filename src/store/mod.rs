@@ -6,7 +6,10 @@
 pub mod audit;
 pub mod backup;
 pub mod episodes;
+mod exports;
+pub mod imports;
 pub mod keys;
+pub mod rebuild;
 pub mod records;
 pub mod results;
 pub mod runs;
@@ -53,6 +56,15 @@ pub enum OpenError {
         /// Why.
         source: std::io::Error,
     },
+    /// There is no such database.
+    #[error("there is no database {0}: name the one of the server with --db")]
+    Missing(PathBuf),
+    /// Its tables are those of another version, and nobody changes them by reading.
+    #[error(
+        "the tables of {0} are those of another version of this program; `swarmbench serve` of this version brings \
+         older ones up to date"
+    )]
+    Tables(PathBuf),
     /// It is linked with an unsafe version.
     #[error("SQLite {0} can lose commits; at least {major}.{minor}.{patch} is needed",
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
@@ -80,8 +92,8 @@ pub enum OpenError {
 pub struct Store {
     readers: SqlitePool,
     writer: writer::Writer,
-    /// Held as long as the database is open.
-    lock: Arc<File>,
+    /// Held as long as the database is open; none where it is only read.
+    lock: Option<Arc<File>>,
 }
 
 impl Store {
@@ -90,28 +102,47 @@ impl Store {
     /// # Errors
     /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
-        let lock = lock(path)?;
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(Duration::from_secs(10))
-            .disable_statement_logging();
-        let mut connection = options.connect().await.map_err(failed)?;
-        check_version(&mut connection).await.map_err(failed)??;
-        sqlx::migrate!()
-            .run(&mut connection)
-            .await
-            .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
+        let (lock, options, connection) = take(path, true).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(READ_PATIENCE)
             .connect_with(options.read_only(true).create_if_missing(false))
             .await
             .map_err(failed)?;
-        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Arc::new(lock) })
+        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Some(Arc::new(lock)) })
+    }
+
+    /// Opens a database only to read it, also while a server has it. What is handed to the writer is
+    /// refused.
+    ///
+    /// # Errors
+    /// Where there is none, or its tables are those of another version.
+    pub async fn open_to_read(path: &Path) -> Result<Self, OpenError> {
+        if !path.is_file() {
+            return Err(OpenError::Missing(path.to_owned()));
+        }
+        let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .read_only(true)
+            .busy_timeout(Duration::from_secs(10))
+            .disable_statement_logging();
+        let readers = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(READ_PATIENCE)
+            .connect_with(options)
+            .await
+            .map_err(failed)?;
+        let newest: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+            .fetch_one(&readers)
+            .await
+            .map_err(failed)?;
+        let known = sqlx::migrate!().iter().map(|migration| migration.version).max();
+        if newest != known {
+            return Err(OpenError::Tables(path.to_owned()));
+        }
+        Ok(Self { readers, writer: writer::Writer::none(), lock: None })
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
@@ -131,7 +162,7 @@ impl Store {
         self.readers.close().await;
         self.writer.stop().await;
         // Actors that have not noticed the end yet hold clones of the store, and so the lock file.
-        if let Err(error) = self.lock.unlock() {
+        if let Some(Err(error)) = self.lock.map(|lock| lock.unlock()) {
             tracing::warn!(%error, "the lock of the database is held until the process ends");
         }
     }
@@ -144,6 +175,29 @@ impl Store {
         sqlx::query("SELECT 1").execute(&self.readers).await.map_err(failure)?;
         Ok(())
     }
+}
+
+/// Takes a database for this process alone, and brings its tables up to date.
+async fn take(
+    path: &Path,
+    create: bool,
+) -> Result<(File, SqliteConnectOptions, SqliteConnection), OpenError> {
+    let lock = lock(path)?;
+    let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(create)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(Duration::from_secs(10))
+        .disable_statement_logging();
+    let mut connection = options.connect().await.map_err(failed)?;
+    check_version(&mut connection).await.map_err(failed)??;
+    sqlx::migrate!()
+        .run(&mut connection)
+        .await
+        .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
+    Ok((lock, options, connection))
 }
 
 fn failure(error: sqlx::Error) -> JournalError {

@@ -1,13 +1,29 @@
-//! The table `results`: what boards are made of.
+//! The table `results`, and what else boards are made of.
 
-use sqlx::sqlite::SqliteConnection;
+use std::sync::Mutex;
 
-use crate::journal::EndRow;
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite};
+
+use super::episodes::time;
+use super::{Store, failure};
+use crate::journal::record::RawRecord;
+use crate::journal::{Entry, EpisodeKey, JournalError, RunKey, Tally};
+
+/// Runs, or games of several holders, that are read at once.
+const CHUNK: i64 = 256;
+
+/// Changes that are kept apart; where nobody asked for so long, everything is read again.
+const CHANGES_MAX: usize = 4096;
 
 /// Notes what an episode came to, in the transaction that holds its end.
 pub(super) async fn add(
     connection: &mut SqliteConnection,
-    row: &EndRow,
+    episode: EpisodeKey,
+    score: f64,
+    rounds: u32,
+    tally: Tally,
 ) -> Result<(), sqlx::Error> {
     let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
     sqlx::query(
@@ -16,15 +32,335 @@ pub(super) async fn add(
          SELECT key, task, json_extract(opening, '$.config.seed'), ?, ?, status, ?, ?, ?, ?, ?
          FROM episodes WHERE key = ?",
     )
-    .bind(row.score)
-    .bind(row.rounds)
-    .bind(count(row.tally.acts))
-    .bind(count(row.tally.invalid))
-    .bind(count(row.tally.clock_outs))
-    .bind(count(row.tally.prompt_tokens))
-    .bind(count(row.tally.completion_tokens))
-    .bind(row.episode.0)
+    .bind(score)
+    .bind(rounds)
+    .bind(count(tally.acts))
+    .bind(count(tally.invalid))
+    .bind(count(tally.clock_outs))
+    .bind(count(tally.prompt_tokens))
+    .bind(count(tally.completion_tokens))
+    .bind(episode.0)
     .execute(connection)
     .await?;
     Ok(())
+}
+
+/// Something that may change a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// A run is over.
+    Run(RunKey),
+    /// A game that counts has ended, or does not count any more.
+    Episode(EpisodeKey),
+}
+
+/// What was committed and concerns boards, until whoever keeps them takes it.
+#[derive(Debug)]
+pub struct Changes(Mutex<Option<Vec<Change>>>);
+
+impl Default for Changes {
+    fn default() -> Self {
+        Self(Mutex::new(Some(Vec::new())))
+    }
+}
+
+impl Changes {
+    /// What came since the last call; none where all may have changed.
+    pub fn take(&self) -> Option<Vec<Change>> {
+        self.0.lock().expect("nothing panics while it holds this").replace(Vec::new())
+    }
+
+    /// Notes what is durable now.
+    pub(super) fn note(&self, entries: &[Entry]) {
+        for entry in entries {
+            match entry {
+                Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
+                Entry::VoidEpisode { episode, .. } => self.add(Change::Episode(*episode)),
+                Entry::EndRun { run, .. } => self.add(Change::Run(*run)),
+                // Boards show what is over.
+                Entry::Open(_)
+                | Entry::Start { .. }
+                | Entry::Act(_)
+                | Entry::Round(_)
+                | Entry::End(_)
+                | Entry::Claim(_)
+                | Entry::Seat(_)
+                | Entry::ReplaceTokens { .. }
+                | Entry::AddKey(_)
+                | Entry::RevokeKey { .. }
+                | Entry::OpenRun(_)
+                | Entry::ReplaceRunToken { .. }
+                | Entry::Audit(_)
+                | Entry::Import { .. } => {}
+            }
+        }
+    }
+
+    fn add(&self, change: Change) {
+        let mut changes = self.0.lock().expect("nothing panics while it holds this");
+        match &mut *changes {
+            Some(kept) if kept.len() < CHANGES_MAX => kept.push(change),
+            // All is read again, whatever else comes.
+            _ => *changes = None,
+        }
+    }
+}
+
+/// Somebody who answers for a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredOwner {
+    /// The public id of the key, or of the entry in a competition.
+    pub id: String,
+    /// The name that is shown.
+    pub name: String,
+}
+
+/// A run that is over.
+#[derive(Clone, Debug)]
+pub struct StoredRun {
+    /// Its number.
+    pub run: RunKey,
+    /// Its public id.
+    pub id: String,
+    /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
+    pub owner: Option<StoredOwner>,
+    /// Whether an organizer answers for what it declares.
+    pub vouched: bool,
+    /// The suite's name.
+    pub suite: String,
+    /// The suite's digest.
+    pub digest: String,
+    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    pub definition: String,
+    /// How it ended.
+    pub status: String,
+    /// When it was started.
+    pub created_at: Timestamp,
+    /// Its games that have ended, in the order of its plan.
+    pub games: Vec<StoredGame>,
+}
+
+/// A game that has ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredGame {
+    /// The task's name.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The score.
+    pub score: f64,
+    /// What its acts were.
+    pub acts: u64,
+    /// See [`Tally`].
+    pub invalid: u64,
+    /// See [`Tally`].
+    pub clock_outs: u64,
+    /// Whether the host broke it.
+    pub voided: bool,
+}
+
+/// A finished game that several holders played.
+#[derive(Clone, Debug)]
+pub struct StoredMixed {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// Its opening record.
+    pub opening: RawRecord,
+    /// Its score.
+    pub score: f64,
+    /// For each holder the model's name, and whether the server plays there or an organizer answers for the name.
+    pub models: Vec<(String, bool)>,
+}
+
+/// Runs on boards: those that are over, that the host did not break, and that are no attempt in a competition whose
+/// seeds are still sealed, or whose entrant has left it.
+const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
+    AND (r.entry IS NULL OR (c.revealed_at IS NOT NULL AND n.status = 'active'))";
+
+impl Store {
+    /// Runs on boards with greater numbers than `after`, in order of their numbers; few at a time. None are left
+    /// where it is empty.
+    ///
+    /// # Errors
+    /// Where the database cannot be read; so for all functions here.
+    pub async fn runs_on_boards(
+        &self,
+        after: Option<RunKey>,
+    ) -> Result<Vec<StoredRun>, JournalError> {
+        let mut query = select_runs();
+        query.push(" AND r.key > ").push_bind(after.map_or(i64::MIN, |run| run.0));
+        query.push(" ORDER BY r.key LIMIT ").push_bind(CHUNK);
+        let mut runs = self.read_runs(query).await?;
+        if let (Some(first), Some(last)) = (runs.first(), runs.last()) {
+            let (first, last) = (first.run, last.run);
+            let games = self.games(first, last).await?;
+            let mut runs = runs.iter_mut().peekable();
+            for (run, game) in games {
+                while runs.next_if(|place| place.run < run).is_some() {}
+                if let Some(place) = runs.peek_mut()
+                    && place.run == run
+                {
+                    place.games.push(game);
+                }
+            }
+        }
+        Ok(runs)
+    }
+
+    /// A run, if it is one of those on boards.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<StoredRun>, JournalError> {
+        let mut query = select_runs();
+        query.push(" AND r.key = ").push_bind(run.0);
+        let Some(mut found) = self.read_runs(query).await?.pop() else { return Ok(None) };
+        found.games = self.games(run, run).await?.into_iter().map(|(_, game)| game).collect();
+        Ok(Some(found))
+    }
+
+    /// The run of an episode, if it belongs to one.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, JournalError> {
+        let row = sqlx::query("SELECT run FROM episodes WHERE key = ?")
+            .bind(episode.0)
+            .fetch_optional(&self.readers)
+            .await
+            .map_err(failure)?;
+        let run = row.map(|row| row.try_get::<Option<i64>, _>(0)).transpose().map_err(failure)?;
+        Ok(run.flatten().map(RunKey))
+    }
+
+    async fn read_runs(
+        &self,
+        mut query: QueryBuilder<Sqlite>,
+    ) -> Result<Vec<StoredRun>, JournalError> {
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(run).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// The games that have ended of the runs `first..=last`, in order.
+    async fn games(
+        &self,
+        first: RunKey,
+        last: RunKey,
+    ) -> Result<Vec<(RunKey, StoredGame)>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs,
+                    e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
+             FROM episodes e INDEXED BY episodes_by_run JOIN results s ON s.episode = e.key
+             WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot, e.key",
+        )
+        .bind(first.0)
+        .bind(last.0)
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read = |row: &SqliteRow| Ok((RunKey(row.try_get("run")?), game(row)?));
+        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
+    /// numbers; few at a time, and the number after which to go on. None are left where there is no number.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn mixed_games(
+        &self,
+        after: Option<EpisodeKey>,
+    ) -> Result<(Vec<StoredMixed>, Option<EpisodeKey>), JournalError> {
+        let episodes = sqlx::query(
+            "SELECT DISTINCT episode FROM seats WHERE episode > ? ORDER BY episode LIMIT ?",
+        )
+        .bind(after.map_or(i64::MIN, |episode| episode.0))
+        .bind(CHUNK)
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let mut games = Vec::new();
+        let mut last = None;
+        for row in episodes {
+            let episode = EpisodeKey(row.try_get(0).map_err(failure)?);
+            games.extend(self.mixed_game(episode).await?);
+            last = Some(episode);
+        }
+        Ok((games, last))
+    }
+
+    /// A game of several holders, if it is finished, counts, and anybody may read it.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn mixed_game(
+        &self,
+        episode: EpisodeKey,
+    ) -> Result<Option<StoredMixed>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT DISTINCT e.opening, r.score, s.holder, s.model,
+                    s.player IS NOT NULL OR coalesce(k.role = 'organizer', 0) AS vouched
+             FROM seats s JOIN results r ON r.episode = s.episode JOIN episodes e ON e.key = s.episode
+             LEFT JOIN keys k ON k.number = s.owner
+             WHERE s.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL
+               AND (e.visibility <> 'sealed' OR e.revealed)
+             ORDER BY s.holder, s.model",
+        )
+        .bind(episode.0)
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let Some(first) = rows.first() else { return Ok(None) };
+        let read = || {
+            let opening = RawRecord::from_stored(first.try_get("opening")?)
+                .map_err(|error| sqlx::Error::Decode(error.into()))?;
+            let model = |row: &SqliteRow| Ok((row.try_get("model")?, row.try_get("vouched")?));
+            let models = rows.iter().map(model).collect::<Result<_, sqlx::Error>>()?;
+            Ok(StoredMixed { episode, opening, score: first.try_get("score")?, models })
+        };
+        read().map(Some).map_err(failure)
+    }
+}
+
+fn select_runs() -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(
+        "SELECT r.key, r.id, r.suite, r.digest, r.definition, r.status, r.created_at,
+                coalesce(n.id, k.id) AS owner, coalesce(n.name, k.name) AS name,
+                coalesce(n.vouched, 0) OR coalesce(k.role = 'organizer', 0) AS vouched
+         FROM runs r LEFT JOIN keys k ON k.number = r.owner LEFT JOIN entries n ON n.key = r.entry
+         LEFT JOIN competitions c ON c.key = n.competition WHERE ",
+    );
+    query.push(ON_BOARDS);
+    query
+}
+
+fn run(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
+    let owner: Option<String> = row.try_get("owner")?;
+    let name: Option<String> = row.try_get("name")?;
+    Ok(StoredRun {
+        run: RunKey(row.try_get("key")?),
+        id: row.try_get("id")?,
+        owner: owner.zip(name).map(|(id, name)| StoredOwner { id, name }),
+        vouched: row.try_get("vouched")?,
+        suite: row.try_get("suite")?,
+        digest: row.try_get("digest")?,
+        definition: row.try_get("definition")?,
+        status: row.try_get("status")?,
+        created_at: time(row.try_get("created_at")?)?,
+        games: Vec::new(),
+    })
+}
+
+fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
+    let count =
+        |column| row.try_get::<i64, _>(column).map(|number| u64::try_from(number).unwrap_or(0));
+    Ok(StoredGame {
+        task: row.try_get("task")?,
+        seed: count("seed")?,
+        score: row.try_get("score")?,
+        acts: count("acts")?,
+        invalid: count("invalid")?,
+        clock_outs: count("clock_outs")?,
+        voided: row.try_get("voided")?,
+    })
 }

@@ -1,19 +1,308 @@
-//! The table `runs`.
+//! The table `runs`, and the games of each.
+
+use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite};
 
-use crate::ids::TokenHash;
-use crate::journal::{RunKey, RunRow};
+use super::episodes::{Readable, time};
+use super::{Store, failure};
+use crate::ids::{EpisodeId, TokenHash};
+use crate::journal::{EntryKey, EpisodeKey, JournalError, RunKey, RunRow, Tally};
+use crate::keys::OwnerKey;
+
+/// A run as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredRun {
+    /// Its number.
+    pub run: RunKey,
+    /// Its public id.
+    pub id: String,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
+    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    pub definition: String,
+    /// The digest of its suite.
+    pub digest: String,
+    /// The name of a [`RunStatus`](crate::run::RunStatus).
+    pub status: String,
+    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    pub attempt: Option<(EntryKey, u32)>,
+    /// Why it does not count as an attempt, where the host broke it.
+    pub void_reason: Option<String>,
+    /// Whether it was sealed and is open to all now.
+    pub revealed: bool,
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+/// An episode of a run.
+#[derive(Clone, Debug)]
+pub struct StoredGame {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// Which game of the run's plan it is, from 0.
+    pub slot: u32,
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+    pub status: String,
+    /// Why it ended, if it has.
+    pub reason: Option<String>,
+    /// The score so far.
+    pub score: f64,
+    /// How many rounds are resolved.
+    pub rounds: u32,
+    /// What its acts were; all 0 before its end.
+    pub tally: Tally,
+    /// Why it does not count, where the host broke it.
+    pub void_reason: Option<String>,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+impl StoredGame {
+    /// Whether it counts: the host did not break it.
+    #[must_use]
+    pub const fn counts(&self) -> bool {
+        self.void_reason.is_none()
+    }
+
+    /// Whether it has ended.
+    #[must_use]
+    pub const fn is_over(&self) -> bool {
+        self.ended_at.is_some()
+    }
+}
+
+/// What a list of runs is filtered by.
+#[derive(Clone, Debug, Default)]
+pub struct RunFilter {
+    /// The name of a status.
+    pub status: Option<String>,
+    /// A model's name.
+    pub model: Option<String>,
+    /// A suite's name.
+    pub suite: Option<String>,
+    /// Which of them the caller may know of.
+    pub readable: Readable,
+}
+
+const SELECT: &str = "
+    SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
+           r.void_reason, r.created_at, r.ended_at,
+           EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.key AND e.revealed) AS revealed
+    FROM runs r WHERE ";
+
+impl Store {
+    /// Finds a run by its public id.
+    ///
+    /// # Errors
+    /// Where the database cannot be read; so for all functions here.
+    pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        query.push("r.id = ").push_bind(id);
+        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        row.as_ref().map(stored).transpose().map_err(failure)
+    }
+
+    /// The run with this number.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        query.push("r.key = ").push_bind(run.0);
+        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        row.as_ref().map(stored).transpose().map_err(failure)
+    }
+
+    /// Lists runs of which somebody may know, newest first, from the one after `before` on.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn list_runs(
+        &self,
+        filter: &RunFilter,
+        before: Option<RunKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredRun>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(SELECT);
+        query.push("r.key < ").push_bind(before.map_or(i64::MAX, |run| run.0));
+        for (column, value) in
+            [("status", &filter.status), ("model", &filter.model), ("suite", &filter.suite)]
+        {
+            if let Some(value) = value {
+                query.push(" AND r.").push(column).push(" = ").push_bind(value);
+            }
+        }
+        let public = "(r.visibility = 'public' OR (r.ended_at IS NOT NULL
+                        AND (r.visibility <> 'sealed' OR revealed)))";
+        match &filter.readable {
+            Readable::All => &mut query,
+            Readable::Public | Readable::And(_) => query.push(" AND ").push(public),
+            Readable::AndOf(owner) => {
+                query.push(" AND (").push(public).push(" OR r.owner = ");
+                query.push_bind(owner.0).push(")")
+            }
+            Readable::AndOfRun(run) => {
+                query.push(" AND (").push(public).push(" OR r.key = ").push_bind(run.0).push(")")
+            }
+            Readable::OnlyOfRun(run) => query.push(" AND r.key = ").push_bind(run.0),
+            Readable::Only(_) | Readable::Nothing => query.push(" AND 0"),
+        };
+        query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit);
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(stored).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// The runs that have not ended, and those of which a game has not, in order.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT key FROM runs WHERE status = 'running'
+             UNION SELECT run FROM episodes WHERE status IN ('waiting', 'running') AND run IS NOT NULL
+             ORDER BY 1",
+        )
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        rows.iter().map(|row| row.try_get(0).map(RunKey)).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// All games of a run that were ever opened, by their places in its plan and then by age.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, JournalError> {
+        Ok(self.games_of_all(&[run]).await?.remove(&run).unwrap_or_default())
+    }
+
+    /// The games of several runs, as [`Store::games_of`] has them; a run without games is left out.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn games_of_all(
+        &self,
+        runs: &[RunKey],
+    ) -> Result<BTreeMap<RunKey, Vec<StoredGame>>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
+                    coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
+                                       ORDER BY round DESC LIMIT 1), 0.0) AS score,
+                    coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
+                        AS rounds,
+                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens
+             FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN (",
+        );
+        let mut keys = query.separated(", ");
+        for run in runs {
+            keys.push_bind(run.0);
+        }
+        query.push(") ORDER BY e.run, e.slot, e.key");
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let mut all: BTreeMap<RunKey, Vec<StoredGame>> = BTreeMap::new();
+        for row in &rows {
+            let run = row.try_get("run").map(RunKey).map_err(failure)?;
+            all.entry(run).or_default().push(game(row).map_err(failure)?);
+        }
+        Ok(all)
+    }
+
+    /// The number of the newest run, 0 where there is none.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn last_run_key(&self) -> Result<i64, JournalError> {
+        sqlx::query("SELECT coalesce(max(key), 0) FROM runs")
+            .fetch_one(&self.readers)
+            .await
+            .and_then(|row| row.try_get(0))
+            .map_err(failure)
+    }
+
+    /// The run that was created with an idempotency key, and the hash of the body sent then.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn run_created_with(
+        &self,
+        key: &str,
+    ) -> Result<Option<(StoredRun, Vec<u8>)>, JournalError> {
+        let row = sqlx::query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = ?")
+            .bind(key)
+            .fetch_optional(&self.readers)
+            .await
+            .map_err(failure)?;
+        let Some(row) = row else { return Ok(None) };
+        let id: String = row.try_get(0).map_err(failure)?;
+        let body = row.try_get(1).map_err(failure)?;
+        Ok(self.find_run(&id).await?.map(|run| (run, body)))
+    }
+}
+
+fn stored(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
+    let entry = row.try_get::<Option<i64>, _>("entry")?.map(EntryKey);
+    Ok(StoredRun {
+        run: RunKey(row.try_get("key")?),
+        id: row.try_get("id")?,
+        owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
+        definition: row.try_get("definition")?,
+        digest: row.try_get("digest")?,
+        status: row.try_get("status")?,
+        attempt: entry.zip(row.try_get::<Option<u32>, _>("attempt")?),
+        void_reason: void_reason(row)?,
+        revealed: row.try_get("revealed")?,
+        created_at: time(row.try_get("created_at")?)?,
+        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
+    })
+}
+
+fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
+    let count = |column| -> Result<u64, sqlx::Error> {
+        let number = row.try_get::<Option<i64>, _>(column)?;
+        Ok(number.and_then(|number| u64::try_from(number).ok()).unwrap_or(0))
+    };
+    Ok(StoredGame {
+        episode: EpisodeKey(row.try_get("key")?),
+        id: EpisodeId::from_text(row.try_get("id")?),
+        slot: row.try_get("slot")?,
+        status: row.try_get("status")?,
+        reason: row.try_get("reason")?,
+        score: row.try_get("score")?,
+        rounds: row.try_get("rounds")?,
+        tally: Tally {
+            acts: count("acts")?,
+            invalid: count("invalid")?,
+            clock_outs: count("clock_outs")?,
+            prompt_tokens: count("prompt_tokens")?,
+            completion_tokens: count("completion_tokens")?,
+        },
+        void_reason: void_reason(row)?,
+        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
+    })
+}
+
+/// Why something was voided, if it was.
+fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
+    let voided: Option<i64> = row.try_get("voided_at")?;
+    let reason: Option<String> = row.try_get("void_reason")?;
+    Ok(voided.map(|_| reason.unwrap_or_default()))
+}
 
 pub(super) async fn open(
     connection: &mut SqliteConnection,
     row: &RunRow,
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
-        "INSERT INTO runs (key, id, owner, suite, digest, definition, model, status, entry, attempt,
-                           created_at, idempotency_key, idempotency_body)
-         VALUES (?, ?, ?, ?, ?, ?, ?, 'running', ?, ?, ?, ?, ?)",
+        "INSERT INTO runs (key, id, owner, suite, digest, definition, model, visibility, status, entry,
+                           attempt, created_at, idempotency_key, idempotency_body)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, 'running', ?, ?, ?, ?, ?)",
     )
     .bind(row.run.0)
     .bind(&row.id)
@@ -22,6 +311,7 @@ pub(super) async fn open(
     .bind(&row.digest)
     .bind(&row.definition)
     .bind(&row.model)
+    .bind(row.visibility)
     .bind(row.attempt.map(|(entry, _)| entry.0))
     .bind(row.attempt.map(|(_, number)| number))
     .bind(row.at.as_millisecond())

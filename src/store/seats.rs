@@ -60,13 +60,12 @@ impl Store {
     /// # Errors
     /// Where the database cannot be read.
     pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, JournalError> {
-        let row = sqlx::query(
-            "SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?",
-        )
-        .bind(key)
-        .fetch_optional(&self.readers)
-        .await
-        .map_err(failure)?;
+        let row =
+            sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?")
+                .bind(key)
+                .fetch_optional(&self.readers)
+                .await
+                .map_err(failure)?;
         let read = |row: SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
         row.map(read).transpose().map_err(failure)
     }

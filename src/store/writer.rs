@@ -13,6 +13,7 @@ use sqlx::{Connection, QueryBuilder, Sqlite};
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 
+use super::results::Changes;
 use crate::journal::{
     ActRow, Committed, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, TokenRow,
 };
@@ -35,6 +36,7 @@ struct Job {
 pub struct WriterState {
     failed: AtomicBool,
     backlog: AtomicUsize,
+    changes: Changes,
 }
 
 impl WriterState {
@@ -42,6 +44,12 @@ impl WriterState {
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
+    }
+
+    /// What boards have to read again.
+    #[must_use]
+    pub fn changes(&self) -> &Changes {
+        &self.changes
     }
 
     /// How many jobs are queued.
@@ -67,6 +75,13 @@ impl Writer {
         let stop = tokio_util::sync::CancellationToken::new();
         let task = tokio::spawn(run(connection, jobs, Arc::clone(&state), stop.clone()));
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
+    }
+
+    /// A writer that refuses everything.
+    pub(super) fn none() -> Self {
+        let (queue, _) = mpsc::unbounded_channel();
+        let (state, stop) = (Arc::default(), tokio_util::sync::CancellationToken::new());
+        Self { queue, state, stop, task: Arc::default() }
     }
 
     pub(super) fn state(&self) -> &WriterState {
@@ -112,11 +127,16 @@ async fn run(
         }
         let (entries, told): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, job.committed)).unzip();
+        let entries: Vec<Entry> = entries.into_iter().flatten().collect();
         let result = if state.has_failed() {
             Err(JournalError("an earlier commit failed; restart the server".into()))
         } else {
-            commit(&mut connection, &entries.into_iter().flatten().collect::<Vec<_>>()).await
+            commit(&mut connection, &entries).await
         };
+        if result.is_ok() {
+            // Before anybody is told: whoever knows of an end finds it on the board.
+            state.changes.note(&entries);
+        }
         if let Err(error) = &result
             && !state.failed.swap(true, Ordering::AcqRel)
         {
@@ -178,6 +198,7 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             }
             Entry::AddKey(row) => add_key(connection, row).await?,
             Entry::RevokeKey { id, at } => revoke_key(connection, id, *at).await?,
+            Entry::Import { game, at } => super::imports::keep(connection, game, *at).await?,
             Entry::OpenRun(row) => super::runs::open(connection, row).await?,
             Entry::EndRun { run, status, at } => {
                 super::runs::end(connection, *run, status, *at).await?;
@@ -251,7 +272,7 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
     .execute(&mut *connection)
     .await?;
     if row.counts {
-        super::results::add(connection, row).await?;
+        super::results::add(connection, row.episode, row.score, row.rounds, row.tally).await?;
     }
     Ok(())
 }
@@ -365,7 +386,7 @@ async fn insert_rounds(
 }
 
 /// Cuts rows into pieces of few different lengths.
-fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
+pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
     let mut rest = rows;
     std::iter::from_fn(move || {
         let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;

@@ -5,8 +5,10 @@
 //! reads them.
 
 pub mod act;
+pub mod board;
 pub mod claim;
 pub mod episode;
+pub mod import;
 pub mod key;
 pub mod observation;
 pub mod problem;

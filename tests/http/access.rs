@@ -126,6 +126,11 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ => Some(403),
         },
         "list_episodes" => None,
+        "show_leaderboard" | "show_cross_play" => match kind {
+            _ if !stage.private || kind.is_key() => None,
+            Kind::None => Some(401),
+            _ => Some(403),
+        },
         "show_episode" => (!knows()).then_some(404),
         "show_state" | "stream_events" => match () {
             () if !knows() => Some(404),

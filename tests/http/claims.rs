@@ -243,7 +243,10 @@ async fn a_claim_is_all_or_nothing_and_says_what_is_wrong() {
         (json!({ "player": "random", "open_seats": 4 }), "player"),
     ] {
         let mut request = request(2);
-        request.as_object_mut().expect("an object").extend(change.as_object().expect("one").clone());
+        request
+            .as_object_mut()
+            .expect("an object")
+            .extend(change.as_object().expect("one").clone());
         let problem = app.post("/api/v1/episodes").json(&request).problem(422, "invalid").await;
         assert_eq!(fields(&problem), [wrong], "{problem}");
     }
@@ -256,9 +259,7 @@ async fn a_token_of_a_claim_opens_its_own_seats_alone() {
     let blue = member(&app, "blue").await;
     let (_, creator) = create(&app, &owner, &request(2)).await;
     let claimed = Held::of(&claim(&app, &creator, &blue, &json!({ "seats": 2 })).ok().await);
-    let act = |agent: &str| {
-        json!({ "acts": [{ "episode": creator.episode, "agent": agent, "round": 0, "action": "STAY" }] })
-    };
+    let act = |agent: &str| json!({ "acts": [{ "episode": creator.episode, "agent": agent, "round": 0, "action": "STAY" }] });
     for (held, other) in [(&creator, "Agent_2"), (&claimed, "Agent_1")] {
         let sent = app.post("/swarm/act").token(&held.swarm).json(&act(other)).ok().await;
         assert_eq!(sent["receipts"][0]["code"], "forbidden", "{sent}");
@@ -409,7 +410,10 @@ async fn a_manual_start_waits_for_all_seats_and_for_the_creator() {
     start().problem(409, "seats_open").await;
     let last = claim(&app, &creator, "", &json!({})).ok().await;
     assert_eq!(last["status"], "waiting", "the creator has not started it");
-    app.post(&creator.path("/start")).token(Held::of(&last).swarm.as_str()).problem(403, "forbidden").await;
+    app.post(&creator.path("/start"))
+        .token(Held::of(&last).swarm.as_str())
+        .problem(403, "forbidden")
+        .await;
     assert_eq!(start().ok().await["status"], "running");
     assert_eq!(start().ok().await["status"], "running");
     // Without a manual start there is nothing to start by hand either.
@@ -446,7 +450,10 @@ async fn seats_that_nobody_wants_are_filled_in_time_also_after_a_restart() {
         let shown = app.get(&creator.path("/claims")).ok().await;
         let seats = list(&shown["seats"]);
         for seat in &seats[2..] {
-            assert_eq!((&seat["holder"], &seat["player"]), (&json!("server"), &json!("round-clock")));
+            assert_eq!(
+                (&seat["holder"], &seat["player"]),
+                (&json!("server"), &json!("round-clock"))
+            );
         }
         claim(&app, &creator, "", &json!({})).problem(409, "episode_over").await;
         let (_, report) = proven(&app, &creator, &creator.swarm).await;

@@ -8,10 +8,10 @@ use tokio::task::JoinSet;
 
 use crate::app::{TestApp, list};
 
-const ROUNDS: u64 = 30;
+const ROUNDS: u64 = 15;
 
 /// Clients of the seat that floods.
-const FLOODERS: usize = 100;
+const FLOODERS: usize = 32;
 
 fn act(round: u64) -> Value {
     json!({ "round": round, "action": "SWITCH" })
@@ -43,7 +43,10 @@ async fn a_flood_of_one_seat_is_refused_to_that_seat_alone() {
                     503 => {
                         let problem = answer.json();
                         assert_eq!(problem["code"], "overloaded", "{problem}");
-                        assert_eq!(problem["limit"], json!({ "name": "seat_acts_waiting_max", "value": 16 }));
+                        assert_eq!(
+                            problem["limit"],
+                            json!({ "name": "seat_acts_waiting_max", "value": 16 })
+                        );
                         counts[1].fetch_add(1, Ordering::Relaxed)
                     }
                     status => panic!("{status} {}", answer.text()),

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{RawRecord, Record};
 use swarmbench::journal::replay::verify;
-use swarmbench_engine::physics::Solver;
 use swarmbench_engine::TaskName;
+use swarmbench_engine::physics::Solver;
 
 use crate::app::{Episode, TestApp, list};
 
@@ -81,11 +81,9 @@ async fn play(request: &Value, restarts: &[u64]) -> Vec<String> {
 
 #[tokio::test]
 async fn a_restart_changes_nothing_of_what_hosted_players_do() {
-    for (task, player) in [
-        ("Foraging", "map-and-carry"),
-        ("Pursuit", "close-in"),
-        ("Synchronization", "random"),
-    ] {
+    for (task, player) in
+        [("Foraging", "map-and-carry"), ("Pursuit", "close-in"), ("Synchronization", "random")]
+    {
         let request = json!({
             "task": task, "seed": 5, "num_agents": 6, "max_round": 14, "open_seats": 5,
             "fill_after_s": 0, "fill_with": player,
@@ -99,7 +97,8 @@ async fn a_restart_changes_nothing_of_what_hosted_players_do() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn many_hosted_games_go_on_at_once() {
     let app = Arc::new(TestApp::start().await);
-    let request = json!({ "task": "Synchronization", "num_agents": 3, "max_round": 5, "player": "random" });
+    let request =
+        json!({ "task": "Synchronization", "num_agents": 3, "max_round": 5, "player": "random" });
     let games = join_all((0..40).map(|_| app.create(request.clone()))).await;
     for game in &games {
         assert_eq!(ended(&app, game).await["round"], 5);

@@ -13,6 +13,7 @@ mod access;
 mod agent;
 mod backup;
 mod bad_input;
+mod boards;
 mod claims;
 mod clocks;
 mod concurrency;

@@ -187,9 +187,14 @@ impl Episode {
         self.acts.get(round as usize)?.get(&agent)
     }
 
-    /// Whether the server plays this seat, or may.
-    pub(crate) fn is_hosted(&self, agent: AgentId) -> bool {
+    /// Whether the server plays this seat.
+    fn is_hosted(&self, agent: AgentId) -> bool {
         self.hosted.iter().any(|(hosted, _)| *hosted == agent)
+    }
+
+    /// Whether a client holds this seat. Nobody else has a token of it.
+    pub(crate) fn is_clients(&self, agent: AgentId) -> bool {
+        self.holders[agent.index()].is_some() && !self.is_hosted(agent)
     }
 
     /// How many seats nobody holds.

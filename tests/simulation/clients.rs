@@ -14,8 +14,8 @@ use swarmbench::episode::registry::{CreateError, Creation, Registry};
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::ids::{EpisodeId, TokenHash};
-use swarmbench::journal::{Holder, JournalError};
 use swarmbench::journal::record::{ActRecord, Source, Usage};
+use swarmbench::journal::{Holder, JournalError};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
 };

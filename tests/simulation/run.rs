@@ -550,8 +550,8 @@ impl Run {
             let wanted = if dice.below(2) == 0 { Wanted::Seat(one) } else { Wanted::Any(some) };
             return Some((id, Request::Claim(wanted)));
         }
-        // Nobody has tokens of seats that the server plays.
-        seats.retain(|agent| !episode.is_hosted(*agent));
+        // Nobody has tokens of seats that are open, or that the server plays.
+        seats.retain(|agent| episode.is_clients(*agent));
         if seats.is_empty() {
             seats.push(one);
             return Some((id, Request::Look));
@@ -648,7 +648,7 @@ impl Run {
 
     fn unfinished(&self) -> Vec<(EpisodeId, bool, Vec<AgentId>)> {
         let open = self.checker.episodes.values().filter(|episode| episode.end.is_none());
-        let seats = |e: &Episode| e.world.agents().filter(|agent| !e.is_hosted(*agent)).collect();
+        let seats = |e: &Episode| e.world.agents().filter(|agent| e.is_clients(*agent)).collect();
         open.map(|e| (e.id.clone(), e.waiting, seats(e))).collect()
     }
 
@@ -679,7 +679,8 @@ impl Run {
     fn ask_for_the_escaped(&mut self, id: EpisodeId) {
         let Some(episode) = self.checker.episode(&id) else { return };
         let round = episode.world.round();
-        let gone = episode.world.agents().filter(|&agent| !episode.world.is_alive(agent));
+        let gone = (episode.world.agents())
+            .filter(|&agent| !episode.world.is_alive(agent) && episode.is_clients(agent));
         let acts: Acts = gone
             .map(|agent| (agent, act(&mut self.dice, &episode.spec.config, agent, round)))
             .collect();

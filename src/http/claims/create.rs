@@ -71,8 +71,10 @@ pub(in super::super) async fn create_claim(
         name.map(|name| (idempotency_name(owner, &name), Sha256::digest(&body).into()));
     let handle = app.episode(&stored.id).await?;
     // A repeat must find what the first one claims, whoever has hung up meanwhile.
-    App::to_its_end(async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await })
-        .await
+    App::to_its_end(
+        async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await },
+    )
+    .await
 }
 
 /// Claims seats, or gives out new tokens for those that were claimed with this key and body.

@@ -63,7 +63,8 @@ pub(in super::super) async fn create_episode(
     // Everybody has names of their own.
     let key = idempotency_name(owner, &key);
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await }).await
+    App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await })
+        .await
 }
 
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.
@@ -213,7 +214,8 @@ pub(in super::super) fn check_player(
         let most = limits.model_chars_max;
         refuse("model", format!("must be 1 to {most} characters without control characters"));
     }
-    let meta_bytes = agent_meta.map_or(0, |meta| serde_json::to_vec(meta).map_or(0, |json| json.len()));
+    let meta_bytes =
+        agent_meta.map_or(0, |meta| serde_json::to_vec(meta).map_or(0, |json| json.len()));
     if meta_bytes > limits.agent_meta_bytes_max {
         let most = limits.agent_meta_bytes_max;
         refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
@@ -264,9 +266,8 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let round_deadline = request
         .round_deadline_s
         .map(|value| seconds("round_deadline_s", Some(value), 0.0, 0.05, 86_400.0));
-    let fill_after = request
-        .fill_after_s
-        .map(|value| seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
+    let fill_after =
+        request.fill_after_s.map(|value| seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
     let start = request.start.as_deref().unwrap_or("now");
     if !["now", "manual"].contains(&start) {
         refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
@@ -289,7 +290,10 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let open = request.open_seats.unwrap_or(0);
     let agents = settings.num_agents;
     if !(0..=agents).contains(&open) {
-        refuse("open_seats", format!("must be from 0 to the number of agents, {agents}, is {open}"));
+        refuse(
+            "open_seats",
+            format!("must be from 0 to the number of agents, {agents}, is {open}"),
+        );
     }
     if fill_after.is_some() && open == 0 {
         refuse("fill_after_s", "goes with `open_seats`: no seat is open".to_owned());

@@ -16,9 +16,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
-use super::subject;
-use crate::journal::chain::Head;
-use crate::journal::record::{RawRecord, round_record};
+use crate::journal::record::{RawRecord, first_lines, round_record};
 use crate::journal::{JournalError, StoredEpisode};
 use crate::wire::problem::Problem;
 
@@ -52,9 +50,8 @@ pub(in super::super) async fn read_journal(
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     let (stored, spec) = app.known(&caller, id).await?;
-    let subject = subject(&stored, &spec);
-    if !caller.may_read(&app.access, subject) || !(subject.is_over || caller.oversees(subject)) {
-        let detail = if subject.is_mixed {
+    if !app.may_read_journal(&caller, &stored) {
+        let detail = if spec.is_mixed() {
             "a journal holds the seed and what all holders of seats answer: it is shown after the end"
         } else {
             "a journal holds the seed: until the end only the creator may read it"
@@ -101,13 +98,8 @@ impl Reader {
             match self.at {
                 Place::Opening => {
                     self.at = Place::Round(0);
-                    let mut head = Head::START;
-                    let first = [Some(&self.stored.opening), self.stored.seating.as_ref()];
-                    let lines = first.into_iter().flatten().map(|record| {
-                        head = head.link(record.as_str().as_bytes());
-                        record.line(head)
-                    });
-                    return Ok(Some(lines.collect::<String>().into()));
+                    let StoredEpisode { opening, seating, .. } = &self.stored;
+                    return Ok(Some(first_lines(opening, seating.as_ref()).into()));
                 }
                 Place::Round(round) if round < self.stored.rounds => {
                     let to = self.stored.rounds.min(round + CHUNK);

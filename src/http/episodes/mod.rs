@@ -66,6 +66,14 @@ impl App {
         }
     }
 
+    /// Whether the caller may read all that was played, seed and acts included. Until the end that is
+    /// the creator's alone, and where several hold seats nobody's but an organizer's.
+    pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
+        let Ok(spec) = spec(stored) else { return false };
+        let subject = subject(stored, &spec);
+        caller.may_read(&self.access, subject) && (subject.is_over || caller.oversees(subject))
+    }
+
     /// An episode as it is shown, from what is stored of it.
     async fn summary(&self, caller: &Caller, id: &EpisodeId) -> Result<EpisodeSummary, ApiError> {
         let stored = self.store.find_summary(id).await?;

@@ -20,7 +20,7 @@ use crate::wire::problem::Problem;
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct StateParams {
     /// After how many rounds; the current state where it is left out.
-    round: Option<u32>,
+    pub(in super::super) round: Option<u32>,
 }
 
 /// Show the whole world after any round.

@@ -14,7 +14,7 @@ use crate::grid::Pos;
 use crate::rng::LayoutRng;
 
 /// One of the five tasks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum TaskName {
     /// Push a block out of a gap in the wall, then leave through it.
     Transport,

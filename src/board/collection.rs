@@ -1,0 +1,367 @@
+//! All boards of a database: runs that are over, by what they may be compared with.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::sync::Arc;
+
+use swarmbench_engine::TaskName;
+
+use super::RowId;
+use super::interval::{Difference, Memory};
+use super::rank::{Pick, Row, View, rank};
+use super::reference::{self, REFERENCES};
+use super::result::RunResult;
+
+/// What may be compared: runs of the same suite by the same rules. The digest covers every setting.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BoardId {
+    /// The suite's name.
+    pub suite: String,
+    /// The rule set.
+    pub rules: String,
+    /// The digest of the suite.
+    pub digest: String,
+}
+
+/// Runs that may be compared.
+#[derive(Clone, Debug, Default)]
+struct Board {
+    /// The suite's tasks, in its order.
+    tasks: Vec<TaskName>,
+    /// By their numbers in the database.
+    runs: BTreeMap<i64, Arc<RunResult>>,
+    /// Whether the suite is one of the program's own.
+    is_built_in: bool,
+}
+
+/// A run that is over, as a board takes it.
+#[derive(Clone, Debug)]
+pub struct OverRun {
+    /// Its number in the database.
+    pub key: i64,
+    /// The board on which it stands.
+    pub board: BoardId,
+    /// The suite's tasks, in its order.
+    pub tasks: Vec<TaskName>,
+    /// What it is worth.
+    pub result: RunResult,
+}
+
+/// All boards.
+#[derive(Clone, Debug, Default)]
+pub struct Boards {
+    boards: BTreeMap<BoardId, Arc<Board>>,
+    homes: BTreeMap<i64, BoardId>,
+}
+
+/// What somebody asks of a board; names as they were sent.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Question {
+    /// The suite: its name, or its name and digest with an `@` between them. `standard` where it is left out.
+    pub suite: Option<String>,
+    /// The rule set; `paper` where it is left out.
+    pub rules: Option<String>,
+    /// The only task to show.
+    pub task: Option<String>,
+    /// `total`, or a task by whose mean rows are ranked.
+    pub sort: Option<String>,
+    /// `best`, `last` or `mean`.
+    pub pick: Option<String>,
+    /// Whether the rows of the paper are left out.
+    pub no_reference: bool,
+}
+
+/// A question that has no answer: the field, and what is allowed there.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field} must be {allowed}")]
+pub struct Unknown {
+    /// The field.
+    pub field: &'static str,
+    /// What it must be.
+    pub allowed: String,
+}
+
+/// A board in order.
+#[derive(Clone, Debug)]
+pub struct Ranked {
+    /// What is compared.
+    pub board: BoardId,
+    /// How it is shown.
+    pub view: View,
+    /// The only task that is shown.
+    pub task: Option<TaskName>,
+    /// All rows, the highest first.
+    pub rows: Vec<Row>,
+}
+
+/// The rules of the game that a board can be asked for.
+const RULES: [&str; 2] = ["paper", "reference"];
+
+/// How many suites a refusal names.
+const NAMED: usize = 20;
+
+impl Boards {
+    /// No runs yet: the boards of the suites that the program brings along.
+    #[must_use]
+    pub fn new(built_in: impl IntoIterator<Item = (BoardId, Vec<TaskName>)>) -> Self {
+        let board =
+            |(id, tasks)| (id, Arc::new(Board { tasks, runs: BTreeMap::new(), is_built_in: true }));
+        Self { boards: built_in.into_iter().map(board).collect(), homes: BTreeMap::new() }
+    }
+
+    /// Puts a run in its place, instead of what stood there of it.
+    pub fn insert(&mut self, run: OverRun) {
+        let OverRun { key, board: id, tasks, result } = run;
+        if self.homes.get(&key).is_some_and(|home| *home != id) {
+            self.remove(key);
+        }
+        let board = self.boards.entry(id.clone()).or_default();
+        let board = Arc::make_mut(board);
+        board.tasks = tasks;
+        board.runs.insert(key, Arc::new(result));
+        self.homes.insert(key, id);
+    }
+
+    /// Takes a run away, if it is there.
+    pub fn remove(&mut self, key: i64) {
+        let Some(id) = self.homes.remove(&key) else { return };
+        let Some(board) = self.boards.get_mut(&id) else { return };
+        let board = Arc::make_mut(board);
+        board.runs.remove(&key);
+        if board.runs.is_empty() && !board.is_built_in {
+            self.boards.remove(&id);
+        }
+    }
+
+    /// How many runs there are.
+    #[must_use]
+    pub fn runs(&self) -> usize {
+        self.homes.len()
+    }
+
+    /// The board that is asked for, in order.
+    ///
+    /// # Errors
+    /// Where there is no such board, task, order or choice.
+    pub fn ranked(&self, question: &Question) -> Result<Ranked, Unknown> {
+        let (id, board) = self.find(question)?;
+        let task = board.task("task", question.task.as_deref())?;
+        let tasks = task.map_or_else(|| board.tasks.clone(), |task| vec![task]);
+        let sort = match question.sort.as_deref() {
+            None | Some("total") => None,
+            Some(name) => {
+                let shown = Board { tasks: tasks.clone(), ..Board::default() };
+                shown.task("sort", Some(name)).map_err(|Unknown { field, allowed }| {
+                    let allowed = allowed.replacen("one of ", "one of total, ", 1);
+                    Unknown { field, allowed }
+                })?
+            }
+        };
+        let pick = match question.pick.as_deref() {
+            None => Pick::default(),
+            Some(name) => Pick::parse(name).ok_or_else(|| Unknown {
+                field: "pick",
+                allowed: one_of(Pick::ALL.into_iter().map(Pick::name)),
+            })?,
+        };
+        let has_reference = id.suite == reference::SUITE && board.is_built_in;
+        // Whoever did not play what is shown has nothing to show.
+        let shows =
+            |row: &&reference::Reference| tasks.iter().any(|task| row.task(*task).is_some());
+        let references =
+            (REFERENCES.iter()).filter(|_| has_reference && !question.no_reference).filter(shows);
+        let view = View { tasks: tasks.clone(), sort, pick };
+        let runs: Vec<Arc<RunResult>> = board.runs.values().cloned().collect();
+        let rows = rank(&runs, references, &view);
+        Ok(Ranked { board: id.clone(), view, task, rows })
+    }
+
+    fn find(&self, question: &Question) -> Result<(&BoardId, &Board), Unknown> {
+        let rules = question.rules.as_deref().unwrap_or(RULES[0]);
+        if !RULES.contains(&rules) {
+            return Err(Unknown { field: "rules", allowed: one_of(RULES) });
+        }
+        let asked = question.suite.as_deref().unwrap_or(reference::SUITE);
+        let of_rules = || self.boards.iter().filter(|(id, _)| id.rules == rules);
+        let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
+        // A name may have an `@` of its own.
+        let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
+        // Whoever gives a suite of their own such a name takes no board from anybody.
+        let built_in = named.iter().find(|(_, board)| board.is_built_in);
+        match (built_in, &named[..]) {
+            (Some((id, board)), _) | (None, [(id, board)]) => Ok((id, board)),
+            (None, []) => exact().map(|(id, board)| (id, &**board)).ok_or_else(|| {
+                let mut names: Vec<&str> = of_rules().map(|(id, _)| id.suite.as_str()).collect();
+                names.dedup();
+                Unknown { field: "suite", allowed: one_of(names) }
+            }),
+            (None, [..]) => {
+                let names = named.iter().map(|(id, _)| format!("{}@{}", id.suite, id.digest));
+                let allowed = one_of(names);
+                Err(Unknown {
+                    field: "suite",
+                    allowed: format!("{allowed}: there are several suites of that name"),
+                })
+            }
+        }
+    }
+}
+
+impl Board {
+    fn task(&self, field: &'static str, name: Option<&str>) -> Result<Option<TaskName>, Unknown> {
+        let Some(name) = name else { return Ok(None) };
+        let found = self.tasks.iter().copied().find(|task| task.name() == name);
+        found.map(Some).ok_or_else(|| Unknown {
+            field,
+            allowed: one_of(self.tasks.iter().map(|task| task.name())),
+        })
+    }
+}
+
+/// A choice as text.
+fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
+    let mut text = "one of ".to_owned();
+    let mut more: usize = 0;
+    for (place, name) in names.into_iter().enumerate() {
+        if place >= NAMED {
+            more += 1;
+            continue;
+        }
+        let comma = if place == 0 { "" } else { ", " };
+        // Names come from strangers; one that is long is not worth more room.
+        let name: String = name.as_ref().chars().take(80).collect();
+        _ = write!(text, "{comma}{name}");
+    }
+    if more > 0 {
+        _ = write!(text, " and {more} more");
+    }
+    text
+}
+
+impl Ranked {
+    /// By how much the nearest row above that has games is better than the row at this place, and which that is.
+    /// The paper's rows have no games, so they are passed over.
+    #[must_use]
+    pub fn difference(&self, place: usize, memory: &Memory) -> Option<(&Row, Difference)> {
+        let shown = self.rows.get(place)?.shown()?;
+        let (row, above) =
+            self.rows[..place].iter().rev().find_map(|row| row.shown().map(|run| (row, run)))?;
+        Some((row, memory.difference(above, shown, self.view.ranked_by())?))
+    }
+
+    /// The rows after this one; all of them where none is named. A row that has left the board meanwhile had this
+    /// place.
+    #[must_use]
+    pub fn after(&self, row: Option<(RowId, usize)>) -> usize {
+        let Some((row, place)) = row else { return 0 };
+        let found = self.rows.iter().position(|known| known.id() == row);
+        found.map_or(place, |found| found + 1).min(self.rows.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Slot;
+    use super::super::rank::tests::{game, run};
+    use super::*;
+
+    fn board(suite: &str, rules: &str, digest: &str) -> BoardId {
+        let [suite, rules, digest] = [suite, rules, digest].map(str::to_owned);
+        BoardId { suite, rules, digest }
+    }
+
+    fn boards() -> Boards {
+        let standard = |rules| (board("standard", rules, "d"), TaskName::ALL.to_vec());
+        Boards::new([standard("paper"), standard("reference")])
+    }
+
+    fn over(key: i64, board: BoardId, score: f64) -> OverRun {
+        let slot = Slot { task: TaskName::Pursuit, seed: 1 };
+        let games = [game(slot.task, slot.seed, score)];
+        let result = RunResult::new(run(&key.to_string(), "finished", key), &[slot], &games, true);
+        OverRun { key, board, tasks: vec![TaskName::Pursuit], result }
+    }
+
+    fn asked(suite: &str) -> Question {
+        Question { suite: Some(suite.to_owned()), ..Question::default() }
+    }
+
+    #[test]
+    fn runs_of_other_settings_are_never_on_one_board() {
+        let mut boards = boards();
+        boards.insert(over(1, board("mine", "paper", "a"), 1.0));
+        boards.insert(over(2, board("mine", "reference", "b"), 2.0));
+        let values = |boards: &Boards, question: &Question| {
+            let ranked = boards.ranked(question).expect("a board");
+            ranked.rows.iter().map(|row| row.value).collect::<Vec<_>>()
+        };
+        assert_eq!(values(&boards, &asked("mine")), [Some(1.0)]);
+        let reference = Question { rules: Some("reference".to_owned()), ..asked("mine") };
+        assert_eq!(values(&boards, &reference), [Some(2.0)]);
+
+        boards.insert(over(3, board("mine", "paper", "c"), 3.0));
+        let refused = boards.ranked(&asked("mine")).expect_err("two of that name").to_string();
+        assert_eq!(
+            refused,
+            "suite must be one of mine@a, mine@c: there are several suites of that name"
+        );
+        assert_eq!(values(&boards, &asked("mine@c")), [Some(3.0)]);
+
+        // A run that moves leaves its old place, and an empty board is none.
+        boards.insert(over(3, board("mine", "paper", "a"), 4.0));
+        assert_eq!((values(&boards, &asked("mine")), boards.runs()), (vec![Some(4.0)], 3));
+        for key in 1..=3 {
+            boards.remove(key);
+        }
+        let refused = boards.ranked(&asked("mine")).expect_err("nobody plays it").to_string();
+        assert_eq!(refused, "suite must be one of standard");
+    }
+
+    #[test]
+    fn what_is_unknown_is_refused_with_what_is_allowed() {
+        let boards = boards();
+        let told = |question: Question| boards.ranked(&question).expect_err("unknown").to_string();
+        let some = |text: &str| Some(text.to_owned());
+        for (question, expected) in [
+            (
+                Question { rules: some("chess"), ..Question::default() },
+                "rules must be one of paper, reference",
+            ),
+            (
+                Question { pick: some("worst"), ..Question::default() },
+                "pick must be one of best, last, mean",
+            ),
+            (
+                Question { task: some("pursuit"), ..Question::default() },
+                "task must be one of Transport, Pursuit, Synchronization, Foraging, Flocking",
+            ),
+            (
+                Question { task: some("Pursuit"), sort: some("Flocking"), ..Question::default() },
+                "sort must be one of total, Pursuit",
+            ),
+        ] {
+            assert_eq!(told(question), expected);
+        }
+    }
+
+    #[test]
+    fn the_paper_is_on_the_boards_of_its_suite_and_can_be_switched_off() {
+        let boards = boards();
+        let rows = |question: Question| boards.ranked(&question).expect("a board").rows.len();
+        assert_eq!(rows(Question::default()), 29);
+        assert_eq!(
+            rows(Question { rules: Some("reference".to_owned()), ..Question::default() }),
+            29
+        );
+        assert_eq!(rows(Question { no_reference: true, ..Question::default() }), 0);
+        assert_eq!(
+            rows(Question { task: Some("Pursuit".to_owned()), ..Question::default() }),
+            13 + 3
+        );
+        let mut others = boards.clone();
+        others.insert(over(1, board("standard", "paper", "other"), 1.0));
+        let question = asked("standard@other");
+        assert_eq!(others.ranked(&question).expect("a board").rows.len(), 1);
+        assert_eq!(others.ranked(&asked("standard")).expect("a board").rows.len(), 29);
+    }
+}

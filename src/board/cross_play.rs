@@ -1,0 +1,134 @@
+//! Cross-play: which models did how well together, in games whose seats belonged to different holders.
+
+use std::collections::BTreeMap;
+
+use swarmbench_engine::TaskName;
+
+use super::result::mean_and_deviation;
+
+/// What may be compared with each other: games of the same task, rules and settings.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Setting {
+    /// The task.
+    pub task: TaskName,
+    /// The rule set.
+    pub rules: String,
+    /// All other settings that decide a game but the seed, as canonical JSON.
+    pub settings: String,
+}
+
+/// A finished game.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MixedGame {
+    /// What it may be compared with.
+    pub setting: Setting,
+    /// Its score.
+    pub score: f64,
+    /// What each holder of seats played with.
+    pub models: Vec<Model>,
+}
+
+/// What a holder of seats played with.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Model {
+    /// Its name.
+    pub name: String,
+    /// Whether somebody answers for it that this was the model.
+    pub vouched: bool,
+}
+
+/// Two models that played together; twice the same where two holders played with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pair {
+    /// In which games.
+    pub setting: Setting,
+    /// The models, in order of their names.
+    pub models: [String; 2],
+    /// Whether somebody answers for both names in all of these games.
+    pub vouched: bool,
+    /// In how many games.
+    pub games: usize,
+    /// The mean score of these games.
+    pub mean: f64,
+    /// Its population standard deviation.
+    pub deviation: f64,
+}
+
+/// All pairs, by setting, the best first. A game counts once for each pair of models in it.
+#[must_use]
+pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
+    let mut met: BTreeMap<(&Setting, [&str; 2]), (Vec<f64>, bool)> = BTreeMap::new();
+    for game in games {
+        let mut here: BTreeMap<[&str; 2], bool> = BTreeMap::new();
+        for (place, one) in game.models.iter().enumerate() {
+            for other in &game.models[place + 1..] {
+                let mut names = [one.name.as_str(), other.name.as_str()];
+                names.sort_unstable();
+                *here.entry(names).or_insert(true) &= one.vouched && other.vouched;
+            }
+        }
+        for (names, vouched) in here {
+            let (scores, all_vouched) = met.entry((&game.setting, names)).or_insert((vec![], true));
+            scores.push(game.score);
+            *all_vouched &= vouched;
+        }
+    }
+    let mut pairs: Vec<Pair> = (met.into_iter())
+        .filter_map(|((setting, models), (mut scores, vouched))| {
+            // A sum of floats depends on its order.
+            scores.sort_by(f64::total_cmp);
+            let (mean, deviation) = mean_and_deviation(&scores)?;
+            let (setting, models) = (setting.clone(), models.map(str::to_owned));
+            Some(Pair { setting, models, vouched, games: scores.len(), mean, deviation })
+        })
+        .collect();
+    pairs.sort_by(|a, b| a.setting.cmp(&b.setting).then(b.mean.total_cmp(&a.mean)));
+    pairs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setting(task: TaskName, settings: &str) -> Setting {
+        Setting { task, rules: "paper".to_owned(), settings: settings.to_owned() }
+    }
+
+    fn game(settings: &str, score: f64, models: &[&str]) -> MixedGame {
+        let model = |name: &&str| Model { name: (*name).to_owned(), vouched: *name != "z" };
+        let models = models.iter().map(model).collect();
+        MixedGame { setting: setting(TaskName::Foraging, settings), score, models }
+    }
+
+    fn shown(games: &[MixedGame]) -> Vec<String> {
+        let show = |pair: &Pair| {
+            let Pair { setting, models: [a, b], vouched, games, mean, deviation } = pair;
+            let mark = if *vouched { "" } else { "?" };
+            format!("{} {a}+{b}{mark}: {mean} ± {deviation} in {games}", setting.settings)
+        };
+        pairs(games).iter().map(show).collect()
+    }
+
+    #[test]
+    fn pairs_by_hand() {
+        let mut games = vec![
+            game("s", 2.0, &["x", "y"]),
+            game("s", 4.0, &["y", "x", "z"]),
+            // Two holders of the same model, and a third: each pair once.
+            game("s", 9.0, &["x", "z", "x"]),
+            game("t", 1.0, &["x", "y"]),
+            game("t", 7.0, &["alone"]),
+        ];
+        let expected = [
+            "s x+x: 9 ± 0 in 1",
+            "s x+z?: 6.5 ± 2.5 in 2",
+            "s y+z?: 4 ± 0 in 1",
+            "s x+y: 3 ± 1 in 2",
+            "t x+y: 1 ± 0 in 1",
+        ];
+        assert_eq!(shown(&games), expected);
+        games.reverse();
+        assert_eq!(shown(&games), expected);
+        assert_eq!(pairs(&[]), []);
+    }
+}

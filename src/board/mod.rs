@@ -1,0 +1,158 @@
+//! Boards: who did how well in a suite. Pure: games that have ended go in, ranked rows come out.
+//!
+//! - [`result`]: what a run is worth, task by task.
+//! - [`rank`]: runs of the same player make a row; rows are put in order.
+//! - [`interval`]: how sure the order of two rows is.
+//! - [`collection`]: all boards of a database.
+//! - [`reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
+//!
+//! The same games give the same rows to the last bit, in whatever order they come. Every convention is told in
+//! `docs/boards.md`.
+
+pub mod collection;
+pub mod cross_play;
+pub mod interval;
+pub mod rank;
+pub mod reference;
+pub mod result;
+
+use jiff::Timestamp;
+use sha2::{Digest, Sha256};
+use swarmbench_engine::TaskName;
+
+/// Who answers for a run: the holder of a key, or an entrant of a competition.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Owner {
+    /// Tells two owners of the same name apart.
+    pub id: String,
+    /// The name that is shown.
+    pub name: String,
+}
+
+/// What plays, as its owner declares it. Runs that declare the same make one row of a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Player {
+    /// None where nobody had to show a key.
+    pub owner: Option<Owner>,
+    /// The model's name.
+    pub model: String,
+    /// Its temperature, where it was told.
+    pub temperature: Option<f64>,
+    /// Its `top_p`, where it was told.
+    pub top_p: Option<f64>,
+    /// The digest of its prompt template; none for the built-in one.
+    pub template: Option<String>,
+}
+
+/// Names a row of a board: the same player has the same in every board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct RowId(pub [u8; 16]);
+
+impl RowId {
+    /// The name of what these texts tell apart.
+    fn of(parts: &[&[u8]]) -> Self {
+        let mut hash = Sha256::new();
+        for part in parts {
+            hash.update((part.len() as u64).to_be_bytes());
+            hash.update(part);
+        }
+        Self(std::array::from_fn({
+            let hash = hash.finalize();
+            move |place| hash[place]
+        }))
+    }
+
+    /// Reads a name as it is shown.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        let bytes = data_encoding::HEXLOWER.decode(text.as_bytes()).ok()?;
+        bytes.try_into().ok().map(Self)
+    }
+}
+
+impl std::fmt::Display for RowId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&data_encoding::HEXLOWER.encode(&self.0))
+    }
+}
+
+impl Player {
+    /// The row of this player.
+    #[must_use]
+    pub fn row(&self) -> RowId {
+        // Zero has two signs, and they are the same temperature.
+        let number = |number: Option<f64>| {
+            number.map_or(Vec::new(), |number| (number + 0.0).to_be_bytes().to_vec())
+        };
+        RowId::of(&[
+            self.owner.as_ref().map_or(&[], |owner| owner.id.as_bytes()),
+            self.model.as_bytes(),
+            &number(self.temperature),
+            &number(self.top_p),
+            self.template.as_ref().map_or(&[], |digest| digest.as_bytes()),
+        ])
+    }
+}
+
+/// What a board says of whether each seat decided for itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Decentralization {
+    /// One holder has all seats and says so.
+    Declared,
+    /// Seats belong to different holders, or the server hosts the players.
+    Enforced,
+}
+
+impl Decentralization {
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Declared => "declared",
+            Self::Enforced => "enforced",
+        }
+    }
+}
+
+/// What is known of a run beside its games.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Its id.
+    pub id: String,
+    /// What played.
+    pub player: Player,
+    /// `finished`, `aborted`, …
+    pub status: String,
+    /// When it was started.
+    pub created_at: Timestamp,
+    /// Whether somebody answers for it that this was the model.
+    pub vouched: bool,
+    /// None under centralized control.
+    pub decentralization: Option<Decentralization>,
+}
+
+/// A game that a run is to play.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Slot {
+    /// The task.
+    pub task: TaskName,
+    /// The seed of its layout.
+    pub seed: u64,
+}
+
+/// A game that has ended, in whichever way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Game {
+    /// Which of the run's games.
+    pub slot: Slot,
+    /// Its score.
+    pub score: f64,
+    /// Answers that players gave, valid or not.
+    pub answers: u64,
+    /// Answers that were none.
+    pub invalid: u64,
+    /// Moves for which the clock ran out.
+    pub clock_outs: u64,
+    /// Whether the host broke it, so that it does not count.
+    pub voided: bool,
+}

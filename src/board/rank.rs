@@ -1,0 +1,456 @@
+//! Runs become rows, and rows get their ranks.
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use swarmbench_engine::TaskName;
+
+use super::RowId;
+use super::reference::Reference;
+use super::result::RunResult;
+
+/// Which run of a player makes its row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Pick {
+    /// The one that gets the highest rank; of equal ones the first.
+    #[default]
+    Best,
+    /// The one that was started last.
+    Last,
+    /// All: a seed's score is its mean over the runs.
+    Mean,
+}
+
+impl Pick {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Best, Self::Last, Self::Mean];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Last => "last",
+            Self::Mean => "mean",
+        }
+    }
+
+    /// The one with this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|pick| pick.name() == name)
+    }
+}
+
+/// What is shown of a board, and by what it is ranked.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct View {
+    /// The tasks that are shown.
+    pub tasks: Vec<TaskName>,
+    /// The task by whose mean rows are ranked; none for the total of those that are shown.
+    pub sort: Option<TaskName>,
+    /// Which run of a player makes its row.
+    pub pick: Pick,
+}
+
+impl View {
+    /// The tasks whose means add up to what rows are ranked by.
+    #[must_use]
+    pub fn ranked_by(&self) -> &[TaskName] {
+        self.sort.as_ref().map_or(&self.tasks, std::slice::from_ref)
+    }
+}
+
+/// A row of a board.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// 1, 2, 2, 4: rows of the same value share a rank, and the next has as many above it as are better. None
+    /// where the row has no value.
+    pub rank: Option<u32>,
+    /// What it is ranked by; none where a mean that is needed for it is missing.
+    pub value: Option<f64>,
+    /// What it shows.
+    pub source: Source,
+}
+
+/// Where a row comes from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// Runs of one player.
+    Runs {
+        /// What is shown: a run, or all of them taken together.
+        shown: Arc<RunResult>,
+        /// The ids of the runs that are shown, in the order in which they were started.
+        ids: Vec<String>,
+        /// How many runs the player has on this board.
+        runs: usize,
+    },
+    /// A row of the paper.
+    Reference(&'static Reference),
+}
+
+impl Row {
+    /// Its name.
+    #[must_use]
+    pub fn id(&self) -> RowId {
+        match &self.source {
+            Source::Runs { shown, .. } => shown.row,
+            Source::Reference(reference) => reference.id,
+        }
+    }
+
+    /// What it shows, unless it is one of the paper.
+    #[must_use]
+    pub fn shown(&self) -> Option<&Arc<RunResult>> {
+        match &self.source {
+            Source::Runs { shown, .. } => Some(shown),
+            Source::Reference(_) => None,
+        }
+    }
+
+    /// The sum of the means of these tasks; none where one of them has none.
+    #[must_use]
+    pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
+        match &self.source {
+            Source::Runs { shown, .. } => shown.total(tasks),
+            Source::Reference(reference) => reference.total(tasks),
+        }
+    }
+
+    fn name(&self) -> &str {
+        match &self.source {
+            Source::Runs { shown, .. } => &shown.run.player.model,
+            Source::Reference(reference) => &reference.name,
+        }
+    }
+}
+
+/// The rows of a board in order, the highest first.
+#[must_use]
+pub fn rank(
+    runs: &[Arc<RunResult>],
+    references: impl IntoIterator<Item = &'static Reference>,
+    view: &View,
+) -> Vec<Row> {
+    let mut players: BTreeMap<RowId, Vec<&Arc<RunResult>>> = BTreeMap::new();
+    for run in runs {
+        players.entry(run.row).or_default().push(run);
+    }
+    let sources = players.into_values().map(|runs| pick(runs, view));
+    let references = references.into_iter().map(Source::Reference);
+    let mut rows: Vec<Row> = (sources.chain(references))
+        .map(|source| {
+            let mut row = Row { rank: None, value: None, source };
+            row.value = row.total(view.ranked_by());
+            row
+        })
+        .collect();
+    rows.sort_by_cached_key(|row| {
+        let is_reference = row.shown().is_none();
+        (Value::of(row.value), is_reference, row.name().to_owned(), row.id())
+    });
+    let mut above: Option<(Value, u32)> = None;
+    for (place, row) in (1..).zip(&mut rows) {
+        let value = Value::of(row.value);
+        if row.value.is_some() {
+            let rank = above.filter(|&(same, _)| same == value).map_or(place, |(_, rank)| rank);
+            above = Some((value, rank));
+            row.rank = Some(rank);
+        }
+    }
+    rows
+}
+
+/// The row of a player.
+fn pick(mut runs: Vec<&Arc<RunResult>>, view: &View) -> Source {
+    runs.sort_by(|a, b| (a.run.created_at, &a.run.id).cmp(&(b.run.created_at, &b.run.id)));
+    let value = |run: &RunResult| Value::of(run.total(view.ranked_by()));
+    let all = runs.len();
+    let shown = match view.pick {
+        Pick::Best => runs.iter().min_by_key(|run| value(run)).copied().cloned(),
+        Pick::Last => runs.last().copied().cloned(),
+        Pick::Mean if all == 1 => runs.first().copied().cloned(),
+        Pick::Mean => {
+            let runs: Vec<&RunResult> = runs.iter().map(|run| &***run).collect();
+            RunResult::together(&runs).map(Arc::new)
+        }
+    };
+    let shown = shown.expect("a player has a run");
+    let ids = match view.pick {
+        Pick::Best | Pick::Last => vec![shown.run.id.clone()],
+        Pick::Mean => runs.iter().map(|run| run.run.id.clone()).collect(),
+    };
+    Source::Runs { shown, ids, runs: all }
+}
+
+/// What rows are ranked by, the highest first and what there is none of last. Values that differ by less than
+/// the noise of adding floats are the same: 0.1 + 0.2 is no better than 0.3.
+#[derive(Clone, Copy, Debug)]
+struct Value(Option<f64>);
+
+impl Value {
+    fn of(value: Option<f64>) -> Self {
+        Self(value.map(|value| (value * 1e9).round() + 0.0))
+    }
+}
+
+impl PartialEq for Value {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Value {}
+
+impl PartialOrd for Value {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Value {
+    fn cmp(&self, other: &Self) -> Ordering {
+        match (self.0, other.0) {
+            (Some(a), Some(b)) => b.total_cmp(&a),
+            (a, b) => b.is_some().cmp(&a.is_some()),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use jiff::Timestamp;
+    use proptest::prelude::*;
+
+    use super::super::interval::difference;
+    use super::super::reference::REFERENCES;
+    use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
+    use super::*;
+
+    pub(in super::super) fn player(model: &str) -> Player {
+        Player {
+            owner: Some(Owner { id: "key_1".to_owned(), name: "alice".to_owned() }),
+            model: model.to_owned(),
+            temperature: Some(1.0),
+            top_p: None,
+            template: None,
+        }
+    }
+
+    pub(in super::super) fn run(id: &str, status: &str, second: i64) -> Run {
+        Run {
+            id: id.to_owned(),
+            player: player("a model"),
+            status: status.to_owned(),
+            created_at: Timestamp::from_second(second).expect("a time"),
+            vouched: true,
+            decentralization: Some(Decentralization::Declared),
+        }
+    }
+
+    pub(in super::super) fn slots(tasks: &[TaskName], seeds: &[u64]) -> Vec<Slot> {
+        let of = |&task| seeds.iter().map(move |&seed| Slot { task, seed });
+        tasks.iter().flat_map(of).collect()
+    }
+
+    pub(in super::super) fn game(task: TaskName, seed: u64, score: f64) -> Game {
+        Game {
+            slot: Slot { task, seed },
+            score,
+            answers: 10,
+            invalid: 1,
+            clock_outs: 2,
+            voided: false,
+        }
+    }
+
+    const TASKS: [TaskName; 2] = [TaskName::Pursuit, TaskName::Flocking];
+
+    fn view(pick: Pick) -> View {
+        View { tasks: TASKS.to_vec(), sort: None, pick }
+    }
+
+    /// A finished run of a model, with the scores of both tasks on two seeds.
+    fn played(model: &str, id: &str, second: i64, scores: [f64; 4]) -> Arc<RunResult> {
+        let run = Run { player: player(model), ..run(id, "finished", second) };
+        let plan = slots(&TASKS, &[1, 2]);
+        let games = plan.iter().zip(scores).map(|(slot, score)| game(slot.task, slot.seed, score));
+        Arc::new(RunResult::new(run, &plan, &games.collect::<Vec<_>>(), true))
+    }
+
+    fn shown(rows: &[Row]) -> Vec<(Option<u32>, String, Option<f64>)> {
+        rows.iter().map(|row| (row.rank, row.name().to_owned(), row.value)).collect()
+    }
+
+    #[test]
+    fn rows_of_the_same_value_share_a_rank() {
+        let runs = [
+            played("d", "4", 0, [1.0, 1.0, 1.0, 1.0]),
+            played("b", "2", 0, [0.1, 0.1, 0.2, 0.2]),
+            played("c", "3", 0, [0.3, 0.3, 0.0, 0.0]),
+            played("e", "5", 0, [0.0; 4]),
+        ];
+        let ranks: Vec<_> = shown(&rank(&runs, [], &view(Pick::Best)))
+            .into_iter()
+            .map(|(rank, name, _)| (rank.expect("a rank"), name))
+            .collect();
+        // 0.1 + 0.2 is not 0.3 in floats.
+        let expected = [(1, "d"), (2, "b"), (2, "c"), (4, "e")];
+        assert_eq!(ranks, expected.map(|(rank, name)| (rank, name.to_owned())));
+    }
+
+    #[test]
+    fn best_last_and_mean_are_what_they_say() {
+        let runs = [
+            played("a", "first", 1, [1.0, 1.0, 0.0, 0.0]),
+            played("a", "second", 2, [6.0, 6.0, 2.0, 4.0]),
+            played("a", "third", 3, [2.0, 2.0, 1.0, 5.0]),
+        ];
+        let of = |pick| match rank(&runs, [], &view(pick)).remove(0) {
+            Row { source: Source::Runs { ids, runs, .. }, value, .. } => {
+                (ids.join(","), runs, value)
+            }
+            row => panic!("{row:?}"),
+        };
+        assert_eq!(of(Pick::Best), ("second".to_owned(), 3, Some(9.0)));
+        assert_eq!(of(Pick::Last), ("third".to_owned(), 3, Some(5.0)));
+        assert_eq!(of(Pick::Mean), ("first,second,third".to_owned(), 3, Some(5.0)));
+    }
+
+    #[test]
+    fn players_are_told_apart_by_all_that_they_declare() {
+        let same = player("a");
+        let others = [
+            player("b"),
+            Player { owner: None, ..same.clone() },
+            Player {
+                owner: Some(Owner { id: "key_2".into(), name: "alice".into() }),
+                ..same.clone()
+            },
+            Player { temperature: None, ..same.clone() },
+            Player { top_p: Some(1.0), temperature: None, ..same.clone() },
+            Player { template: Some("u".to_owned()), ..same.clone() },
+        ];
+        let mut ids: Vec<_> = others.iter().chain([&same]).map(Player::row).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), others.len() + 1);
+        let renamed = Owner { id: "key_1".into(), name: "somebody".into() };
+        assert_eq!(Player { owner: Some(renamed), ..same.clone() }.row(), same.row());
+        assert_eq!(RowId::parse(&same.row().to_string()), Some(same.row()));
+    }
+
+    #[test]
+    fn a_model_stands_between_the_rows_of_the_paper() {
+        // 20.5 is between gpt-4.1 (20.10) and claude-3.7-sonnet (25.70).
+        let run = run("r", "finished", 0);
+        let plan = slots(&TaskName::ALL, &[27, 42]);
+        let games: Vec<_> = plan.iter().map(|slot| game(slot.task, slot.seed, 4.1)).collect();
+        let runs = [Arc::new(RunResult::new(run, &plan, &games, true))];
+        let view = View { tasks: TaskName::ALL.to_vec(), sort: None, pick: Pick::Best };
+        let rows = rank(&runs, REFERENCES.iter(), &view);
+        let names: Vec<_> = rows.iter().take(5).map(Row::name).collect();
+        let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
+        assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
+        assert_eq!(rows[3].rank, Some(4));
+        // Who played but some of the tasks has no total, and stands below, without a rank.
+        assert_eq!(rows.len(), 1 + 29);
+        assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
+        // By one task they have one.
+        let view = View { sort: Some(TaskName::Synchronization), ..view };
+        let rows = rank(&runs, REFERENCES.iter(), &view);
+        assert_eq!((rows[0].name(), rows[0].value), ("human players", Some(41.95)));
+        assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
+    }
+
+    /// Some runs of some models, with games that are missing or broken.
+    fn some_runs() -> impl Strategy<Value = Vec<(u8, i64, Vec<Option<(f64, bool)>>)>> {
+        let score =
+            prop_oneof![(0..20_i32).prop_map(|tenths| f64::from(tenths) / 10.0), -5.0..50.0_f64,];
+        let game = proptest::option::weighted(0.9, (score, proptest::bool::weighted(0.1)));
+        let run = (0..5_u8, 0..4_i64, proptest::collection::vec(game, 6));
+        proptest::collection::vec(run, 1..12)
+    }
+
+    fn results(runs: &[(u8, i64, Vec<Option<(f64, bool)>>)]) -> Vec<Arc<RunResult>> {
+        let plan = slots(&TASKS, &[1, 2, 3]);
+        let result = |(number, (model, second, games)): (usize, &(u8, i64, Vec<_>))| {
+            let status = if games.iter().all(Option::is_some) { "finished" } else { "aborted" };
+            let mut run = run(&format!("run_{number}"), status, *second);
+            run.player = player(&model.to_string());
+            let games: Vec<Game> = (plan.iter().zip(games))
+                .filter_map(|(slot, played)| {
+                    let (score, voided) = (*played)?;
+                    Some(Game { voided, ..game(slot.task, slot.seed, score) })
+                })
+                .collect();
+            Arc::new(RunResult::new(run, &plan, &games, true))
+        };
+        runs.iter().enumerate().map(result).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn a_board_does_not_depend_on_the_order_of_its_runs(
+            runs in some_runs(),
+            turn in 0..12_usize,
+            pick in proptest::sample::select(&Pick::ALL[..]),
+        ) {
+            let mut runs = results(&runs);
+            let tell = |rows: &[Row]| {
+                let view = view(pick);
+                let pairs = rows.iter().zip(rows.iter().skip(1)).map(|(above, row)| {
+                    difference(above.shown()?, row.shown()?, view.ranked_by())
+                });
+                // To the bit: `Debug` writes floats so that they can be read again.
+                format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
+            };
+            let first = tell(&rank(&runs, [], &view(pick)));
+            let turn = turn % runs.len();
+            runs.rotate_left(turn);
+            runs.reverse();
+            prop_assert_eq!(tell(&rank(&runs, [], &view(pick))), first);
+        }
+
+        #[test]
+        fn ranks_count_who_is_better_and_totals_are_sums(
+            runs in some_runs(),
+            pick in proptest::sample::select(&Pick::ALL[..]),
+        ) {
+            let rows = rank(&results(&runs), [], &view(pick));
+            for row in &rows {
+                let Some(value) = row.value else {
+                    prop_assert_eq!(row.rank, None);
+                    continue;
+                };
+                let better = |other: &&Row| other.value.is_some_and(|other| other > value + 2e-9);
+                prop_assert_eq!(row.rank, Some(u32::try_from(rows.iter().filter(better).count())? + 1));
+                let means = row.shown().expect("a run").tasks.iter().map(|task| task.mean());
+                let sum: f64 = means.map(|mean| mean.expect("a mean")).sum();
+                prop_assert!((sum - value).abs() < 1e-9);
+            }
+            // Who has no value stands below all who have one.
+            let ranked: Vec<bool> = rows.iter().map(|row| row.rank.is_some()).collect();
+            prop_assert!(ranked.is_sorted_by(|a, b| a >= b));
+        }
+
+        #[test]
+        fn the_best_run_is_no_worse_than_any_other_choice(runs in some_runs()) {
+            let runs = results(&runs);
+            let best = rank(&runs, [], &view(Pick::Best));
+            for pick in [Pick::Last, Pick::Mean] {
+                for row in rank(&runs, [], &view(pick)) {
+                    let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
+                    // Where the host broke games, the mean may be one of other seeds than the best.
+                    let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {
+                        run.tasks.iter().all(|task| task.planned == 3)
+                    });
+                    if comparable {
+                        prop_assert!(same.value.expect("a total") >= row.value.expect("a total") - 1e-9);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! The numbers of the paper, to be compared with. They were made with the public toolkit, not with this server, so
+//! they are marked wherever they are shown, and have no games that could be replayed or compared seed by seed.
+
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+use swarmbench_engine::TaskName;
+
+use super::RowId;
+
+/// The suite whose board they belong to.
+pub const SUITE: &str = "standard";
+
+/// Which of the paper's tables a row is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Table {
+    /// Language models, five games a task.
+    Models,
+    /// Rule-based baselines, each for one task, twenty games.
+    Rules,
+    /// People, or strategies that people had found.
+    Humans,
+}
+
+impl Table {
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Models => "models",
+            Self::Rules => "rules",
+            Self::Humans => "humans",
+        }
+    }
+}
+
+/// A row of the paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reference {
+    /// The name of its row.
+    pub id: RowId,
+    /// The table from which it is.
+    pub table: Table,
+    /// What played.
+    pub name: String,
+    /// What the paper has of each task.
+    pub tasks: Vec<Numbers>,
+}
+
+/// What the paper has of one task.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    /// The task.
+    pub task: TaskName,
+    /// The mean score.
+    pub mean: f64,
+    /// The standard deviation.
+    pub deviation: f64,
+    /// How many games were played, where it is told.
+    pub games: Option<u32>,
+}
+
+impl Reference {
+    /// What the paper has of a task.
+    #[must_use]
+    pub fn task(&self, task: TaskName) -> Option<&Numbers> {
+        self.tasks.iter().find(|numbers| numbers.task == task)
+    }
+
+    /// The sum of the means of these tasks; none where one of them is missing.
+    #[must_use]
+    pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
+        tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean))
+    }
+}
+
+/// All rows, in the order of the paper.
+pub static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(read);
+
+/// A line of `reference.csv`.
+#[derive(Deserialize)]
+struct Line {
+    table: Table,
+    name: String,
+    task: String,
+    mean: f64,
+    deviation: f64,
+    games: Option<u32>,
+}
+
+fn read() -> Vec<Reference> {
+    let mut rows: Vec<Reference> = Vec::new();
+    for line in csv::Reader::from_reader(&include_bytes!("reference.csv")[..]).into_deserialize() {
+        let Line { table, name, task, mean, deviation, games } = line.expect("a line of the file");
+        let task = TaskName::parse(&task).expect("a task");
+        let numbers = Numbers { task, mean, deviation, games };
+        match rows.last_mut() {
+            Some(row) if (row.table, &row.name) == (table, &name) => row.tasks.push(numbers),
+            _ => {
+                let id = RowId::of(&[b"reference", table.name().as_bytes(), name.as_bytes()]);
+                rows.push(Reference { id, table, name, tasks: vec![numbers] });
+            }
+        }
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The last column of the table of models, as it is printed.
+    const TOTALS: [(&str, &str); 13] = [
+        ("gemini-2.0-flash", "27.40"),
+        ("o4-mini", "26.62"),
+        ("claude-3.7-sonnet", "25.70"),
+        ("gpt-4.1", "20.10"),
+        ("deepseek-v3", "17.20"),
+        ("gpt-4o", "11.80"),
+        ("o3-mini", "11.10"),
+        ("qwq-32b", "10.10"),
+        ("deepseek-r1", "10.01"),
+        ("llama-3.1-70b", "9.90"),
+        ("llama-4-scout", "9.50"),
+        ("gpt-4.1-mini", "8.40"),
+        ("claude-3.5-haiku", "7.20"),
+    ];
+
+    fn of(table: Table) -> impl Iterator<Item = &'static Reference> {
+        REFERENCES.iter().filter(move |row| row.table == table)
+    }
+
+    #[test]
+    fn the_models_add_up_to_the_totals_that_are_printed() {
+        let totals = of(Table::Models)
+            .map(|row| (row.name.as_str(), row.total(&TaskName::ALL).expect("all tasks")));
+        let totals: Vec<_> = totals.map(|(name, total)| (name, format!("{total:.2}"))).collect();
+        assert_eq!(totals, TOTALS.map(|(name, total)| (name, total.to_owned())));
+        assert!(of(Table::Models).flat_map(|row| &row.tasks).all(|task| task.games == Some(5)));
+    }
+
+    #[test]
+    fn every_number_of_the_three_tables_is_there() {
+        let of_rules: Vec<_> = of(Table::Rules).collect();
+        assert_eq!(of_rules.len(), 15);
+        for task in TaskName::ALL {
+            let three = of_rules.iter().filter(|row| row.task(task).is_some()).count();
+            assert_eq!(three, 3, "{task:?}");
+        }
+        assert!(of_rules.iter().all(|row| row.tasks.len() == 1 && row.tasks[0].games == Some(20)));
+        let humans: Vec<_> = of(Table::Humans).collect();
+        assert_eq!(humans.len(), 1);
+        let tasks: Vec<_> = humans[0].tasks.iter().map(|numbers| numbers.task).collect();
+        assert_eq!(tasks.len(), 4);
+        assert!(!tasks.contains(&TaskName::Pursuit), "nobody is told to have played it");
+        assert_eq!(REFERENCES.iter().map(|row| row.tasks.len()).sum::<usize>(), 13 * 5 + 15 + 4);
+        // Sums over whole columns of the printed tables.
+        let sum = |table, number: fn(&Numbers) -> f64| {
+            let numbers = of(table).flat_map(|row| &row.tasks).map(number).sum::<f64>();
+            format!("{numbers:.2}")
+        };
+        assert_eq!(sum(Table::Models, |task| task.mean), "195.03");
+        assert_eq!(sum(Table::Models, |task| task.deviation), "81.80");
+        assert_eq!(sum(Table::Rules, |task| task.mean), "33.82");
+        assert_eq!(sum(Table::Rules, |task| task.deviation), "18.17");
+        assert_eq!(sum(Table::Humans, |task| task.mean), "78.66");
+        assert_eq!(sum(Table::Humans, |task| task.deviation), "8.33");
+    }
+}

@@ -1,0 +1,254 @@
+//! What a run is worth: of every task the mean and the deviation over its seeds, and the sum of the means.
+
+use std::collections::BTreeMap;
+
+use swarmbench_engine::TaskName;
+
+use super::{Game, RowId, Run, Slot};
+
+/// The mean, and the population standard deviation; none of nothing.
+#[must_use]
+pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
+    let mean = mean(numbers)?;
+    let squares: f64 = numbers.iter().map(|number| (number - mean).powi(2)).sum();
+    Some((mean, (squares / float(numbers.len())).sqrt()))
+}
+
+fn mean(numbers: &[f64]) -> Option<f64> {
+    (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / float(numbers.len()))
+}
+
+#[expect(clippy::cast_precision_loss, reason = "nobody plays 2⁵³ games")]
+pub(super) const fn float(count: usize) -> f64 {
+    count as f64
+}
+
+/// A run, or several of the same player taken together, task by task.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunResult {
+    /// The run; of several, the last one, with what holds of all of them.
+    pub run: Run,
+    /// The row of its player.
+    pub row: RowId,
+    /// Every task of its suite, in the order of [`TaskName::ALL`].
+    pub tasks: Vec<TaskResult>,
+}
+
+/// The games of one task.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TaskResult {
+    /// The task.
+    pub task: TaskName,
+    /// What counts: a score for each seed, in order of the seeds.
+    pub scores: Vec<(u64, f64)>,
+    /// The mean of the scores, and their deviation; none where there are none.
+    pub mean_and_deviation: Option<(f64, f64)>,
+    /// Games that were played and count.
+    pub games: u32,
+    /// Games that were to be played, without those that the host broke.
+    pub planned: u32,
+    /// Games that the host broke.
+    pub voided: u32,
+    /// Answers that players gave in the games that count.
+    pub answers: u64,
+    /// Those of them that were none.
+    pub invalid: u64,
+    /// Moves for which the clock ran out.
+    pub clock_outs: u64,
+}
+
+impl RunResult {
+    /// What a run is worth. Once it is over, a planned game that was not played counts as 0: doing nothing scores
+    /// about that, and otherwise it would pay to abort a run that goes badly. A game that the host broke does
+    /// not count, unless it was played again.
+    #[must_use]
+    pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
+        let mut slots: BTreeMap<Slot, Vec<Game>> =
+            plan.iter().map(|&slot| (slot, Vec::new())).collect();
+        for &game in games {
+            if let Some(played) = slots.get_mut(&game.slot) {
+                played.push(game);
+            }
+        }
+        let mut tasks: Vec<TaskResult> = Vec::new();
+        for (slot, mut played) in slots {
+            if tasks.last().is_none_or(|last| last.task != slot.task) {
+                tasks.push(TaskResult::empty(slot.task));
+            }
+            // Whatever order they came in.
+            played.sort_by(|a, b| a.voided.cmp(&b.voided).then(b.score.total_cmp(&a.score)));
+            tasks.last_mut().expect("one was pushed").add(slot.seed, &played, is_over);
+        }
+        for task in &mut tasks {
+            task.finish();
+        }
+        Self { row: run.player.row(), run, tasks }
+    }
+
+    /// Several runs of the same player as one: a seed's score is its mean over the runs. None of no runs.
+    pub(super) fn together(runs: &[&Self]) -> Option<Self> {
+        let last = runs.iter().max_by_key(|run| (run.run.created_at, &run.run.id))?;
+        let mut run = last.run.clone();
+        run.vouched = runs.iter().all(|one| one.run.vouched);
+        // Whatever is not said of all of them is not said of the row. None comes before all that is said.
+        run.decentralization = runs.iter().map(|one| one.run.decentralization).min().flatten();
+        let broken = runs.iter().map(|one| &one.run.status).filter(|status| *status != "finished");
+        run.status = broken.max().unwrap_or(&run.status).clone();
+        let mut tasks: BTreeMap<TaskName, Vec<&TaskResult>> = BTreeMap::new();
+        for task in runs.iter().flat_map(|run| &run.tasks) {
+            tasks.entry(task.task).or_default().push(task);
+        }
+        let tasks = tasks.into_iter().map(|(task, of)| TaskResult::together(task, &of)).collect();
+        Some(Self { run, row: last.row, tasks })
+    }
+
+    /// The games of one task, if the suite has it.
+    #[must_use]
+    pub fn task(&self, task: TaskName) -> Option<&TaskResult> {
+        self.tasks.iter().find(|result| result.task == task)
+    }
+
+    /// The sum of the means of these tasks; none where one of them has none.
+    #[must_use]
+    pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
+        tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean()?))
+    }
+}
+
+impl TaskResult {
+    const fn empty(task: TaskName) -> Self {
+        Self {
+            task,
+            scores: Vec::new(),
+            mean_and_deviation: None,
+            games: 0,
+            planned: 0,
+            voided: 0,
+            answers: 0,
+            invalid: 0,
+            clock_outs: 0,
+        }
+    }
+
+    /// The mean of the scores.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        self.mean_and_deviation.map(|(mean, _)| mean)
+    }
+
+    /// Adds a planned game, with whatever was played of it: those that count come first.
+    fn add(&mut self, seed: u64, played: &[Game], is_over: bool) {
+        self.voided += u32::try_from(played.iter().filter(|game| game.voided).count()).unwrap_or(0);
+        match played.first() {
+            Some(game) if game.voided => {}
+            Some(game) => {
+                self.planned += 1;
+                self.games += 1;
+                self.answers += game.answers;
+                self.invalid += game.invalid;
+                self.clock_outs += game.clock_outs;
+                self.scores.push((seed, game.score));
+            }
+            None => {
+                self.planned += 1;
+                if is_over {
+                    self.scores.push((seed, 0.0));
+                }
+            }
+        }
+    }
+
+    fn finish(&mut self) {
+        let scores: Vec<f64> = self.scores.iter().map(|&(_, score)| score).collect();
+        self.mean_and_deviation = mean_and_deviation(&scores);
+    }
+
+    fn together(task: TaskName, runs: &[&Self]) -> Self {
+        let mut seeds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+        let mut all = Self::empty(task);
+        for one in runs {
+            all.games += one.games;
+            all.planned += one.planned;
+            all.voided += one.voided;
+            all.answers += one.answers;
+            all.invalid += one.invalid;
+            all.clock_outs += one.clock_outs;
+            for &(seed, score) in &one.scores {
+                seeds.entry(seed).or_default().push(score);
+            }
+        }
+        let mean_of = |(seed, mut scores): (u64, Vec<f64>)| {
+            // A sum of floats depends on its order.
+            scores.sort_by(f64::total_cmp);
+            Some((seed, mean(&scores)?))
+        };
+        all.scores = seeds.into_iter().filter_map(mean_of).collect();
+        all.finish();
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rank::tests::{game, run, slots};
+    use super::*;
+
+    fn shown(result: &TaskResult) -> String {
+        let (mean, deviation) = result.mean_and_deviation.expect("scores");
+        format!("{mean:.2} ± {deviation:.2} {}/{}", result.games, result.planned)
+    }
+
+    #[test]
+    fn the_papers_convention_by_hand() {
+        let (mean, deviation) = mean_and_deviation(&[9.0, 10.0, 10.0, 10.0, 9.0]).expect("numbers");
+        assert_eq!(format!("{mean:.2} ± {deviation:.2}"), "9.60 ± 0.49");
+        // Squares of 0.6 twice and of 0.4 three times: 1.2 over 5 games, not over 4.
+        assert!((deviation - 0.24_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(mean_and_deviation(&[]), None);
+        assert_eq!(mean_and_deviation(&[3.5]), Some((3.5, 0.0)));
+    }
+
+    #[test]
+    fn what_was_not_played_counts_as_nothing_once_the_run_is_over() {
+        let plan = slots(&[TaskName::Pursuit], &[1, 2, 3, 4]);
+        let games = [game(TaskName::Pursuit, 1, 8.0), game(TaskName::Pursuit, 2, 4.0)];
+        let over = RunResult::new(run("a", "aborted", 1), &plan, &games, true);
+        assert_eq!(shown(&over.tasks[0]), "3.00 ± 3.32 2/4");
+        let going_on = RunResult::new(run("a", "running", 1), &plan, &games, false);
+        assert_eq!(shown(&going_on.tasks[0]), "6.00 ± 2.00 2/4");
+    }
+
+    #[test]
+    fn what_the_host_broke_does_not_count_unless_it_was_played_again() {
+        let plan = slots(&[TaskName::Pursuit], &[1, 2]);
+        let broken = Game { voided: true, invalid: 7, ..game(TaskName::Pursuit, 1, 99.0) };
+        let games = [broken, game(TaskName::Pursuit, 2, 4.0)];
+        let result = RunResult::new(run("a", "finished", 1), &plan, &games, true);
+        assert_eq!(shown(&result.tasks[0]), "4.00 ± 0.00 1/1");
+        assert_eq!((result.tasks[0].voided, result.tasks[0].invalid), (1, 1));
+
+        let again = [broken, game(TaskName::Pursuit, 1, 2.0), game(TaskName::Pursuit, 2, 4.0)];
+        let result = RunResult::new(run("a", "finished", 1), &plan, &again, true);
+        assert_eq!(shown(&result.tasks[0]), "3.00 ± 1.00 2/2");
+        assert_eq!(result.tasks[0].voided, 1);
+
+        let all = [broken, Game { voided: true, ..game(TaskName::Pursuit, 2, 4.0) }];
+        let result = RunResult::new(run("a", "finished", 1), &plan, &all, true);
+        assert_eq!((result.tasks[0].mean(), result.tasks[0].planned), (None, 0));
+        assert_eq!(result.total(&[TaskName::Pursuit]), None);
+    }
+
+    #[test]
+    fn the_mean_of_runs_is_taken_seed_by_seed() {
+        let plan = slots(&[TaskName::Pursuit], &[1, 2]);
+        let play = |id, scores: [f64; 2]| {
+            let games =
+                [game(TaskName::Pursuit, 1, scores[0]), game(TaskName::Pursuit, 2, scores[1])];
+            RunResult::new(run(id, "finished", 1), &plan, &games, true)
+        };
+        let (first, second) = (play("a", [2.0, 4.0]), play("b", [4.0, 10.0]));
+        let both = RunResult::together(&[&first, &second]).expect("two");
+        assert_eq!(both.tasks[0].scores, [(1, 3.0), (2, 7.0)]);
+        assert_eq!(shown(&both.tasks[0]), "5.00 ± 2.00 4/4");
+    }
+}

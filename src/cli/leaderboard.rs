@@ -1,0 +1,371 @@
+//! `swarmbench leaderboard` and `swarmbench cross-play`
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use comfy_table::{CellAlignment, Table};
+use swarmbench_engine::TaskName;
+
+use super::play::table;
+use crate::board::collection::Question;
+use crate::board::cross_play::pairs;
+use crate::board::interval::Memory;
+use crate::players::client::Client;
+use crate::standings::Standings;
+use crate::store::{OpenError, Store};
+use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
+
+/// Columns of a terminal from which on a row also says how sure its place is, and what went wrong.
+const WIDE: u16 = 110;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Scores are means over the seeds ± population standard deviation; the total is their sum. docs/boards.md says \
+    how everything is computed.\n\nExamples:\n  \
+    swarmbench leaderboard                             (the standard suite, on a server on this machine)\n  \
+    swarmbench leaderboard --suite quick --task Pursuit --db swarmbench.db\n  \
+    swarmbench leaderboard --csv > board.csv"
+)]
+pub(super) struct Args {
+    #[command(flatten)]
+    place: Place,
+    /// The suite: its name, or name@digest where several have that name (standard).
+    #[arg(long)]
+    suite: Option<String>,
+    /// The rule set: paper or reference (paper).
+    #[arg(long)]
+    rules: Option<String>,
+    /// Show this task only.
+    #[arg(long)]
+    task: Option<String>,
+    /// Rank by `total`, or by the mean of a task (total).
+    #[arg(long)]
+    sort: Option<String>,
+    /// Which run of a player makes its row: best, last or mean (best).
+    #[arg(long)]
+    pick: Option<String>,
+    /// Leave out the rows of the paper.
+    #[arg(long)]
+    no_reference: bool,
+    /// Write comma-separated values, with everything that the server tells.
+    #[arg(long)]
+    csv: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  swarmbench cross-play --task Foraging --csv > cross-play.csv")]
+pub(super) struct CrossPlayArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Games of this task only.
+    #[arg(long, value_parser = super::play::task)]
+    task: Option<TaskName>,
+    /// Games of this rule set only: paper or reference.
+    #[arg(long, value_parser = ["paper", "reference"])]
+    rules: Option<String>,
+    /// Write comma-separated values.
+    #[arg(long)]
+    csv: bool,
+}
+
+/// Where the results are: behind a server, or in a database that no server uses.
+#[derive(Debug, clap::Args)]
+struct Place {
+    /// The address of the server.
+    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
+    server: String,
+    /// Your key, where the server is private.
+    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
+    /// Instead of a server: a database, as long as no server runs on it.
+    #[arg(long)]
+    db: Option<PathBuf>,
+}
+
+enum Opened {
+    Server(Client),
+    Database(Store),
+}
+
+impl Place {
+    async fn open(self) -> anyhow::Result<Opened> {
+        let Some(db) = self.db else {
+            let client = Client::new(&self.server)?;
+            return Ok(Opened::Server(match self.key {
+                Some(key) => client.with_key(key),
+                None => client,
+            }));
+        };
+        anyhow::ensure!(db.is_file(), "there is no database {}", db.display());
+        match Store::open(&db).await {
+            Ok(store) => Ok(Opened::Database(store)),
+            Err(error @ OpenError::InUse(_)) => {
+                Err(error).context("a server runs on this database: name it with --server instead")
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let Args { place, suite, rules, task, sort, pick, no_reference, csv } = args;
+    let question = Question { suite, rules, task, sort, pick, no_reference };
+    let board = match place.open().await? {
+        Opened::Server(client) => client.leaderboard(&question).await?,
+        Opened::Database(store) => {
+            let boards = Standings::new(store.clone()).boards().await?;
+            let ranked = boards.ranked(&question);
+            store.close().await;
+            Leaderboard::page(&ranked?, 0, usize::MAX, &Memory::new(1))
+        }
+    };
+    if csv {
+        print!("{}", board.csv());
+    } else {
+        show(&board);
+    }
+    Ok(())
+}
+
+pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
+    let CrossPlayArgs { place, task, rules, csv } = args;
+    let found = match place.open().await? {
+        Opened::Server(client) => {
+            client.cross_play(task.map(TaskName::name), rules.as_deref()).await?
+        }
+        Opened::Database(store) => {
+            let games = Standings::new(store.clone()).mixed().await?;
+            store.close().await;
+            let asked = games.values().filter(|game| {
+                task.is_none_or(|task| game.setting.task == task)
+                    && rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
+            });
+            CrossPlay::page(&pairs(asked.map(|game| &**game)), 0, usize::MAX)
+        }
+    };
+    if csv {
+        print!("{}", found.csv());
+    } else {
+        show_cross_play(&found);
+    }
+    Ok(())
+}
+
+fn show(board: &Leaderboard) {
+    // What is no terminal takes lines of any length.
+    let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
+    let Leaderboard { suite, digest, rules, pick, sort, .. } = board;
+    println!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
+    if board.items.is_empty() {
+        println!("nobody has played it to the end yet");
+        return;
+    }
+    println!("{}", rows(board, width));
+    println!(
+        "? nobody vouches for this name   declared/enforced: whether each seat decided for itself   * of the paper"
+    );
+    if width < WIDE {
+        println!(
+            "A terminal of {WIDE} columns, or --csv, also shows how sure each place is and what went wrong."
+        );
+    }
+}
+
+fn rows(board: &Leaderboard, width: u16) -> Table {
+    let is_wide = width >= WIDE;
+    let mut headings = vec!["", "model"];
+    headings.extend(board.tasks.iter().map(|task| short(task)));
+    headings.push("total");
+    if is_wide {
+        headings.extend(["below the row above", "what went wrong"]);
+    }
+    let mut shown = table(&headings);
+    for row in &board.items {
+        let mut cells = vec![row.rank.map_or_else(|| "–".to_owned(), |rank| rank.to_string())];
+        cells.push(player(row));
+        cells.extend(
+            board.tasks.iter().map(|task| row.tasks.get(task).map_or_else(String::new, score)),
+        );
+        cells.push(row.total.map_or_else(String::new, |total| format!("{total:.2}")));
+        if is_wide {
+            cells.push(row.difference.as_ref().map_or_else(String::new, |difference| {
+                let [mean, low, high] = [difference.mean, difference.low, difference.high]
+                    .map(|number| format!("{number:.2}"));
+                format!("{mean}\n95 %: {low} to {high}")
+            }));
+            cells.push(wrong(row));
+        }
+        shown.add_row(cells);
+    }
+    for (place, column) in shown.column_iter_mut().enumerate() {
+        if place != 1 && place < board.tasks.len() + 3 {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    shown
+}
+
+/// The heading of a task: the longest name would take too much of a terminal.
+fn short(task: &str) -> &str {
+    if task == TaskName::Synchronization.name() { "Synchr." } else { task }
+}
+
+/// Who a row is, and what is to be known of its run.
+fn player(row: &BoardRow) -> String {
+    let mark = match (row.reference, row.vouched) {
+        (true, _) => " *",
+        (false, Some(false)) => " ?",
+        (false, _) => "",
+    };
+    let mut text = format!("{}{mark}", row.model);
+    let settings = [
+        row.owner.as_ref().map(|owner| format!("by {owner}")),
+        row.temperature.map(|temperature| format!("T {temperature}")),
+        row.top_p.map(|top_p| format!("top_p {top_p}")),
+        row.prompt_template.as_ref().map(|digest| format!("prompt {digest}")),
+    ];
+    let run = [
+        row.status.clone().filter(|status| status != "finished"),
+        row.decentralization.clone(),
+        row.runs.filter(|&runs| runs > 1).map(|runs| format!("{runs} runs")),
+    ];
+    for line in [settings.as_slice(), run.as_slice()] {
+        let said: Vec<&str> = line.iter().flatten().map(String::as_str).collect();
+        if !said.is_empty() {
+            text.push('\n');
+            text.push_str(&said.join(", "));
+        }
+    }
+    text
+}
+
+/// The score of a task, with its deviation below it, and how many games there were where some are missing.
+fn score(score: &TaskScore) -> String {
+    let (Some(mean), Some(deviation)) = (score.mean, score.deviation) else {
+        return "–".to_owned();
+    };
+    let games = match (score.games, score.planned) {
+        (Some(games), Some(planned)) if games < planned => format!("\n{games}/{planned}"),
+        _ => String::new(),
+    };
+    format!("{mean:.2}\n±{deviation:.2}{games}")
+}
+
+fn wrong(row: &BoardRow) -> String {
+    let percent = |share: f64| format!("{:.1} %", share * 100.0);
+    let said = [
+        row.invalid_share
+            .filter(|&share| share > 0.0)
+            .map(|share| format!("{} invalid", percent(share))),
+        (row.clock_out_share.filter(|&share| share > 0.0))
+            .map(|share| format!("{} out of time", percent(share))),
+        row.voided
+            .filter(|&voided| voided > 0)
+            .map(|voided| format!("{voided} voided by the host")),
+    ];
+    said.into_iter().flatten().collect::<Vec<_>>().join("\n")
+}
+
+fn show_cross_play(found: &CrossPlay) {
+    if found.items.is_empty() {
+        println!("no finished episode had seats of several holders yet");
+        return;
+    }
+    let mut shown = table(&["task", "rules", "models", "games", "score", "settings"]);
+    for pair in &found.items {
+        let CrossPlayPair {
+            task,
+            rules,
+            settings,
+            models: [a, b],
+            vouched,
+            games,
+            mean,
+            deviation,
+        } = pair;
+        let mark = if *vouched { "" } else { " ?" };
+        shown.add_row([
+            task.clone(),
+            rules.clone(),
+            format!("{a}\n{b}{mark}"),
+            games.to_string(),
+            format!("{mean:.2} ± {deviation:.2}"),
+            unusual(settings),
+        ]);
+    }
+    println!("{shown}");
+    println!("? nobody vouches for one of these names");
+}
+
+/// The settings that are not those of the standard one.
+fn unusual(settings: &serde_json::Map<String, serde_json::Value>) -> String {
+    let standard = serde_json::to_value(crate::run::suite::SuiteSettings::default());
+    let standard = standard.unwrap_or_default();
+    let other = settings.iter().filter(|(name, value)| standard.get(name) != Some(value));
+    let said: Vec<String> = other.map(|(name, value)| format!("{name} {value}")).collect();
+    if said.is_empty() { "standard".to_owned() } else { said.join("\n") }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn row(model: &str) -> BoardRow {
+        let score =
+            TaskScore { mean: Some(9.6), deviation: Some(0.49), games: Some(4), planned: Some(5) };
+        let tasks: BTreeMap<String, TaskScore> =
+            TaskName::ALL.iter().map(|task| (task.name().to_owned(), score)).collect();
+        BoardRow {
+            rank: Some(1),
+            id: "0".repeat(32),
+            reference: false,
+            table: None,
+            note: None,
+            owner: Some("alice".to_owned()),
+            model: model.to_owned(),
+            temperature: Some(0.7),
+            top_p: None,
+            prompt_template: None,
+            vouched: Some(false),
+            decentralization: Some("declared".to_owned()),
+            runs: Some(2),
+            run: Some("run_0".to_owned()),
+            status: Some("aborted".to_owned()),
+            started_at: None,
+            total: Some(48.0),
+            tasks,
+            difference: None,
+            invalid_share: Some(0.031),
+            clock_out_share: Some(0.0),
+            voided: Some(1),
+        }
+    }
+
+    #[test]
+    fn a_row_says_what_is_to_be_known_and_fits_a_terminal() {
+        let board = Leaderboard {
+            suite: "standard".to_owned(),
+            digest: "0123456789ab".to_owned(),
+            rules: "paper".to_owned(),
+            tasks: TaskName::ALL.iter().map(|task| task.name().to_owned()).collect(),
+            sort: "total".to_owned(),
+            pick: "best".to_owned(),
+            rows: 1,
+            items: vec![row("a-model-of-26-characters-x")],
+            next_cursor: None,
+        };
+        let narrow = rows(&board, 80).to_string();
+        for expected in
+            ["?", "by alice, T 0.7", "aborted, declared, 2 runs", "9.60", "±0.49", "4/5", "48.00"]
+        {
+            assert!(narrow.contains(expected), "{expected} is missing in\n{narrow}");
+        }
+        let widest = |text: &str| text.lines().map(|line| line.chars().count()).max();
+        assert!(widest(&narrow) <= Some(100), "{narrow}");
+        let wide = rows(&board, WIDE).to_string();
+        assert!(wide.contains("3.1 % invalid") && wide.contains("1 voided by the host"), "{wide}");
+        assert!(!wide.contains("out of time"), "{wide}");
+    }
+}

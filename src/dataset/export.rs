@@ -1,0 +1,512 @@
+//! Writing: stored episodes, played again one after the other, one round at a time.
+//!
+//! An export reads a few rounds at once and keeps one episode's world in memory, however many there are.
+//! It works on a thread of its own: it computes, it reads the store, and it waits for whoever takes what
+//! it writes.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+
+use serde::Serialize;
+use tokio::runtime::Handle;
+
+use super::columns::Table;
+use super::files::Files;
+use super::format::{self, AgentRow, GameRow, META, Meta};
+use super::game::{Game, Turn};
+use super::imported;
+use super::tables::{self, Cell, Column, Named};
+use crate::ids::EpisodeId;
+use crate::journal::{
+    EpisodeKey, ImportKey, ImportedRound, JournalError, StoredEpisode, StoredImport,
+};
+use crate::store::Store;
+use crate::store::episodes::{Filter, Readable};
+use crate::store::imports::ImportFilter;
+
+/// Rounds that are read at once.
+const CHUNK: u32 = 8;
+
+/// Episodes of which is read at once what they are.
+const PAGE: u32 = 100;
+
+/// Bytes that are gathered before they are compressed or sent on.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// An export broke off.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The store cannot be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// What was made cannot be written.
+    #[error("it cannot be written: {0}")]
+    Io(#[from] io::Error),
+    /// A table cannot be written.
+    #[error("the table cannot be written: {0}")]
+    Table(#[from] parquet::errors::ParquetError),
+    /// There is no such episode.
+    #[error("there is no episode {0}")]
+    Unknown(String),
+}
+
+/// Which table of what kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableName {
+    /// One row an act.
+    Acts,
+    /// One row a state.
+    Rounds,
+}
+
+impl TableName {
+    /// Its columns.
+    #[must_use]
+    pub const fn columns(self) -> &'static [Column] {
+        match self {
+            Self::Acts => tables::ACTS,
+            Self::Rounds => tables::ROUNDS,
+        }
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Acts => "acts",
+            Self::Rounds => "rounds",
+        }
+    }
+}
+
+/// Which episodes are exported: all that have ended, where the filter names no status.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    /// What they have in common.
+    pub filter: Filter,
+    /// This one alone.
+    pub episode: Option<EpisodeId>,
+}
+
+/// What an export holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Exported {
+    /// Episodes.
+    pub episodes: u64,
+    /// Rounds that were resolved.
+    pub rounds: u64,
+    /// Acts that were given in them.
+    pub acts: u64,
+    /// Episodes that are left out, as they do not play again, with the reason.
+    pub broken: Vec<(String, String)>,
+}
+
+/// Stored episodes that are to be exported.
+pub struct Export<'a> {
+    store: &'a Store,
+    runtime: Handle,
+    /// Of all episodes that were selected no more than this is remembered.
+    keys: Vec<EpisodeKey>,
+    exported: Exported,
+    progress: Box<dyn FnMut(u64, u64) + 'a>,
+}
+
+impl<'a> Export<'a> {
+    /// Selects what there is now. `may` says of each episode whether it may be told; `progress` is told how
+    /// many episodes of how many are written. Not to be called on a thread that serves others.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or has not the one episode that is asked for.
+    pub fn select(
+        store: &'a Store,
+        selection: &Selection,
+        may: impl Fn(&StoredEpisode) -> bool,
+        progress: impl FnMut(u64, u64) + 'a,
+    ) -> Result<Self, ExportError> {
+        let runtime = Handle::current();
+        let Selection { filter, episode } = selection;
+        let wanted = |stored: &StoredEpisode| {
+            (filter.status.is_some() || stored.ended_at.is_some()) && may(stored)
+        };
+        let mut keys = Vec::new();
+        if let Some(id) = episode {
+            let found = runtime.block_on(store.find_summary(id))?;
+            let found = found.filter(wanted);
+            keys.push(found.ok_or_else(|| ExportError::Unknown(id.to_string()))?.episode);
+        } else {
+            let mut before = None;
+            loop {
+                let page = runtime.block_on(store.list_episodes(filter, before, PAGE))?;
+                let Some(last) = page.last() else { break };
+                before = Some(last.episode);
+                keys.extend(
+                    page.iter().filter(|stored| wanted(stored)).map(|stored| stored.episode),
+                );
+            }
+        }
+        // Lists begin with the newest.
+        keys.reverse();
+        let exported = Exported::default();
+        Ok(Self { store, runtime, keys, exported, progress: Box::new(progress) })
+    }
+
+    /// Writes the files of the toolkit: the states and the acts of every episode, at last the index.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or `files` cannot be written.
+    pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
+        let mut written = Vec::new();
+        for (done, key) in self.keys.clone().into_iter().enumerate() {
+            (self.progress)(done as u64, self.keys.len() as u64);
+            let Some((stored, mut game)) = self.sound(key)? else { continue };
+            let run_id = stored.id.as_str();
+            {
+                let mut list = List::begin(files.begin(&format::game_file(run_id))?)?;
+                list.add(&game.layout())?;
+                self.play(&stored, &mut game, |game, turn| Ok(list.add(&game.after(turn))?))?;
+                list.end()?;
+            }
+            let mut game = self.game(&stored)?;
+            let mut list = List::begin(files.begin(&format::agent_file(run_id))?)?;
+            self.play(&stored, &mut game, |game, turn| {
+                for act in &turn.acts {
+                    list.add(&game.act(turn, act))?;
+                }
+                Ok(())
+            })?;
+            list.end()?;
+            written.push(key);
+        }
+        self.index(&written, files.begin(META)?)?;
+        files.finish()?;
+        Ok(self.told())
+    }
+
+    /// Writes the index of the episodes with these numbers.
+    fn index(&mut self, keys: &[EpisodeKey], out: &mut dyn Write) -> Result<(), ExportError> {
+        let mut entries = Entries::begin(out)?;
+        for key in keys {
+            let Some(stored) = self.stored(*key)? else { continue };
+            entries.add(stored.id.as_str(), &self.game(&stored)?.meta(&stored.status))?;
+        }
+        Ok(entries.end()?)
+    }
+
+    /// Writes a table as JSON Lines.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or `out` cannot be written to.
+    pub fn lines(self, table: TableName, out: impl Write) -> Result<Exported, ExportError> {
+        let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
+        let exported = self.rows(table, |row| {
+            serde_json::to_writer(&mut out, &Named(table.columns(), &row))
+                .map_err(io::Error::from)?;
+            Ok(out.write_all(b"\n")?)
+        })?;
+        out.flush()?;
+        Ok(exported)
+    }
+
+    /// Writes a table as a Parquet file.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or `out` cannot be written to.
+    pub fn parquet(
+        self,
+        table: TableName,
+        out: impl Write + Send,
+    ) -> Result<Exported, ExportError> {
+        let mut file = Table::new(out, table.name(), table.columns())?;
+        let exported = self.rows(table, |row| Ok(file.add(row)?))?;
+        file.finish()?;
+        Ok(exported)
+    }
+
+    fn rows(
+        mut self,
+        table: TableName,
+        mut add: impl FnMut(Vec<Cell>) -> Result<(), ExportError>,
+    ) -> Result<Exported, ExportError> {
+        for (done, key) in self.keys.clone().into_iter().enumerate() {
+            (self.progress)(done as u64, self.keys.len() as u64);
+            let Some((stored, mut game)) = self.sound(key)? else { continue };
+            let began_at = stored.created_at;
+            if table == TableName::Rounds {
+                add(tables::round(&game, None, began_at))?;
+            }
+            self.play(&stored, &mut game, |game, turn| match table {
+                TableName::Acts => {
+                    (turn.acts.iter()).try_for_each(|given| add(tables::act(game, turn, given)))
+                }
+                TableName::Rounds => add(tables::round(game, Some(turn), began_at)),
+            })?;
+        }
+        Ok(self.told())
+    }
+
+    fn told(mut self) -> Exported {
+        let all = self.keys.len() as u64;
+        (self.progress)(all, all);
+        self.exported
+    }
+
+    /// What is stored of an episode.
+    fn stored(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, ExportError> {
+        let all = Filter { readable: Readable::All, ..Filter::default() };
+        let next = Some(EpisodeKey(key.0 + 1));
+        let found = self.runtime.block_on(self.store.list_episodes(&all, next, 1))?;
+        Ok(found.into_iter().find(|stored| stored.episode == key))
+    }
+
+    /// An episode that was selected, laid out; none where its journal does not play again. Nothing of that
+    /// one is written: a file that was begun could not be taken back.
+    fn sound(&mut self, key: EpisodeKey) -> Result<Option<(StoredEpisode, Game)>, ExportError> {
+        let Some(stored) = self.stored(key)? else { return Ok(None) };
+        let (mut rounds, mut acts) = (0, 0);
+        let played = Game::new(&stored).map_err(Fault::Broken).and_then(|mut game| {
+            self.try_play(&stored, &mut game, |_, turn| {
+                rounds += 1;
+                acts += turn.acts.len() as u64;
+                Ok(())
+            })
+        });
+        match played {
+            Ok(()) => {}
+            Err(Fault::Broken(problem)) => {
+                tracing::error!(episode = %stored.id, problem, "an episode is not exported");
+                self.exported.broken.push((stored.id.to_string(), problem));
+                return Ok(None);
+            }
+            Err(Fault::Error(error)) => return Err(error),
+        }
+        self.exported.episodes += 1;
+        self.exported.rounds += rounds;
+        self.exported.acts += acts;
+        let game = self.game(&stored)?;
+        Ok(Some((stored, game)))
+    }
+
+    fn game(&self, stored: &StoredEpisode) -> Result<Game, ExportError> {
+        let changed = |problem: String| changed(stored, &problem);
+        Game::new(stored).map_err(changed)
+    }
+
+    /// Plays an episode that was found sound.
+    fn play(
+        &self,
+        stored: &StoredEpisode,
+        game: &mut Game,
+        each: impl FnMut(&Game, &Turn) -> Result<(), ExportError>,
+    ) -> Result<(), ExportError> {
+        self.try_play(stored, game, each).map_err(|fault| match fault {
+            Fault::Broken(problem) => changed(stored, &problem),
+            Fault::Error(error) => error,
+        })
+    }
+
+    fn try_play(
+        &self,
+        stored: &StoredEpisode,
+        game: &mut Game,
+        mut each: impl FnMut(&Game, &Turn) -> Result<(), ExportError>,
+    ) -> Result<(), Fault> {
+        let mut from = 0;
+        while from < stored.rounds {
+            let to = stored.rounds.min(from + CHUNK);
+            let rounds = self.store.logged_rounds(stored.episode, from, to);
+            let rounds = self.runtime.block_on(rounds).map_err(ExportError::from)?;
+            if rounds.len() as u64 != u64::from(to - from) {
+                return Err(Fault::Broken(format!("a round before round {to} is missing")));
+            }
+            for round in rounds {
+                let turn = game.play(round).map_err(Fault::Broken)?;
+                each(game, &turn)?;
+            }
+            from = to;
+        }
+        Ok(())
+    }
+}
+
+/// Imported games that are to be exported.
+pub struct ImportedGames<'a> {
+    store: &'a Store,
+    runtime: Handle,
+    keys: Vec<ImportKey>,
+    progress: Box<dyn FnMut(u64, u64) + 'a>,
+}
+
+impl<'a> ImportedGames<'a> {
+    /// Selects what there is now. Not to be called on a thread that serves others.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn select(
+        store: &'a Store,
+        task: Option<String>,
+        model: Option<String>,
+        progress: impl FnMut(u64, u64) + 'a,
+    ) -> Result<Self, ExportError> {
+        let (runtime, filter) = (Handle::current(), ImportFilter { task, model });
+        let (mut keys, mut before) = (Vec::new(), None);
+        loop {
+            let page = runtime.block_on(store.list_imports(&filter, before, PAGE))?;
+            let Some(last) = page.last() else { break };
+            before = Some(last.key);
+            keys.extend(page.iter().map(|stored| stored.key));
+        }
+        keys.reverse();
+        Ok(Self { store, runtime, keys, progress: Box::new(progress) })
+    }
+
+    /// Writes them as they were read. Of several with one name the oldest is written, as files have one
+    /// name each.
+    ///
+    /// # Errors
+    /// Where the store cannot be read, or `files` cannot be written.
+    pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
+        let mut exported = Exported::default();
+        let mut names = HashSet::new();
+        let mut written = Vec::new();
+        for (done, key) in self.keys.iter().enumerate() {
+            (self.progress)(done as u64, self.keys.len() as u64);
+            let Some(stored) = self.stored(*key)? else { continue };
+            if !names.insert(stored.run_id.clone()) {
+                let problem = "another game with this name is written".to_owned();
+                exported.broken.push((stored.id, problem));
+                continue;
+            }
+            let mut list = List::begin(files.begin(&format::game_file(&stored.run_id))?)?;
+            self.each(&stored, |round| {
+                Ok(list.add(&imported::game_row(&stored.task, round).map_err(unreadable)?)?)
+            })?;
+            list.end()?;
+            let mut list = List::begin(files.begin(&format::agent_file(&stored.run_id))?)?;
+            self.each(&stored, |round| {
+                let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows);
+                rows.map_err(unreadable)?.iter().try_for_each(|row| Ok(list.add(row)?))
+            })?;
+            list.end()?;
+            exported.episodes += 1;
+            exported.rounds += u64::from(stored.rounds);
+            exported.acts += stored.acts;
+            written.push(*key);
+        }
+        let mut entries = Entries::begin(files.begin(META)?)?;
+        for key in written {
+            let Some(stored) = self.stored(key)? else { continue };
+            entries.add(&stored.run_id, &imported::meta(&stored.meta).map_err(unreadable)?)?;
+        }
+        entries.end()?;
+        files.finish()?;
+        let all = self.keys.len() as u64;
+        (self.progress)(all, all);
+        Ok(exported)
+    }
+
+    fn stored(&self, key: ImportKey) -> Result<Option<StoredImport>, ExportError> {
+        let (all, next) = (ImportFilter::default(), Some(ImportKey(key.0 + 1)));
+        let found = self.runtime.block_on(self.store.list_imports(&all, next, 1))?;
+        Ok(found.into_iter().find(|stored| stored.key == key))
+    }
+
+    fn each(
+        &self,
+        stored: &StoredImport,
+        mut add: impl FnMut(&ImportedRound) -> Result<(), ExportError>,
+    ) -> Result<(), ExportError> {
+        let mut from = 0;
+        while from <= stored.rounds {
+            let to = (stored.rounds + 1).min(from + CHUNK);
+            let rounds = self.runtime.block_on(self.store.imported_rounds(stored.key, from, to))?;
+            rounds.iter().try_for_each(&mut add)?;
+            from = to;
+        }
+        Ok(())
+    }
+}
+
+fn unreadable(problem: String) -> ExportError {
+    ExportError::Journal(JournalError(problem.into()))
+}
+
+/// Why an episode was not played to its end.
+enum Fault {
+    /// Its journal does not play again.
+    Broken(String),
+    /// Something else failed.
+    Error(ExportError),
+}
+
+impl From<ExportError> for Fault {
+    fn from(error: ExportError) -> Self {
+        Self::Error(error)
+    }
+}
+
+/// Stored episodes do not change, so this does not happen.
+fn changed(stored: &StoredEpisode, problem: &str) -> ExportError {
+    ExportError::Journal(JournalError(format!("episode {}: {problem}", stored.id).into()))
+}
+
+/// A JSON array, written element by element.
+struct List<'a> {
+    out: io::BufWriter<&'a mut dyn Write>,
+    is_empty: bool,
+}
+
+impl<'a> List<'a> {
+    fn begin(out: &'a mut dyn Write) -> io::Result<Self> {
+        let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
+        out.write_all(b"[")?;
+        Ok(Self { out, is_empty: true })
+    }
+
+    fn add(&mut self, row: &impl Row) -> io::Result<()> {
+        separate(&mut self.out, &mut self.is_empty)?;
+        Ok(serde_json::to_writer(&mut self.out, row)?)
+    }
+
+    fn end(mut self) -> io::Result<()> {
+        self.out.write_all(b"\n]\n")?;
+        self.out.flush()
+    }
+}
+
+/// What files are lists of.
+trait Row: Serialize {}
+
+impl Row for GameRow {}
+
+impl Row for AgentRow {}
+
+/// A JSON object, written entry by entry.
+struct Entries<'a> {
+    out: io::BufWriter<&'a mut dyn Write>,
+    is_empty: bool,
+}
+
+impl<'a> Entries<'a> {
+    fn begin(out: &'a mut dyn Write) -> io::Result<Self> {
+        let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
+        out.write_all(b"{")?;
+        Ok(Self { out, is_empty: true })
+    }
+
+    fn add(&mut self, name: &str, meta: &Meta) -> io::Result<()> {
+        separate(&mut self.out, &mut self.is_empty)?;
+        serde_json::to_writer(&mut self.out, name)?;
+        self.out.write_all(b": ")?;
+        Ok(serde_json::to_writer(&mut self.out, meta)?)
+    }
+
+    fn end(mut self) -> io::Result<()> {
+        self.out.write_all(b"\n}\n")?;
+        self.out.flush()
+    }
+}
+
+/// Every element stands on a line of its own.
+fn separate(out: &mut impl Write, is_empty: &mut bool) -> io::Result<()> {
+    out.write_all(if std::mem::take(is_empty) { b"\n" } else { b",\n" })
+}

@@ -1,0 +1,276 @@
+//! A stored episode, played again round by round.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use serde_json::{Map, Value, json};
+use swarmbench_engine::{Action, AgentId, AgentState, Config, Observation, RuleSet, Seen, World};
+
+use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
+use crate::journal::record::{ActRecord, Opening, Record};
+use crate::journal::replay::acts_of;
+use crate::journal::{LoggedRound, StoredEpisode};
+use crate::prompt::{self, tasks};
+use crate::wire::episode::StatusName;
+use crate::wire::observation::Sight;
+
+/// An episode on its way from its layout to its last resolved round.
+pub struct Game {
+    /// Its opening record.
+    pub opening: Opening,
+    config: Arc<Config>,
+    description: String,
+    world: World,
+    began_at: Timestamp,
+    /// By agent, tokens of its answers so far, where any were told.
+    tokens: Vec<Option<u64>>,
+}
+
+/// A round that was played again.
+pub struct Turn {
+    /// The round.
+    pub round: u32,
+    /// The state in which it was decided.
+    pub before: World,
+    /// What was decided, in order of the agents' numbers.
+    pub acts: Vec<Given>,
+    /// When it was resolved.
+    pub at: Timestamp,
+}
+
+/// An act of a round.
+pub struct Given {
+    /// Whose.
+    pub agent: AgentId,
+    /// When it came.
+    pub at: Timestamp,
+    /// What it was.
+    pub record: ActRecord,
+    /// Whether the action did what its name says.
+    pub took_effect: bool,
+    /// Tokens of all the agent's answers up to this one, where any were told.
+    pub tokens: Option<u64>,
+}
+
+impl Game {
+    /// Lays the episode out.
+    ///
+    /// # Errors
+    /// Where its opening cannot be read, or is not one that this program plays.
+    pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
+        let opening = match stored.opening.read() {
+            Ok(Record::Opening(opening)) => *opening,
+            Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
+                return Err("it has no opening".to_owned());
+            }
+            Err(error) => return Err(error.to_string()),
+        };
+        let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
+        Ok(Self {
+            description: tasks::description(&config),
+            world: World::new(Arc::clone(&config)),
+            began_at: stored.created_at,
+            tokens: vec![None; config.num_agents().into()],
+            opening,
+            config,
+        })
+    }
+
+    /// The state now.
+    #[must_use]
+    pub const fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Plays the next round.
+    ///
+    /// # Errors
+    /// Where it does not lead to the state that was recorded.
+    pub fn play(&mut self, round: LoggedRound) -> Result<Turn, String> {
+        if self.world.is_over() || self.world.round() != round.round {
+            return Err(format!("round {} does not belong there", round.round));
+        }
+        let before = self.world.clone();
+        let acts = acts_of(&self.config, round.acts.iter().map(|act| &act.record))?;
+        self.world.step(&acts);
+        if self.world.digest().0 != round.digest {
+            return Err(format!("round {} has another digest", round.round));
+        }
+        let from: Vec<AgentState> = before.agent_states().collect();
+        let to: Vec<AgentState> = self.world.agent_states().collect();
+        let given = round.acts.into_iter().map(|act| {
+            let own = act.agent.index();
+            let told = act.record.usage.and_then(|usage| usage.completion_tokens);
+            if let Some(told) = told {
+                let tokens = &mut self.tokens[own];
+                *tokens = Some(tokens.unwrap_or(0).saturating_add(told));
+            }
+            Given {
+                took_effect: took_effect(acts[own].action, &from[own], &to[own]),
+                tokens: self.tokens[own],
+                agent: act.agent,
+                at: act.at,
+                record: act.record,
+            }
+        });
+        Ok(Turn { round: round.round, acts: given.collect(), before, at: round.at })
+    }
+
+    /// The settings, as the index has them.
+    #[must_use]
+    pub fn meta(&self, status: &str) -> Meta {
+        let config = &self.opening.config;
+        let size = |cells: i64| u32::try_from(cells).unwrap_or(u32::MAX);
+        let rest: [(&str, Value); 6] = [
+            ("rules", json!(config.rules)),
+            ("control", json!(config.control)),
+            ("memory", json!(config.memory)),
+            ("noise", json!(config.noise)),
+            ("max_delay", json!(config.max_delay)),
+            ("status", json!(status)),
+        ];
+        Meta {
+            model: json!(config.model),
+            task: config.task.clone(),
+            num_agents: config.num_agents.into(),
+            max_round: config.max_round,
+            width: size(config.width),
+            height: size(config.height),
+            seed: config.seed,
+            view_size: size(config.view_size),
+            rest: rest
+                .into_iter()
+                .map(|(name, value)| (name.to_owned(), value))
+                .collect::<Map<_, _>>(),
+        }
+    }
+
+    /// The layout.
+    #[must_use]
+    pub fn layout(&self) -> GameRow {
+        self.row(self.began_at, Vec::new())
+    }
+
+    /// The state after a round that was just played.
+    #[must_use]
+    pub fn after(&self, turn: &Turn) -> GameRow {
+        let said = turn.acts.iter().filter_map(|act| {
+            Some(Said {
+                round: turn.round,
+                agent_name: act.agent.to_string(),
+                message: act.record.message.clone()?,
+            })
+        });
+        self.row(turn.at, said.collect())
+    }
+
+    fn row(&self, at: Timestamp, messages: Vec<Said>) -> GameRow {
+        let seen = self.world.spectacle();
+        let at_of = |agent: &AgentState| AgentAt {
+            id: agent.agent.to_string(),
+            x: agent.at.j,
+            y: agent.at.i,
+        };
+        GameRow {
+            timestamp: Some(seconds(at)),
+            task: self.config.task().name().to_owned(),
+            round: seen.round,
+            grid: grid(&self.world),
+            agents: seen.agents.iter().map(at_of).collect(),
+            score: seen.score,
+            messages,
+        }
+    }
+
+    /// What an agent did in a round that was just played, with what it was shown.
+    #[must_use]
+    pub fn act(&self, turn: &Turn, act: &Given) -> AgentRow {
+        let seen = turn.before.observe(act.agent);
+        let record = &act.record;
+        let latency = record.usage.and_then(|usage| usage.latency_ms);
+        #[expect(clippy::cast_precision_loss, reason = "no answer takes thousands of years")]
+        let seconds_of = |millis: u64| millis as f64 / 1000.0;
+        AgentRow {
+            timestamp: Some(seconds(act.at)),
+            task: self.config.task().name().to_owned(),
+            round: turn.round,
+            agent_id: act.agent.to_string(),
+            view: view(&seen, self.config.rules()),
+            prompt: self.prompt(&seen),
+            response: Some(record.response.clone().unwrap_or_default()),
+            action: Some(record.action.clone().unwrap_or_else(|| Action::Stay.name().to_owned())),
+            message: Some(record.message.clone().unwrap_or_default()),
+            api_call_time: latency.map(seconds_of),
+            action_success: Some(act.took_effect),
+            total_llm_tokens: act.tokens,
+        }
+    }
+
+    /// The text that the agent gets where it asks for one; none where the template fails.
+    fn prompt(&self, seen: &Observation) -> Option<String> {
+        let sight = Sight::of(
+            seen,
+            self.opening.episode.clone(),
+            self.description.clone(),
+            StatusName::Running,
+            None,
+        );
+        prompt::render(&self.opening.prompt_template, &sight, &self.config).ok()
+    }
+}
+
+/// A move is one where the agent gets somewhere in its direction. `SWITCH` always works. Who stays, or does
+/// nothing, has no success.
+fn took_effect(action: Option<Action>, from: &AgentState, to: &AgentState) -> bool {
+    match action.map(|action| (action, action.direction())) {
+        Some((_, Some(direction))) => {
+            let (di, dj) = direction.offset();
+            di * (to.at.i - from.at.i) + dj * (to.at.j - from.at.j) > 0
+        }
+        Some((Action::Switch, None)) => true,
+        Some(_) | None => false,
+    }
+}
+
+/// Seconds since 1970.
+fn seconds(at: Timestamp) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "milliseconds fit for a hundred thousand years")]
+    let millis = at.as_millisecond() as f64;
+    millis / 1000.0
+}
+
+/// The whole map, one character a cell. An agent is `A`, or `a` where its light is off or it carries no
+/// food.
+#[must_use]
+pub fn grid(world: &World) -> Vec<Vec<String>> {
+    let seen = world.spectacle();
+    let mut grid: Vec<Vec<String>> =
+        seen.grid.iter().map(|row| row.chars().map(String::from).collect()).collect();
+    for agent in seen.agents.iter().filter(|agent| agent.alive) {
+        if agent.light_on.or(agent.carrying_food) == Some(false) {
+            let place = |n: i32| usize::try_from(n).ok();
+            let cell = place(agent.at.i).zip(place(agent.at.j));
+            let cell = cell.and_then(|(i, j)| grid.get_mut(i)?.get_mut(j));
+            if let Some(cell) = cell {
+                "a".clone_into(cell);
+            }
+        }
+    }
+    grid
+}
+
+/// What an agent sees. Its own cell has its own number, marked as those of others are.
+fn view(seen: &Observation, rules: RuleSet) -> Option<Vec<Vec<String>>> {
+    let flag = seen.light_on.or(seen.carrying_food);
+    let marked = flag.is_some_and(|flag| match rules {
+        RuleSet::Paper => flag,
+        RuleSet::Reference => !flag,
+    });
+    let own = Seen::Agent { number: seen.agent.0, marked };
+    let cell = |cell: &Seen| match cell {
+        Seen::Yourself => own.to_string(),
+        other => other.to_string(),
+    };
+    let view = seen.view.as_ref()?;
+    Some(view.rows().map(|row| row.iter().map(cell).collect()).collect())
+}

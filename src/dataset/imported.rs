@@ -1,0 +1,370 @@
+//! A game that was read from files, as the store keeps it.
+
+use std::io::{Read, Write};
+
+use flate2::Compression;
+use flate2::read::MultiGzDecoder;
+use flate2::write::GzEncoder;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use swarmbench_engine::TaskName;
+
+use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
+use crate::journal::{ImportRow, ImportSettings, ImportedRound};
+use crate::wire::Position;
+use crate::wire::episode::{State, StateAgent};
+
+/// Characters of the name of a model.
+const MODEL_CHARS_MAX: usize = 200;
+
+/// Bytes of a run's settings.
+const META_BYTES_MAX: usize = 16 * 1024;
+
+/// Rows and columns of a map, and of a window.
+const SIDE_MAX: u32 = 1024;
+
+/// Agents of a run.
+const AGENTS_MAX: u32 = 1024;
+
+/// Rounds of a run.
+const ROUNDS_MAX: u32 = 100_000;
+
+/// Characters of an agent's name.
+const NAME_CHARS_MAX: usize = 64;
+
+/// A state as it is stored: what the files tell of it, with each row of the grid as one text.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct StoredState {
+    timestamp: Option<f64>,
+    grid: Vec<String>,
+    agents: Vec<AgentAt>,
+    messages: Vec<Said>,
+}
+
+/// A game on its way from its files into the store.
+pub struct Builder {
+    run_id: String,
+    meta: Meta,
+    model: String,
+    rounds: Vec<ImportedRound>,
+    names: Vec<String>,
+    acts: u64,
+    /// The acts of the round that is being read, one a line.
+    open: Vec<u8>,
+    open_round: u32,
+}
+
+impl Builder {
+    /// A game without states.
+    ///
+    /// # Errors
+    /// What in its settings cannot be.
+    pub fn new(run_id: &str, meta: Meta) -> Result<Self, String> {
+        let model = model(&meta.model)?;
+        if TaskName::parse(&meta.task).is_none() {
+            return Err(format!("the task {:?} is not known", short(&meta.task)));
+        }
+        for (name, value, most) in [
+            ("num_agents", meta.num_agents, AGENTS_MAX),
+            ("max_round", meta.max_round, ROUNDS_MAX),
+            ("width", meta.width, SIDE_MAX),
+            ("height", meta.height, SIDE_MAX),
+            ("view_size", meta.view_size, SIDE_MAX),
+        ] {
+            if !(1..=most).contains(&value) {
+                return Err(format!("{name} must be from 1 to {most}, is {value}"));
+            }
+        }
+        if i64::try_from(meta.seed).is_err() {
+            return Err(format!("the seed {} is too large", meta.seed));
+        }
+        if text(&meta).len() > META_BYTES_MAX {
+            return Err(format!("the settings have more than {META_BYTES_MAX} bytes"));
+        }
+        let (rounds, names) = (Vec::new(), Vec::new());
+        let run_id = run_id.to_owned();
+        Ok(Self { run_id, meta, model, rounds, names, acts: 0, open: Vec::new(), open_round: 0 })
+    }
+
+    /// Adds the next state.
+    ///
+    /// # Errors
+    /// What in it cannot be.
+    pub fn add_state(&mut self, row: GameRow) -> Result<(), String> {
+        let expected = self.rounds.len();
+        if row.round as usize != expected {
+            return Err(format!("round {} stands where round {expected} was expected", row.round));
+        }
+        let at = |problem: String| format!("round {expected}: {problem}");
+        if row.round > self.meta.max_round {
+            return Err(at(format!("max_round is {}", self.meta.max_round)));
+        }
+        if row.task != self.meta.task {
+            return Err(at(format!(
+                "its task is {:?}, and {:?} in the index",
+                short(&row.task),
+                self.meta.task
+            )));
+        }
+        let grid = self.grid(&row.grid).map_err(at)?;
+        if self.rounds.is_empty() {
+            self.names = row.agents.iter().map(|agent| agent.id.clone()).collect();
+            if self.names.len() != self.meta.num_agents as usize {
+                return Err(at(format!(
+                    "it has {} agents, not {}",
+                    self.names.len(),
+                    self.meta.num_agents
+                )));
+            }
+            if let Some(name) = self.names.iter().find(|name| !is_plain(name, NAME_CHARS_MAX)) {
+                return Err(at(format!("{:?} is not the name of an agent", short(name))));
+            }
+        } else if !row.agents.iter().map(|agent| &agent.id).eq(&self.names) {
+            return Err(at("its agents are not those of the rounds before it".to_owned()));
+        }
+        // An agent leaves the map by a step or two; nobody can be further away.
+        let near = -256..=i32::try_from(2 * SIDE_MAX).expect("a small number");
+        if row.agents.iter().any(|agent| !near.contains(&agent.x) || !near.contains(&agent.y)) {
+            return Err(at("an agent is too far away".to_owned()));
+        }
+        let (timestamp, agents, messages) = (row.timestamp, row.agents, row.messages);
+        let record = text(&StoredState { timestamp, grid, agents, messages });
+        self.rounds.push(ImportedRound {
+            round: row.round,
+            score: row.score,
+            state: record,
+            acts: None,
+        });
+        Ok(())
+    }
+
+    /// The rows of a grid; every cell has one character.
+    fn grid(&self, rows: &[Vec<String>]) -> Result<Vec<String>, String> {
+        let (height, width) = (self.meta.height as usize, self.meta.width as usize);
+        if rows.len() != height || rows.iter().any(|row| row.len() != width) {
+            return Err(format!("the grid has not {height} rows of {width} cells"));
+        }
+        let one = |cell: &String| cell.chars().count() == 1 && !cell.contains(char::is_control);
+        if let Some(cell) = rows.iter().flatten().find(|cell| !one(cell)) {
+            return Err(format!("the cell {:?} is not one character", short(cell)));
+        }
+        Ok(rows.iter().map(|row| row.concat()).collect())
+    }
+
+    /// Adds what an agent did. The rows of a round may come in any order.
+    ///
+    /// # Errors
+    /// What in it cannot be.
+    pub fn add_act(&mut self, row: &AgentRow) -> Result<(), String> {
+        if row.round as usize >= self.rounds.len() {
+            return Err(format!("an act of round {}, of which there is no state", row.round));
+        }
+        if !self.names.contains(&row.agent_id) {
+            return Err(format!(
+                "an act of {:?}, which is no agent of this run",
+                short(&row.agent_id)
+            ));
+        }
+        if row.round != self.open_round {
+            self.pack();
+            self.open_round = row.round;
+        }
+        serde_json::to_writer(&mut self.open, row).expect("memory takes everything");
+        self.open.push(b'\n');
+        self.acts += 1;
+        Ok(())
+    }
+
+    /// Puts the acts that were read to their round.
+    fn pack(&mut self) {
+        let open = std::mem::take(&mut self.open);
+        if let Some(round) =
+            self.rounds.get_mut(self.open_round as usize).filter(|_| !open.is_empty())
+        {
+            // Several packed pieces one after the other are as good as one.
+            round.acts.get_or_insert_default().extend(packed(&open));
+        }
+    }
+
+    /// Forgets all acts.
+    pub fn without_acts(&mut self) {
+        (self.open.clear(), self.acts = 0);
+        for round in &mut self.rounds {
+            round.acts = None;
+        }
+    }
+
+    /// The game.
+    ///
+    /// # Errors
+    /// Where it has no states.
+    pub fn finish(mut self) -> Result<ImportRow, String> {
+        self.pack();
+        let last = self.rounds.last().ok_or("it has no states")?;
+        let meta = text(&self.meta);
+        let mut hash = Sha256::new();
+        for part in [self.run_id.as_str(), &meta] {
+            hash.update((part.len() as u64).to_be_bytes());
+            hash.update(part);
+        }
+        for round in &self.rounds {
+            hash.update(round.score.to_bits().to_be_bytes());
+            hash.update((round.state.len() as u64).to_be_bytes());
+            hash.update(&round.state);
+        }
+        let digest: [u8; 32] = hash.finalize().into();
+        Ok(ImportRow {
+            id: format!("imp_{}", data_encoding::HEXLOWER.encode(&digest[..16])),
+            digest,
+            score: last.score,
+            resolved: last.round,
+            settings: settings(&self.meta),
+            run_id: self.run_id,
+            model: self.model,
+            task: self.meta.task,
+            seed: self.meta.seed,
+            meta,
+            acts: self.acts,
+            rounds: self.rounds,
+        })
+    }
+}
+
+/// The settings that make games comparable.
+fn settings(meta: &Meta) -> ImportSettings {
+    let word = |name: &str| meta.rest.get(name).and_then(Value::as_str).map(str::to_owned);
+    let number = |name: &str| meta.rest.get(name).and_then(Value::as_i64);
+    ImportSettings {
+        num_agents: meta.num_agents,
+        max_round: meta.max_round,
+        width: meta.width,
+        height: meta.height,
+        view_size: meta.view_size,
+        rules: word("rules"),
+        control: word("control"),
+        memory: number("memory"),
+        noise: meta.rest.get("noise").and_then(Value::as_f64),
+        max_delay: number("max_delay"),
+    }
+}
+
+/// One name for whoever plays.
+fn model(value: &Value) -> Result<String, String> {
+    let name = match value {
+        Value::String(name) => name.clone(),
+        Value::Array(names) => {
+            let mut texts = Vec::new();
+            for name in names {
+                let name = name.as_str().ok_or("model has a name that is not a text")?;
+                if !texts.contains(&name) {
+                    texts.push(name);
+                }
+            }
+            texts.join(" + ")
+        }
+        _ => return Err("model is neither a name nor a list of names".to_owned()),
+    };
+    if is_plain(&name, MODEL_CHARS_MAX) {
+        Ok(name)
+    } else {
+        Err(format!("model must have 1 to {MODEL_CHARS_MAX} characters and no control characters"))
+    }
+}
+
+fn is_plain(text: &str, most: usize) -> bool {
+    (1..=most).contains(&text.chars().count()) && !text.contains(char::is_control)
+}
+
+/// The beginning of a text, for a message.
+fn short(text: &str) -> String {
+    text.chars().take(60).collect()
+}
+
+fn text(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("string keys")
+}
+
+fn packed(bytes: &[u8]) -> Vec<u8> {
+    let mut packer = GzEncoder::new(Vec::new(), Compression::default());
+    packer.write_all(bytes).and_then(|()| packer.finish()).expect("memory takes everything")
+}
+
+/// The settings of a stored game, as its files have them.
+///
+/// # Errors
+/// Where what is stored cannot be read; so for all functions here.
+pub fn meta(stored: &str) -> Result<Meta, String> {
+    serde_json::from_str(stored).map_err(|error| error.to_string())
+}
+
+/// A stored state as the files have it.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, String> {
+    let state: StoredState =
+        serde_json::from_str(&round.state).map_err(|error| error.to_string())?;
+    let cells = |row: &String| row.chars().map(String::from).collect();
+    Ok(GameRow {
+        timestamp: state.timestamp,
+        task: task.to_owned(),
+        round: round.round,
+        grid: state.grid.iter().map(cells).collect(),
+        agents: state.agents,
+        score: round.score,
+        messages: state.messages,
+    })
+}
+
+/// What the agents did in a round, as the files have it.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn agent_rows(acts: &[u8]) -> Result<Vec<AgentRow>, String> {
+    let mut lines = String::new();
+    MultiGzDecoder::new(acts).read_to_string(&mut lines).map_err(|error| error.to_string())?;
+    let row = |line: &str| serde_json::from_str(line).map_err(|error| error.to_string());
+    lines.lines().map(row).collect()
+}
+
+/// A stored state in the shape in which the server shows states.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn state(task: &str, round: &ImportedRound) -> Result<State, String> {
+    let row = game_row(task, round)?;
+    let cell = |at: &AgentAt| {
+        let (i, j) = (usize::try_from(at.y).ok()?, usize::try_from(at.x).ok()?);
+        row.grid.get(i)?.get(j)
+    };
+    let task = TaskName::parse(task);
+    let agent = |at: &AgentAt| {
+        let cell = cell(at);
+        let flag = |name| {
+            let is_on = cell.map(|cell| cell == "A")?;
+            (task == Some(name)).then_some(is_on)
+        };
+        StateAgent {
+            agent: at.id.clone(),
+            i: at.y,
+            j: at.x,
+            alive: cell.is_some(),
+            light_on: flag(TaskName::Synchronization),
+            carrying_food: flag(TaskName::Foraging),
+        }
+    };
+    let prey = (0..).zip(&row.grid).find_map(|(i, cells)| {
+        (0..).zip(cells).find(|(_, cell)| *cell == "P").map(|(j, _)| Position { i, j })
+    });
+    let line = |cells: &Vec<String>| cells.concat().replace('a', "A");
+    Ok(State {
+        round: row.round,
+        score: row.score,
+        grid: row.grid.iter().map(line).collect(),
+        agents: row.agents.iter().map(agent).collect(),
+        prey,
+        block: None,
+        distance: None,
+    })
+}

@@ -1,0 +1,441 @@
+//! Reading: a folder or an archive with any number of batches, one game at a time.
+//!
+//! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never
+//! becomes a path. Whatever is wrong with a file is told by the name of the file, and the others are read.
+
+use std::borrow::Cow;
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use serde::de::{DeserializeOwned, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::Value;
+use zip::ZipArchive;
+
+use super::bounds::{Bounded, Bounds};
+use super::format::{self, META, Meta, is_run_id};
+use super::imported::Builder;
+use crate::journal::ImportRow;
+
+/// What is wrong with most of what is no run id.
+const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spaces and parentheses";
+
+/// Bytes that are asked for at once.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// What is wrong with a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// The file, or the run.
+    pub file: String,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+impl Problem {
+    fn new(file: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self { file: file.into(), problem: problem.into() }
+    }
+}
+
+/// Nothing can be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The folder or archive cannot be read.
+    #[error("{path} cannot be read: {source}")]
+    Io {
+        /// What was to be read.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It is no archive.
+    #[error("{path} is neither a folder nor a zip archive that can be read: {source}")]
+    Archive {
+        /// What was to be read.
+        path: PathBuf,
+        /// Why.
+        source: zip::result::ZipError,
+    },
+    /// It is too large.
+    #[error("{path} has more than {most} files")]
+    Entries {
+        /// What was to be read.
+        path: PathBuf,
+        /// How many it may have.
+        most: usize,
+    },
+}
+
+/// Takes what is read.
+pub trait Taker {
+    /// A game that is whole.
+    ///
+    /// # Errors
+    /// Where it cannot be kept; then nothing more is read.
+    fn game(&mut self, game: ImportRow) -> anyhow::Result<()>;
+
+    /// Something that is skipped.
+    fn problem(&mut self, problem: Problem);
+
+    /// How many games of how many were looked at.
+    fn progress(&mut self, done: u64, of: u64);
+}
+
+/// Reads all games in a folder or archive.
+///
+/// # Errors
+/// Where it cannot be read at all, or a game cannot be kept.
+pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Result<()> {
+    let mut place = Place::open(path, bounds)?;
+    let batches = Batches::of(place.names(), taker);
+    let of = batches.0.values().map(|batch| batch.games.len() as u64).sum();
+    let mut done = 0;
+    let reading = Reading { bounds, total: Cell::new(0) };
+    for (folder, batch) in batches.0 {
+        let problem = |problem: Problem| {
+            let file = if folder.is_empty() {
+                problem.file
+            } else {
+                format!("{}/{}", folder.escape_debug(), problem.file)
+            };
+            Problem { file, problem: problem.problem }
+        };
+        let mut runs = Vec::new();
+        let read = match batch.index {
+            Some(index) => reading.index(&mut place, index, &mut runs),
+            None => Err("is missing, so nobody knows who played".to_owned()),
+        };
+        if let Err(why) = read {
+            let why = format!("{why}; it tells of {} runs", runs.len());
+            taker.problem(problem(Problem::new(META, why)));
+        }
+        let mut games = batch.games;
+        for (run_id, meta) in runs {
+            let logs = games.remove(&run_id);
+            done += u64::from(logs.is_some());
+            let (game, wrong) = reading.game(&mut place, &run_id, meta, logs.unwrap_or_default());
+            for wrong in wrong {
+                taker.problem(problem(wrong));
+            }
+            if let Some(game) = game {
+                taker.game(game)?;
+            }
+            taker.progress(done, of);
+        }
+        for (run_id, logs) in games {
+            done += 1;
+            let file = if logs.states.is_some() { format::game_file } else { format::agent_file };
+            let why = format!("its run is not in {META}");
+            taker.problem(problem(Problem::new(file(&run_id), why)));
+        }
+        taker.progress(done, of);
+    }
+    Ok(())
+}
+
+/// The files of a batch, by their places.
+#[derive(Default)]
+struct Batch {
+    index: Option<usize>,
+    games: BTreeMap<String, Logs>,
+}
+
+#[derive(Default)]
+struct Logs {
+    states: Option<usize>,
+    acts: Option<usize>,
+}
+
+/// All batches by their folders.
+struct Batches(BTreeMap<String, Batch>);
+
+impl Batches {
+    fn of(names: Vec<String>, taker: &mut dyn Taker) -> Self {
+        let mut batches: BTreeMap<String, Batch> = BTreeMap::new();
+        for (place, path) in names.into_iter().enumerate() {
+            let (folder, name) = path.rsplit_once('/').unwrap_or(("", &path));
+            if folder.split('/').any(|part| part == "__MACOSX") {
+                // What a packer of one system adds: attributes under the names of the files.
+                continue;
+            }
+            let mut problem = |problem: &str| {
+                taker.problem(Problem::new(path.escape_debug().to_string(), problem));
+            };
+            let log = |start: &str| name.strip_prefix(start)?.strip_suffix(".json");
+            if name == META {
+                batches.entry(folder.to_owned()).or_default().index = Some(place);
+            } else if let Some((is_game, run_id)) = (log("game_log_").map(|id| (true, id)))
+                .or_else(|| log("agent_log_").map(|id| (false, id)))
+            {
+                if !is_run_id(run_id) {
+                    problem(&format!("the run id in its name {NO_RUN_ID}"));
+                    continue;
+                }
+                let logs = batches.entry(folder.to_owned()).or_default();
+                let logs = logs.games.entry(run_id.to_owned()).or_default();
+                *(if is_game { &mut logs.states } else { &mut logs.acts }) = Some(place);
+            } else if Path::new(name).extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"))
+            {
+                problem("is an archive inside, and is not opened; import it by itself");
+            }
+        }
+        Self(batches)
+    }
+}
+
+/// Where files are read from; each has a number.
+enum Place {
+    Folder(Vec<(String, PathBuf)>),
+    Archive(Box<ZipArchive<BufReader<File>>>),
+}
+
+impl Place {
+    fn open(path: &Path, bounds: &Bounds) -> Result<Self, ReadError> {
+        let failed = |source| ReadError::Io { path: path.to_owned(), source };
+        if fs::metadata(path).map_err(failed)?.is_dir() {
+            let mut files = Vec::new();
+            walk(path, "", bounds.folders_max, bounds, &mut files)?;
+            files.sort();
+            return Ok(Self::Folder(files));
+        }
+        let mut file = File::open(path).map_err(failed)?;
+        if declared(&mut file).map_err(failed)? > bounds.entries_max as u64 {
+            return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
+        }
+        let archive = ZipArchive::new(BufReader::with_capacity(BUFFER_BYTES, file));
+        let archive =
+            archive.map_err(|source| ReadError::Archive { path: path.to_owned(), source })?;
+        if archive.len() > bounds.entries_max {
+            return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
+        }
+        Ok(Self::Archive(Box::new(archive)))
+    }
+
+    fn names(&self) -> Vec<String> {
+        match self {
+            Self::Folder(files) => files.iter().map(|(name, _)| name.clone()).collect(),
+            // A name that is no text is not one of those that are looked for.
+            Self::Archive(archive) => (archive.file_names())
+                .map(|name| name.map(Cow::into_owned).unwrap_or_default())
+                .collect(),
+        }
+    }
+
+    /// Opens a file; also tells how many bytes it takes in an archive.
+    fn file(&mut self, number: usize) -> io::Result<(Box<dyn Read + '_>, Option<u64>)> {
+        match self {
+            Self::Folder(files) => Ok((Box::new(File::open(&files[number].1)?), None)),
+            Self::Archive(archive) => {
+                let file = archive.by_index(number)?;
+                let packed = file.compressed_size();
+                Ok((Box::new(file), Some(packed)))
+            }
+        }
+    }
+}
+
+/// Lists the files of a folder. Links are not followed.
+fn walk(
+    folder: &Path,
+    name: &str,
+    deeper: usize,
+    bounds: &Bounds,
+    files: &mut Vec<(String, PathBuf)>,
+) -> Result<(), ReadError> {
+    let failed = |source| ReadError::Io { path: folder.to_owned(), source };
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let kind = entry.file_type().map_err(failed)?;
+        let Ok(own) = entry.file_name().into_string() else { continue };
+        let name = if name.is_empty() { own } else { format!("{name}/{own}") };
+        if kind.is_file() {
+            files.push((name, entry.path()));
+            if files.len() > bounds.entries_max {
+                let most = bounds.entries_max;
+                return Err(ReadError::Entries { path: folder.to_owned(), most });
+            }
+        } else if kind.is_dir() && deeper > 0 {
+            walk(&entry.path(), &name, deeper - 1, bounds, files)?;
+        }
+    }
+    Ok(())
+}
+
+/// How many entries an archive says that it has. Its directory takes memory for each, so this is looked at
+/// before it is read.
+fn declared(file: &mut File) -> io::Result<u64> {
+    // The end of the directory is at most a comment of 64 KiB before the end of the file, and the one for many
+    // entries right before it.
+    const TAIL_BYTES: u64 = 64 * 1024 + 22 + 20 + 56;
+    let bytes = file.seek(SeekFrom::End(0))?;
+    file.seek(SeekFrom::Start(bytes.saturating_sub(TAIL_BYTES)))?;
+    let mut tail = Vec::new();
+    file.take(TAIL_BYTES).read_to_end(&mut tail)?;
+    file.seek(SeekFrom::Start(0))?;
+    let mut most = 0;
+    for (at, mark) in tail.windows(4).enumerate() {
+        let count = match mark {
+            b"PK\x05\x06" => tail.get(at + 10..at + 12),
+            b"PK\x06\x06" => tail.get(at + 32..at + 40),
+            _ => None,
+        };
+        let mut number = [0; 8];
+        if let Some(count) = count {
+            number[..count.len()].copy_from_slice(count);
+        }
+        most = most.max(u64::from_le_bytes(number));
+    }
+    Ok(most)
+}
+
+/// A reading with its bounds.
+struct Reading<'a> {
+    bounds: &'a Bounds,
+    total: Cell<u64>,
+}
+
+impl Reading<'_> {
+    /// Reads one game, and tells what is wrong with its files.
+    fn game(
+        &self,
+        place: &mut Place,
+        run_id: &str,
+        meta: Result<Meta, String>,
+        logs: Logs,
+    ) -> (Option<ImportRow>, Vec<Problem>) {
+        if !is_run_id(run_id) {
+            let shown: String = run_id.chars().take(60).collect();
+            return (None, vec![Problem::new(META, format!("the run id {shown:?} {NO_RUN_ID}"))]);
+        }
+        let mut wrong = Vec::new();
+        let mut builder = match meta.and_then(|meta| Builder::new(run_id, meta)) {
+            Ok(builder) => builder,
+            Err(why) => return (None, vec![Problem::new(META, format!("run {run_id}: {why}"))]),
+        };
+        let read = match logs.states {
+            Some(states) => self.list(place, states, &mut |row| builder.add_state(row)),
+            None => Err("is missing".to_owned()),
+        };
+        if let Err(why) = read {
+            return (None, vec![Problem::new(format::game_file(run_id), why)]);
+        }
+        let read = match logs.acts {
+            Some(acts) => self.list(place, acts, &mut |row| builder.add_act(&row)),
+            None => Err("is missing".to_owned()),
+        };
+        if let Err(why) = read {
+            builder.without_acts();
+            let why = format!("{why}; the game is taken without its acts");
+            wrong.push(Problem::new(format::agent_file(run_id), why));
+        }
+        match builder.finish() {
+            Ok(row) => (Some(row), wrong),
+            Err(why) => (None, vec![Problem::new(format::game_file(run_id), why)]),
+        }
+    }
+
+    /// Reads an array and hands its elements on, one at a time.
+    fn list<T: DeserializeOwned>(
+        &self,
+        place: &mut Place,
+        number: usize,
+        add: &mut dyn FnMut(T) -> Result<(), String>,
+    ) -> Result<(), String> {
+        self.json(place, number, Elements { add, kind: std::marker::PhantomData })
+    }
+
+    /// Reads an index. What stands before a place at which it breaks off is in `runs` all the same.
+    fn index(
+        &self,
+        place: &mut Place,
+        number: usize,
+        runs: &mut Vec<(String, Result<Meta, String>)>,
+    ) -> Result<(), String> {
+        self.json(place, number, Runs { runs, most: self.bounds.entries_max })
+    }
+
+    fn json<S>(&self, place: &mut Place, number: usize, what: S) -> Result<(), String>
+    where
+        S: for<'de> DeserializeSeed<'de, Value = ()>,
+    {
+        let (file, packed) = place.file(number).map_err(|error| error.to_string())?;
+        let file = Bounded::new(file, packed, self.bounds, &self.total);
+        let mut json =
+            serde_json::Deserializer::from_reader(BufReader::with_capacity(BUFFER_BYTES, file));
+        let read = what.deserialize(&mut json).and_then(|()| json.end());
+        read.map_err(|error| match error.classify() {
+            serde_json::error::Category::Eof => format!("breaks off: {error}"),
+            _ => error.to_string(),
+        })
+    }
+}
+
+/// Takes the elements of an array.
+struct Elements<'a, T> {
+    add: &'a mut dyn FnMut(T) -> Result<(), String>,
+    kind: std::marker::PhantomData<T>,
+}
+
+impl<'de, T: DeserializeOwned> DeserializeSeed<'de> for Elements<'_, T> {
+    type Value = ();
+
+    fn deserialize<D: serde::Deserializer<'de>>(self, json: D) -> Result<(), D::Error> {
+        json.deserialize_seq(self)
+    }
+}
+
+impl<'de, T: DeserializeOwned> Visitor<'de> for Elements<'_, T> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a list")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
+        while let Some(element) = list.next_element()? {
+            (self.add)(element).map_err(serde::de::Error::custom)?;
+        }
+        Ok(())
+    }
+}
+
+/// Takes the runs of an index. One that is wrong leaves the others as they are.
+struct Runs<'a> {
+    runs: &'a mut Vec<(String, Result<Meta, String>)>,
+    most: usize,
+}
+
+impl<'de> DeserializeSeed<'de> for Runs<'_> {
+    type Value = ();
+
+    fn deserialize<D: serde::Deserializer<'de>>(self, json: D) -> Result<(), D::Error> {
+        json.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Runs<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("an object with runs by their ids")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some(run_id) = map.next_key::<String>()? {
+            if self.runs.len() >= self.most {
+                map.next_value::<IgnoredAny>()?;
+                return Err(serde::de::Error::custom(format!(
+                    "it has more than {} runs",
+                    self.most
+                )));
+            }
+            let value: Value = map.next_value()?;
+            let meta = serde_json::from_value(value).map_err(|error| error.to_string());
+            self.runs.push((run_id, meta));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,100 @@
+//! `GET /api/v1/cross-play`.
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::Deserialize;
+use swarmbench_engine::TaskName;
+use utoipa::IntoParams;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Params, page_limit};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::Format;
+use crate::board::cross_play::pairs;
+use crate::wire::board::CrossPlay;
+use crate::wire::problem::Problem;
+
+/// Which games.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct CrossPlayParams {
+    /// A task's name; all tasks where it is left out.
+    task: Option<String>,
+    /// `paper` or `reference`; both where it is left out.
+    rules: Option<String>,
+    /// `json` or `csv`; where it is left out, the header `Accept` decides.
+    format: Option<String>,
+    /// How many pairs at most, up to 1,000; where it is left out 50, and of CSV 1,000.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Which models did how well together.
+///
+/// Pairs of models that had seats of the same episode, as different holders, over all finished episodes of equal
+/// settings. A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
+#[utoipa::path(
+    get,
+    path = "/api/v1/cross-play",
+    operation_id = "show_cross_play",
+    tag = "boards",
+    params(CrossPlayParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The pairs, or a page of them", content(
+            (CrossPlay = "application/json"),
+            (String = "text/csv"),
+        )),
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode, on a private server", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_cross_play(
+    State(app): State<App>,
+    caller: Caller,
+    headers: HeaderMap,
+    Params(params): Params<CrossPlayParams>,
+) -> Result<Response, ApiError> {
+    caller.may_read_boards(&app.access)?;
+    let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
+    let format = Format::wanted(params.format.as_deref(), &headers)?;
+    let usual = match format {
+        Format::Json => app.limits.page_items_default,
+        Format::Csv => app.limits.page_items_max,
+    };
+    let limit = page_limit(&app, params.limit, usual)?;
+    let task = match params.task {
+        None => None,
+        Some(name) => Some(TaskName::parse(&name).ok_or_else(|| {
+            let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
+            malformed(format!("task must be one of {}", names.join(", ")))
+        })?),
+    };
+    if params.rules.as_deref().is_some_and(|rules| !["paper", "reference"].contains(&rules)) {
+        return Err(malformed("rules must be one of paper, reference".to_owned()));
+    }
+    let start = match params.cursor {
+        None => 0,
+        Some(cursor) => CrossPlay::read_cursor(&cursor).ok_or_else(|| {
+            malformed("cursor must be the next_cursor of an earlier page".to_owned())
+        })?,
+    };
+    let games = app.standings.mixed().await?;
+    let answer = app.render(move || {
+        let asked = games.values().filter(|game| {
+            task.is_none_or(|task| game.setting.task == task)
+                && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
+        });
+        let page = CrossPlay::page(&pairs(asked.map(|game| &**game)), start, limit);
+        let next = page.next_cursor.clone();
+        format.answer(&page, CrossPlay::csv, next)
+    });
+    answer.await
+}

@@ -1,0 +1,104 @@
+//! `GET /api/v1/leaderboard`.
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Params, page_limit};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::Format;
+use crate::board::collection::Question;
+use crate::wire::board::{Leaderboard, read_cursor};
+use crate::wire::problem::Problem;
+
+/// Which board, and how.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct BoardParams {
+    /// The suite's name; `name@digest` where several have that name. `standard` where it is left out.
+    suite: Option<String>,
+    /// `paper` (where it is left out) or `reference`.
+    rules: Option<String>,
+    /// The only task to show.
+    task: Option<String>,
+    /// By what rows are ranked: `total` (where it is left out), or the mean of this task.
+    sort: Option<String>,
+    /// Which run of a player makes its row: `best` (where it is left out), `last` or `mean`.
+    pick: Option<String>,
+    /// Whether the rows of the paper are shown; they are where it is left out.
+    reference: Option<bool>,
+    /// `json` or `csv`; where it is left out, the header `Accept` decides.
+    format: Option<String>,
+    /// How many rows at most, up to 1,000; where it is left out 50, and of CSV 1,000.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// The leaderboard of a suite.
+///
+/// A row for each player: owner, model, temperature, `top_p` and prompt template, as declared. Runs that are over
+/// count, also those that were broken off; planned games that were not played count as 0. `docs/boards.md` says how
+/// everything is computed. A page that is not the last names the next in `next_cursor`, and in the header
+/// `X-Next-Cursor`.
+#[utoipa::path(
+    get,
+    path = "/api/v1/leaderboard",
+    operation_id = "show_leaderboard",
+    tag = "boards",
+    params(BoardParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The board, or a page of it", content(
+            (Leaderboard = "application/json"),
+            (String = "text/csv"),
+        )),
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode, on a private server", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_leaderboard(
+    State(app): State<App>,
+    caller: Caller,
+    headers: HeaderMap,
+    Params(params): Params<BoardParams>,
+) -> Result<Response, ApiError> {
+    caller.may_read_boards(&app.access)?;
+    let format = Format::wanted(params.format.as_deref(), &headers)?;
+    let usual = match format {
+        Format::Json => app.limits.page_items_default,
+        Format::Csv => app.limits.page_items_max,
+    };
+    let limit = page_limit(&app, params.limit, usual)?;
+    let after = match &params.cursor {
+        None => None,
+        Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
+            ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
+        })?),
+    };
+    let question = Question {
+        suite: params.suite,
+        rules: params.rules,
+        task: params.task,
+        sort: params.sort,
+        pick: params.pick,
+        no_reference: params.reference == Some(false),
+    };
+    let boards = app.standings.boards().await?;
+    let intervals = app.clone();
+    let answer = app.render(move || {
+        let ranked = boards.ranked(&question)?;
+        let page = Leaderboard::page(&ranked, ranked.after(after), limit, &intervals.intervals);
+        let next = page.next_cursor.clone();
+        Ok(format.answer(&page, Leaderboard::csv, next))
+    });
+    answer.await?
+}

@@ -1,0 +1,230 @@
+//! `GET /api/v1/exports/{file}`: the toolkit's data format, and tables, written while they are sent.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use serde::Deserialize;
+use swarmbench_engine::TaskName;
+use tokio::sync::{mpsc, oneshot};
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::CancellationToken;
+use utoipa::IntoParams;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
+use crate::dataset::files::Archive;
+use crate::episode::Status;
+use crate::ids::EpisodeId;
+use crate::store::episodes::Filter;
+
+/// Bytes that are sent on at once.
+const PIECE_BYTES: usize = 64 * 1024;
+
+/// Pieces that wait for a slow reader before the export waits for it.
+const PIECES_PENDING: usize = 4;
+
+/// Which episodes are exported.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct ExportParams {
+    /// A run's id.
+    run: Option<String>,
+    /// A task's name.
+    task: Option<String>,
+    /// A model's name.
+    model: Option<String>,
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`; all that have ended where it is left out.
+    status: Option<String>,
+    /// An episode's id.
+    episode: Option<String>,
+}
+
+/// A file that can be had.
+#[derive(Clone, Copy)]
+enum File {
+    Dataset,
+    Lines(TableName),
+    Parquet(TableName),
+}
+
+impl File {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "dataset.zip" => Self::Dataset,
+            "acts.jsonl" => Self::Lines(TableName::Acts),
+            "rounds.jsonl" => Self::Lines(TableName::Rounds),
+            "acts.parquet" => Self::Parquet(TableName::Acts),
+            "rounds.parquet" => Self::Parquet(TableName::Rounds),
+            _ => return None,
+        })
+    }
+
+    const fn content_type(self) -> &'static str {
+        match self {
+            Self::Dataset => "application/zip",
+            Self::Lines(_) => "application/x-ndjson",
+            Self::Parquet(_) => "application/vnd.apache.parquet",
+        }
+    }
+
+    fn write(self, export: Export<'_>, mut out: Pieces) -> Result<Exported, ExportError> {
+        let exported = match self {
+            Self::Dataset => export.dataset(&mut Archive::new(&mut out))?,
+            Self::Lines(table) => export.lines(table, &mut out)?,
+            Self::Parquet(table) => export.parquet(table, &mut out)?,
+        };
+        out.flush()?;
+        Ok(exported)
+    }
+}
+
+/// Export episodes that have ended.
+///
+/// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and
+/// `agent_log_<run_id>.json`. `acts` and `rounds` are tables, one row an act or a state, as JSON Lines
+/// (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that
+/// breaks off is not whole.
+#[utoipa::path(
+    get,
+    path = "/api/v1/exports/{file}",
+    operation_id = "download_export",
+    tag = "data",
+    params(
+        ("file" = String, Path, description = "`dataset.zip`, `acts.jsonl`, `rounds.jsonl`, `acts.parquet` or `rounds.parquet`", example = "acts.jsonl"),
+        ExportParams,
+    ),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The file", content(
+            (String = "application/x-ndjson"),
+            (Vec<u8> = "application/zip"),
+            (Vec<u8> = "application/vnd.apache.parquet"),
+        )),
+        QueryRefusals,
+        IdRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn download_export(
+    State(app): State<App>,
+    caller: Caller,
+    Id(name): Id,
+    Params(params): Params<ExportParams>,
+) -> Result<Response, ApiError> {
+    let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
+    let selection = selection(&app, &caller, params).await?;
+    let most = app.limits.exports_max;
+    let Ok(turn) = Arc::clone(&app.exports).try_acquire_owned() else {
+        let detail = format!("{most} exports are being made already; come again later");
+        return Err(ApiError::limit(Code::Overloaded, "exports_max", most, detail)
+            .retry_after(Duration::from_secs(5)));
+    };
+    let (pieces, body) = mpsc::channel(PIECES_PENDING);
+    let (selected, is_selected) = oneshot::channel();
+    tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        let may = |stored: &_| app.may_read_journal(&caller, stored);
+        let export = match Export::select(&app.store, &selection, may, |_, _| ()) {
+            Ok(export) => export,
+            Err(error) => return drop(selected.send(Err(error))),
+        };
+        if selected.send(Ok(())).is_err() {
+            return;
+        }
+        let out = Pieces { gathered: Vec::new(), to: pieces.clone(), stop: app.stop.clone() };
+        if let Err(error) = file.write(export, out) {
+            // Whoever reads is to notice that this is not the whole file.
+            tracing::info!(%error, "an export broke off");
+            drop(pieces.blocking_send(Err(io::Error::other(error))));
+        }
+    });
+    let stopped = |_| ApiError::new(Code::Internal, "the export ended before it began");
+    is_selected.await.map_err(stopped)?.map_err(|error| match error {
+        ExportError::Journal(error) => error.into(),
+        ExportError::Unknown(_) => ApiError::not_found("the episode"),
+        error @ (ExportError::Io(_) | ExportError::Table(_)) => {
+            ApiError::new(Code::Internal, error.to_string())
+        }
+    })?;
+    let headers = [
+        (header::CONTENT_TYPE, file.content_type().to_owned()),
+        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\"")),
+    ];
+    Ok((headers, Body::from_stream(ReceiverStream::new(body))).into_response())
+}
+
+/// What is asked for, checked.
+async fn selection(
+    app: &App,
+    caller: &Caller,
+    params: ExportParams,
+) -> Result<Selection, ApiError> {
+    let malformed = |detail: String| Err(ApiError::new(Code::Malformed, detail));
+    if params.status.as_ref().is_some_and(|status| Status::parse(status).is_none()) {
+        let names = Status::ALL.map(Status::name).join(", ");
+        return malformed(format!("status must be one of {names}"));
+    }
+    if params.task.as_ref().is_some_and(|task| TaskName::parse(task).is_none()) {
+        let names = TaskName::ALL.map(TaskName::name).join(", ");
+        return malformed(format!("task must be one of {names}"));
+    }
+    let run = match &params.run {
+        None => None,
+        Some(id) => {
+            let run = app.store.run_with_id(id).await?;
+            Some(run.ok_or_else(|| ApiError::not_found("the run"))?)
+        }
+    };
+    let filter = Filter {
+        status: params.status,
+        task: params.task,
+        model: params.model,
+        run,
+        readable: caller.readable(&app.access),
+    };
+    Ok(Selection { filter, episode: params.episode.map(EpisodeId::from_text) })
+}
+
+/// A body that is written on another thread, and waits for its reader.
+struct Pieces {
+    gathered: Vec<u8>,
+    to: mpsc::Sender<io::Result<Bytes>>,
+    stop: CancellationToken,
+}
+
+impl Pieces {
+    fn send(&mut self) -> io::Result<()> {
+        if self.stop.is_cancelled() {
+            return Err(io::Error::other("the server is stopping"));
+        }
+        let piece = Bytes::from(std::mem::take(&mut self.gathered));
+        let gone = |_| io::Error::from(io::ErrorKind::BrokenPipe);
+        if piece.is_empty() { Ok(()) } else { self.to.blocking_send(Ok(piece)).map_err(gone) }
+    }
+}
+
+impl Write for Pieces {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.gathered.extend_from_slice(bytes);
+        if self.gathered.len() >= PIECE_BYTES {
+            self.send()?;
+        }
+        Ok(bytes.len())
+    }
+
+    /// Only what is complete is sent on early: writers flush after every few bytes.
+    fn flush(&mut self) -> io::Result<()> {
+        self.send()
+    }
+}

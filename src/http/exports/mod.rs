@@ -1,0 +1,3 @@
+//! Exports: many episodes in one file.
+
+pub(super) mod download;

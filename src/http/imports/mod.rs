@@ -1,0 +1,21 @@
+//! Games that were read from files: list, show, and what spectators read.
+
+pub(super) mod list;
+pub(super) mod show;
+pub(super) mod state;
+
+use super::App;
+use super::auth::Caller;
+use super::error::ApiError;
+use crate::journal::StoredImport;
+
+impl App {
+    /// An imported game. They are public like episodes that have ended.
+    async fn import(&self, caller: &Caller, id: &str) -> Result<StoredImport, ApiError> {
+        let unknown = || ApiError::not_found("the imported game");
+        if !caller.may_read_what_is_over(&self.access) {
+            return Err(unknown());
+        }
+        self.store.find_import(id).await?.ok_or_else(unknown)
+    }
+}

@@ -1,0 +1,35 @@
+//! `GET /api/v1/imports/{id}`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::wire::import::ImportSummary;
+
+/// Show an imported game.
+#[utoipa::path(
+    get,
+    path = "/api/v1/imports/{id}",
+    operation_id = "show_import",
+    tag = "data",
+    params(("id" = String, Path, description = "The game's id")),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The game", body = ImportSummary),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn show_import(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<ImportSummary>, ApiError> {
+    Ok(Json(app.import(&caller, &id).await?.into()))
+}

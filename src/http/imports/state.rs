@@ -1,0 +1,50 @@
+//! `GET /api/v1/imports/{id}/state`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::episodes::state::StateParams;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Params};
+use super::super::openapi::{QueryRefusals, TokenRefusals};
+use crate::dataset::imported;
+use crate::wire::episode::State as StateBody;
+use crate::wire::problem::Problem;
+
+/// Show a state of an imported game, as it was recorded.
+#[utoipa::path(
+    get,
+    path = "/api/v1/imports/{id}/state",
+    operation_id = "show_imported_state",
+    tag = "data",
+    params(("id" = String, Path, description = "The game's id"), StateParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The state", body = StateBody),
+        QueryRefusals,
+        TokenRefusals,
+        (status = 404, description = "`not_found`: no such game, or it has no such round", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_imported_state(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Params(params): Params<StateParams>,
+) -> Result<Json<StateBody>, ApiError> {
+    let stored = app.import(&caller, &id).await?;
+    let round = params.round.unwrap_or(stored.rounds);
+    if round > stored.rounds {
+        let detail = format!("the game has {} rounds, and no round {round}", stored.rounds);
+        return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
+    }
+    let found = app.store.imported_rounds(stored.key, round, round + 1).await?;
+    let broken = |problem: &str| {
+        ApiError::new(Code::Internal, format!("the state cannot be read: {problem}"))
+    };
+    let state = found.first().ok_or_else(|| broken("it is missing"))?;
+    let state = imported::state(&stored.task, state).map_err(|problem| broken(&problem))?;
+    Ok(Json(state))
+}

@@ -1,0 +1,115 @@
+//! Games that were read from files of the public data format: kept beside journals, and never played again
+//! by the rules.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+/// The number of an imported game; short, and never shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ImportKey(pub i64);
+
+/// A game as it is kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportRow {
+    /// Its public id; it follows from the digest.
+    pub id: String,
+    /// Of its name, its settings and its states.
+    pub digest: [u8; 32],
+    /// As its files call it.
+    pub run_id: String,
+    /// Its entry in the index, as JSON.
+    pub meta: String,
+    /// Who played.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings that make games comparable.
+    pub settings: ImportSettings,
+    /// The score after the last round.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub resolved: u32,
+    /// How many acts it has.
+    pub acts: u64,
+    /// Its states, the layout first.
+    pub rounds: Vec<ImportedRound>,
+}
+
+/// A state, and what was done in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedRound {
+    /// How many rounds were resolved; also the round that was decided in this state.
+    pub round: u32,
+    /// The score.
+    pub score: f64,
+    /// The state, as JSON.
+    pub state: String,
+    /// The acts, packed.
+    pub acts: Option<Vec<u8>>,
+}
+
+/// The settings of an imported game, as far as they are told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the names are those of the wire, described there")]
+pub struct ImportSettings {
+    pub num_agents: u32,
+    pub max_round: u32,
+    pub width: u32,
+    pub height: u32,
+    pub view_size: u32,
+    pub rules: Option<String>,
+    pub control: Option<String>,
+    pub memory: Option<i64>,
+    pub noise: Option<f64>,
+    pub max_delay: Option<i64>,
+}
+
+/// An imported game, as far as results are compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedGame {
+    /// Its public id.
+    pub id: String,
+    /// Who played, as the files say.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings, as far as they are told.
+    pub settings: ImportSettings,
+    /// The last score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+}
+
+/// An imported game without its states.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredImport {
+    /// Its number.
+    pub key: ImportKey,
+    /// Its public id.
+    pub id: String,
+    /// As its files call it.
+    pub run_id: String,
+    /// Its entry in the index, as JSON.
+    pub meta: String,
+    /// Who played, as the files say.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings, as far as they are told.
+    pub settings: ImportSettings,
+    /// The last score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+    /// How many acts it has.
+    pub acts: u64,
+    /// When it was imported.
+    pub imported_at: Timestamp,
+}

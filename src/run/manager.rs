@@ -1,0 +1,526 @@
+//! Runs on a server: created, advanced as their games end, ended.
+//!
+//! Nothing of a run is kept in memory but who looks at it. [`Runs::advance`] reads from the database how
+//! it stands and does what is due: it opens the next games of the plan, or ends the run. Doing it once
+//! too often changes nothing, so whoever may have missed something calls it: the end of a game, a start
+//! of the server, and the sweep every minute.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use futures::StreamExt;
+use tokio::sync::{mpsc, watch};
+use tokio_stream::wrappers::UnboundedReceiverStream;
+use tokio_util::sync::CancellationToken;
+
+use super::definition::Definition;
+use super::suite::Game;
+use super::{RunStatus, new_id};
+use crate::clock::{Clock, Entropy};
+use crate::episode::quota::Full;
+use crate::episode::registry::{self, Creation, Registry};
+use crate::episode::spec::Visibility;
+use crate::episode::{Ending, Status};
+use crate::host::Disk;
+use crate::ids::{EpisodeId, Token, TokenKind};
+use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
+use crate::keys::OwnerKey;
+use crate::store::Store;
+use crate::store::runs::{StoredGame, StoredRun};
+
+/// Runs with the same lock go on one after the other.
+const LOCKS: usize = 256;
+
+/// Runs that are advanced at once.
+const ADVANCED_AT_ONCE: usize = 64;
+
+/// Random bytes in the opening of a sealed episode.
+const SALT_BYTES: usize = 16;
+
+/// A run that is to be created.
+#[derive(Clone, Debug)]
+pub struct NewRun {
+    /// The key with which it is created, if any.
+    pub owner: Option<OwnerKey>,
+    /// What is played, and by whom.
+    pub definition: Definition,
+    /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
+    pub attempt: Option<(EntryKey, u32)>,
+    /// The key by which a repeated creation finds it, and the hash of the body. Whoever gives one has
+    /// made sure that no run has it, and that nobody else creates one with it meanwhile.
+    pub idempotency: Option<(String, [u8; 32])>,
+}
+
+/// Why a run was not created.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum CreateError {
+    /// There are as many episodes as there may be.
+    #[error(transparent)]
+    Full(#[from] Full),
+    /// So many percent of the disk are not free any more.
+    #[error("less than {0} % of the server's disk is free")]
+    DiskFull(u32),
+    /// Its definition is not one that can be played.
+    #[error("the run cannot be played: {0}")]
+    Definition(String),
+    /// It could not be kept.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// What whoever plays a run has to know of it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Table {
+    /// Its games that have not ended, the oldest first.
+    pub open: Arc<[EpisodeId]>,
+    /// Whether nothing happens any more: it has ended, and so have all its games.
+    pub is_over: bool,
+}
+
+/// What the manager of runs is made of.
+pub struct Parts {
+    /// Where runs are kept.
+    pub store: Store,
+    /// Where games are opened.
+    pub registry: Registry,
+    /// Where the time comes from.
+    pub clock: Arc<dyn Clock>,
+    /// Where randomness comes from.
+    pub entropy: Arc<dyn Entropy>,
+    /// Where the database lies.
+    pub disk: Arc<dyn Disk>,
+    /// How much of the disk must be free for a new game, in percent.
+    pub disk_free_percent_min: u32,
+    /// Cancelled when the server stops: no more games are opened.
+    pub stop: CancellationToken,
+    /// The number of the newest run.
+    pub last_key: i64,
+}
+
+/// All runs of a server. Cloning shares them.
+#[derive(Clone)]
+pub struct Runs(Arc<Shared>);
+
+struct Shared {
+    parts: Parts,
+    next_key: AtomicI64,
+    locks: [tokio::sync::Mutex<()>; LOCKS],
+    /// Of runs at which somebody looks.
+    tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
+}
+
+impl Runs {
+    /// The runs over a database.
+    #[must_use]
+    pub fn new(parts: Parts) -> Self {
+        Self(Arc::new(Shared {
+            next_key: AtomicI64::new(parts.last_key + 1),
+            parts,
+            locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
+            tables: Mutex::default(),
+        }))
+    }
+
+    fn tables(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<Table>>> {
+        self.0.tables.lock().expect("nothing panics while it holds this")
+    }
+
+    async fn turn(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
+        let place = usize::try_from(run.0).unwrap_or(0) % LOCKS;
+        self.0.locks[place].lock().await
+    }
+
+    /// Creates a run and opens its first games. It is durable when this returns; its token is to be
+    /// shown once, and there is none where the server itself plays.
+    ///
+    /// # Errors
+    /// See [`CreateError`]; then nothing was created.
+    pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
+        let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
+        let NewRun { owner, definition, attempt, idempotency } = new;
+        let least = self.0.parts.disk_free_percent_min;
+        if disk.is_full(least) {
+            return Err(CreateError::DiskFull(least));
+        }
+        registry.check_room(owner)?;
+        let now = clock.now();
+        let id = new_id(now, &**entropy);
+        for game in definition.suite.plan() {
+            definition.spec(&id, &game, None).map_err(CreateError::Definition)?;
+        }
+        let unknown = || CreateError::Definition(format!("visibility {:?}", definition.visibility));
+        let visibility = definition.visibility().ok_or_else(unknown)?;
+        let token = definition.player.is_none().then(|| Token::new(TokenKind::Swarm, &**entropy));
+        let run = RunKey(self.0.next_key.fetch_add(1, Ordering::Relaxed));
+        let text = serde_json::to_string(&definition).expect("a definition has string keys");
+        let row = RunRow {
+            run,
+            id: id.clone(),
+            owner,
+            suite: definition.suite.name.clone(),
+            digest: definition.suite.digest(),
+            definition: text,
+            model: definition.model.clone(),
+            visibility: visibility.name(),
+            attempt,
+            at: now,
+            idempotency,
+            token: token.as_ref().map(Token::hash),
+        };
+        store.keep(vec![Entry::OpenRun(Box::new(row))]).await?;
+        tracing::info!(run = %id, suite = %definition.suite.name, model = %definition.model, "created");
+        metrics::counter!("swarmbench_runs_created_total").increment(1);
+        // Where that fails it is tried again every minute.
+        self.try_advance(run).await;
+        Ok((self.stored(run).await?, token))
+    }
+
+    /// Does what is due: opens the next games of the plan, or ends the run when all have ended. It may
+    /// be called at any time, and as often as one likes. Where there is no place for another game the
+    /// run waits for the next call.
+    ///
+    /// # Errors
+    /// Where the database cannot be used; the next call does what is left.
+    pub async fn advance(&self, run: RunKey) -> Result<(), JournalError> {
+        let runs = self.clone();
+        self.to_its_end(async move { runs.advance_now(run).await }).await
+    }
+
+    /// Ends a run: `Aborted` ends its open games, too; after any other status they go on to their end.
+    /// No more games are opened. A run that has ended stays as it is.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), JournalError> {
+        let runs = self.clone();
+        self.to_its_end(async move {
+            let _turn = runs.turn(run).await;
+            let stored = runs.stored(run).await?;
+            if stored.ended_at.is_none() {
+                runs.keep_end(&stored, status).await?;
+            }
+            runs.settle(run).await
+        })
+        .await
+    }
+
+    /// Makes a new token in place of the one that a run had.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn replace_token(&self, run: RunKey) -> Result<Token, JournalError> {
+        let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
+        let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
+        self.0.parts.store.keep(vec![entry]).await?;
+        Ok(token)
+    }
+
+    /// Follows what is open of a run.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<Table>, JournalError> {
+        if let Some(table) = self.tables().get(&run) {
+            return Ok(table.subscribe());
+        }
+        // Nothing is opened or ended between reading the table and being told of its changes.
+        let _turn = self.turn(run).await;
+        let table = self.table(run).await?;
+        Ok(self.tables().entry(run).or_insert_with(|| watch::Sender::new(table)).subscribe())
+    }
+
+    /// Advances runs whenever one of their games has ended, for ever.
+    pub async fn look_after(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
+        let ended = UnboundedReceiverStream::new(ended);
+        ended.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
+    }
+
+    /// Advances all runs that have not ended: after a start, and now and then, as some may wait for a
+    /// place.
+    ///
+    /// # Errors
+    /// Where the list of them cannot be read; a run that cannot be advanced is logged.
+    pub async fn advance_all(&self) -> Result<usize, JournalError> {
+        self.tables().retain(|_, table| table.receiver_count() > 0);
+        let all = self.0.parts.store.unfinished_runs().await?;
+        let count = all.len();
+        let all = futures::stream::iter(all);
+        all.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
+        Ok(count)
+    }
+
+    async fn try_advance(&self, run: RunKey) {
+        if let Err(error) = self.advance(run).await
+            // What is left is done after the start.
+            && !self.0.parts.stop.is_cancelled()
+        {
+            tracing::error!(%error, run = run.0, "a run cannot be advanced");
+        }
+    }
+
+    /// Does something of a run to its end, whoever goes meanwhile: what is broken off while a game is
+    /// being opened gives the lock back before the game can be found.
+    async fn to_its_end<T: Send + 'static>(
+        &self,
+        work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
+    ) -> Result<T, JournalError> {
+        let done = tokio::spawn(work).await;
+        done.unwrap_or_else(|error| Err(JournalError(error.to_string().into())))
+    }
+
+    async fn advance_now(&self, run: RunKey) -> Result<(), JournalError> {
+        let _turn = self.turn(run).await;
+        let stored = self.stored(run).await?;
+        let done =
+            if stored.ended_at.is_none() { self.do_what_is_due(&stored).await } else { Ok(()) };
+        self.settle(run).await.and(done)
+    }
+
+    async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), JournalError> {
+        let Parts { store, clock, .. } = &self.0.parts;
+        let definition = Definition::of(stored)?;
+        let games = store.games_of(stored.run).await?;
+        match due(&definition, &games, clock.now()) {
+            Due::Open(games) => self.open(stored, &definition, games).await,
+            Due::Nothing => Ok(()),
+            Due::End(status) => self.keep_end(stored, status).await,
+        }
+    }
+
+    /// Opens games until there is no place for another.
+    async fn open(
+        &self,
+        stored: &StoredRun,
+        definition: &Definition,
+        games: Vec<Game>,
+    ) -> Result<(), JournalError> {
+        let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
+        for game in games {
+            let parts = &self.0.parts;
+            if disk.is_full(parts.disk_free_percent_min) || parts.stop.is_cancelled() {
+                break;
+            }
+            let salt = (definition.visibility() == Some(Visibility::Sealed)).then(|| {
+                let mut bytes = [0; SALT_BYTES];
+                entropy.fill(&mut bytes);
+                data_encoding::HEXLOWER.encode(&bytes)
+            });
+            let spec = definition
+                .spec(&stored.id, &game, salt)
+                .map_err(|problem| JournalError(problem.into()))?;
+            let creation = Creation {
+                id: EpisodeId::new(clock.now(), &**entropy),
+                owner: stored.owner,
+                run: Some((stored.run, game.slot)),
+                spec,
+                tokens: Vec::new(),
+                idempotency: None,
+            };
+            match registry.create(creation).await {
+                Ok(_) => {}
+                // The next call finds a place, perhaps.
+                Err(registry::CreateError::Full(_)) => break,
+                Err(registry::CreateError::Journal(error)) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    async fn keep_end(&self, stored: &StoredRun, status: RunStatus) -> Result<(), JournalError> {
+        let Parts { store, clock, .. } = &self.0.parts;
+        let status = status.name();
+        let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
+        store.keep(vec![entry]).await?;
+        metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
+        tracing::info!(run = %stored.id, status, "ended");
+        Ok(())
+    }
+
+    async fn stored(&self, run: RunKey) -> Result<StoredRun, JournalError> {
+        self.0.parts.store.run(run).await?.ok_or_else(|| missing(run))
+    }
+
+    /// Ends the games that are open and must not be: those of an aborted run, and those that do not
+    /// count any more. Then tells whoever looks at the run how it stands.
+    async fn settle(&self, run: RunKey) -> Result<(), JournalError> {
+        let Parts { store, registry, .. } = &self.0.parts;
+        let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
+        let mut games = store.games_of(run).await?;
+        games.retain(|game| !game.is_over() && (is_aborted || !game.counts()));
+        for game in games {
+            let ended = match registry.find(&game.id).await {
+                Ok(Some(handle)) => handle.abort().await.map_err(|error| error.to_string()),
+                Ok(None) => Ok(()),
+                Err(error) => Err(error.to_string()),
+            };
+            if let Err(error) = ended {
+                // The others go on.
+                tracing::error!(episode = %game.id, error, "a game cannot be ended");
+            }
+        }
+        if !self.tables().contains_key(&run) {
+            return Ok(());
+        }
+        let table = self.table(run).await?;
+        if let Some(sender) = self.tables().get(&run) {
+            sender.send_if_modified(|now| std::mem::replace(now, table.clone()) != table);
+        }
+        Ok(())
+    }
+
+    async fn table(&self, run: RunKey) -> Result<Table, JournalError> {
+        let has_ended = self.stored(run).await?.ended_at.is_some();
+        let mut games = self.0.parts.store.games_of(run).await?;
+        games.retain(|game| !game.is_over() && game.counts());
+        games.sort_by_key(|game| game.episode);
+        let is_over = has_ended && games.is_empty();
+        Ok(Table { open: games.into_iter().map(|game| game.id).collect(), is_over })
+    }
+}
+
+fn missing(run: RunKey) -> JournalError {
+    JournalError(format!("there is no run {}", run.0).into())
+}
+
+/// What is to be done with a run that has not ended.
+#[derive(Debug, PartialEq, Eq)]
+enum Due {
+    /// Open these games, in this order.
+    Open(Vec<Game>),
+    /// Wait for the games that are open.
+    Nothing,
+    /// Nothing is left to be played.
+    End(RunStatus),
+}
+
+/// What is due, by the games that were opened so far.
+fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> Due {
+    let counted = games.iter().filter(|game| game.counts());
+    let by_slot: BTreeMap<u32, &StoredGame> = counted.map(|game| (game.slot, game)).collect();
+    let open = by_slot.values().filter(|game| !game.is_over()).count();
+    let mut left = definition.suite.plan();
+    left.retain(|game| !by_slot.contains_key(&game.slot));
+    let has_game = |is: &dyn Fn(&StoredGame) -> bool| by_slot.values().any(|game| is(game));
+    let is_closed = definition.closes_at.is_some_and(|at| at <= now);
+    let ending = match () {
+        // Whoever stopped playing would leave the next games alone, too.
+        () if has_game(&|game| game.status == Status::Abandoned.name()) => {
+            Some(RunStatus::Abandoned)
+        }
+        () if has_game(&|game| game.reason.as_deref() == Some(Ending::Closed.name())) => {
+            Some(RunStatus::Closed)
+        }
+        () if left.is_empty() => Some(RunStatus::Finished),
+        () if is_closed => Some(RunStatus::Closed),
+        () => None,
+    };
+    match ending {
+        Some(status) if open == 0 => Due::End(status),
+        Some(_) => Due::Nothing,
+        None => {
+            let places = (definition.parallel as usize).saturating_sub(open);
+            left.truncate(places);
+            if left.is_empty() { Due::Nothing } else { Due::Open(left) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::journal::{EpisodeKey, Tally};
+    use crate::run::suite::Suite;
+
+    fn definition(parallel: u32) -> Definition {
+        Definition {
+            suite: Suite::built_in("quick", "paper").expect("a suite"),
+            model: "a model".to_owned(),
+            temperature: None,
+            top_p: None,
+            meta: serde_json::Map::new(),
+            prompt_template: None,
+            player: None,
+            parallel,
+            visibility: "public".to_owned(),
+            idle_timeout_ms: 1000,
+            closes_at: None,
+        }
+    }
+
+    /// Games by slot, status, reason and whether the host broke them.
+    fn games(rows: &[(u32, &str, &str, bool)]) -> Vec<StoredGame> {
+        let game = |(number, &(slot, status, reason, voided)): (i64, &(u32, &str, &str, bool))| {
+            let ended = (status != "running").then_some(jiff::Timestamp::UNIX_EPOCH);
+            StoredGame {
+                episode: EpisodeKey(number),
+                id: EpisodeId::from_text(format!("ep_{number}")),
+                slot,
+                status: status.to_owned(),
+                reason: ended.map(|_| reason.to_owned()),
+                score: 0.0,
+                rounds: 0,
+                tally: Tally::default(),
+                void_reason: voided.then(|| "power cut".to_owned()),
+                ended_at: ended,
+            }
+        };
+        (0..).zip(rows).map(game).collect()
+    }
+
+    /// What is due, in short: the slots to be opened, or the status with which it ends.
+    fn told(definition: &Definition, rows: &[(u32, &str, &str, bool)]) -> String {
+        match due(definition, &games(rows), jiff::Timestamp::UNIX_EPOCH) {
+            Due::Open(games) => {
+                let slots: Vec<_> = games.iter().map(|game| game.slot.to_string()).collect();
+                slots.join(" ")
+            }
+            Due::Nothing => "nothing".to_owned(),
+            Due::End(status) => status.name().to_owned(),
+        }
+    }
+
+    const RUNNING: (&str, &str, bool) = ("running", "", false);
+    const DONE: (&str, &str, bool) = ("finished", "task_done", false);
+    const ABORTED: (&str, &str, bool) = ("aborted", "aborted", false);
+    const IDLE: (&str, &str, bool) = ("abandoned", "idle", false);
+    const CLOSED: (&str, &str, bool) = ("aborted", "closed", false);
+    const VOIDED: (&str, &str, bool) = ("aborted", "aborted", true);
+    const VOIDED_IDLE: (&str, &str, bool) = ("abandoned", "idle", true);
+    const VOIDED_RUNNING: (&str, &str, bool) = ("running", "", true);
+
+    #[test]
+    fn games_are_opened_in_order_and_so_many_at_a_time() {
+        let at = |slot, (status, reason, voided): (&'static str, &'static str, bool)| {
+            (slot, status, reason, voided)
+        };
+        let two = definition(2);
+        for (rows, expected) in [
+            (vec![], "0 1"),
+            (vec![at(0, RUNNING)], "1"),
+            (vec![at(0, RUNNING), at(1, RUNNING)], "nothing"),
+            (vec![at(0, DONE), at(1, RUNNING)], "2"),
+            (vec![at(0, DONE), at(1, ABORTED)], "2 3"),
+            // What the host broke is played again, and counts for no place.
+            (vec![at(0, VOIDED), at(1, RUNNING)], "0"),
+            (vec![at(0, VOIDED), at(0, RUNNING), at(1, RUNNING)], "nothing"),
+            (vec![at(0, VOIDED_RUNNING), at(1, DONE)], "0 2"),
+            (vec![at(0, VOIDED_IDLE), at(1, DONE)], "0 2"),
+            // Nobody plays any more: what is open ends first.
+            (vec![at(0, IDLE), at(1, RUNNING)], "nothing"),
+            (vec![at(0, IDLE), at(1, DONE)], "abandoned"),
+            ((0..5).map(|slot| at(slot, IDLE)).collect(), "abandoned"),
+            ((0..5).map(|slot| at(slot, DONE)).collect(), "finished"),
+            ((0..5).map(|slot| at(slot, ABORTED)).collect(), "finished"),
+            (vec![at(0, CLOSED), at(1, RUNNING)], "nothing"),
+            (vec![at(0, CLOSED), at(1, DONE)], "closed"),
+            (vec![at(4, RUNNING), at(3, DONE), at(0, DONE), at(1, DONE), at(2, DONE)], "nothing"),
+        ] {
+            assert_eq!(told(&two, &rows), expected, "{rows:?}");
+        }
+        let mut closed = definition(2);
+        closed.closes_at = Some(jiff::Timestamp::UNIX_EPOCH);
+        assert_eq!(told(&closed, &[]), "closed");
+        assert_eq!(told(&closed, &[at(0, RUNNING)]), "nothing");
+    }
+}

@@ -1,0 +1,258 @@
+//! The boards of a database, read once and kept up to date with what is committed.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use swarmbench_engine::TaskName;
+use tokio::sync::Mutex;
+
+use crate::board::collection::{BoardId, Boards, OverRun};
+use crate::board::cross_play::{MixedGame, Model, Setting};
+use crate::board::result::RunResult;
+use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
+use crate::journal::record::{Record, RecordedConfig};
+use crate::journal::{EpisodeKey, JournalError, RunKey};
+use crate::run::definition::Definition;
+use crate::run::suite::{Suite, SuiteSettings};
+use crate::store::Store;
+use crate::store::results::{Change, StoredMixed, StoredRun};
+
+/// The rules by which every built-in suite can be played.
+const RULES: [&str; 2] = ["paper", "reference"];
+
+/// Finished games of several holders.
+pub type MixedGames = BTreeMap<EpisodeKey, Arc<MixedGame>>;
+
+/// The boards of a database. One alone may keep those of a running server, as it is told once what has changed.
+#[derive(Debug)]
+pub struct Standings {
+    store: Store,
+    kept: Mutex<Kept>,
+}
+
+#[derive(Debug, Default)]
+struct Kept {
+    /// What has changed and is not read again yet.
+    changes: Vec<Change>,
+    /// None until somebody asks.
+    boards: Option<Arc<Boards>>,
+    /// None until somebody asks.
+    mixed: Option<Arc<MixedGames>>,
+}
+
+impl Standings {
+    /// The boards of this database. Nothing is read yet.
+    #[must_use]
+    pub fn new(store: Store) -> Self {
+        Self { store, kept: Mutex::default() }
+    }
+
+    /// All boards, with everything that is durable now.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn boards(&self) -> Result<Arc<Boards>, JournalError> {
+        let mut kept = self.kept.lock().await;
+        self.catch_up(&mut kept).await?;
+        if let Some(boards) = &kept.boards {
+            return Ok(Arc::clone(boards));
+        }
+        let mut boards = Boards::new(built_in());
+        let mut last = None;
+        loop {
+            let runs = self.store.runs_on_boards(last).await?;
+            let Some(run) = runs.last() else { break };
+            last = Some(run.run);
+            for run in runs {
+                boards.insert(over(run)?);
+            }
+        }
+        let boards = Arc::new(boards);
+        kept.boards = Some(Arc::clone(&boards));
+        Ok(boards)
+    }
+
+    /// All finished games of several holders, with everything that is durable now.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn mixed(&self) -> Result<Arc<MixedGames>, JournalError> {
+        let mut kept = self.kept.lock().await;
+        self.catch_up(&mut kept).await?;
+        if let Some(mixed) = &kept.mixed {
+            return Ok(Arc::clone(mixed));
+        }
+        let mut mixed = MixedGames::new();
+        let mut last = None;
+        loop {
+            let (games, next) = self.store.mixed_games(last).await?;
+            for game in games {
+                mixed.insert(game.episode, Arc::new(mixed_game(game)?));
+            }
+            if next.is_none() {
+                break;
+            }
+            last = next;
+        }
+        let mixed = Arc::new(mixed);
+        kept.mixed = Some(Arc::clone(&mixed));
+        Ok(mixed)
+    }
+
+    /// Reads again what has changed. Whoever waits for this may go at any moment: a change is forgotten only once
+    /// it is seen to.
+    async fn catch_up(&self, kept: &mut Kept) -> Result<(), JournalError> {
+        match self.store.writer().changes().take() {
+            Some(changes) => kept.changes.extend(changes),
+            None => *kept = Kept::default(),
+        }
+        if kept.boards.is_none() && kept.mixed.is_none() {
+            // Whatever is read from now on has it.
+            kept.changes.clear();
+        }
+        while let Some(&change) = kept.changes.last() {
+            match change {
+                Change::Run(run) => self.read_run(kept, run).await?,
+                Change::Episode(episode) => match self.store.run_of(episode).await? {
+                    Some(run) => self.read_run(kept, run).await?,
+                    None => self.read_mixed(kept, episode).await?,
+                },
+            }
+            kept.changes.pop();
+        }
+        Ok(())
+    }
+
+    async fn read_run(&self, kept: &mut Kept, run: RunKey) -> Result<(), JournalError> {
+        let Some(boards) = &mut kept.boards else { return Ok(()) };
+        let found = self.store.run_on_boards(run).await?.map(over).transpose()?;
+        let boards = Arc::make_mut(boards);
+        match found {
+            Some(run) => boards.insert(run),
+            None => boards.remove(run.0),
+        }
+        Ok(())
+    }
+
+    async fn read_mixed(&self, kept: &mut Kept, episode: EpisodeKey) -> Result<(), JournalError> {
+        let Some(mixed) = &mut kept.mixed else { return Ok(()) };
+        let found = self.store.mixed_game(episode).await?.map(mixed_game).transpose()?;
+        let mixed = Arc::make_mut(mixed);
+        match found {
+            Some(game) => drop(mixed.insert(episode, Arc::new(game))),
+            None => drop(mixed.remove(&episode)),
+        }
+        Ok(())
+    }
+}
+
+/// The boards that are there before anybody has played.
+fn built_in() -> impl Iterator<Item = (BoardId, Vec<TaskName>)> {
+    let suites = RULES.iter().flat_map(|rules| {
+        Suite::BUILT_IN.iter().filter_map(move |name| Suite::built_in(name, rules))
+    });
+    suites.map(|suite| {
+        let tasks = tasks(&suite);
+        (BoardId { digest: suite.digest(), suite: suite.name, rules: suite.rules }, tasks)
+    })
+}
+
+fn tasks(suite: &Suite) -> Vec<TaskName> {
+    suite.tasks.iter().filter_map(|name| TaskName::parse(name)).collect()
+}
+
+/// A stored run as a board takes it.
+fn over(stored: StoredRun) -> Result<OverRun, JournalError> {
+    let broken = |problem: String| {
+        JournalError(format!("the run {} cannot be read: {problem}", stored.id).into())
+    };
+    let definition: Definition =
+        serde_json::from_str(&stored.definition).map_err(|error| broken(error.to_string()))?;
+    let task = |name: &str| {
+        TaskName::parse(name).ok_or_else(|| broken(format!("there is no task {name:?}")))
+    };
+    let plan = (definition.suite.plan().iter())
+        .map(|game| Ok(Slot { task: task(&game.task)?, seed: game.seed }))
+        .collect::<Result<Vec<_>, JournalError>>()?;
+    let games = (stored.games.iter())
+        .map(|game| {
+            Ok(Game {
+                slot: Slot { task: task(&game.task)?, seed: game.seed },
+                score: game.score,
+                answers: game.acts,
+                invalid: game.invalid,
+                clock_outs: game.clock_outs,
+                voided: game.voided,
+            })
+        })
+        .collect::<Result<Vec<_>, JournalError>>()?;
+    let is_hosted = definition.player.is_some();
+    let template = definition.template_digest();
+    let run = Run {
+        player: Player {
+            owner: stored.owner.map(|owner| Owner { id: owner.id, name: owner.name }),
+            model: definition.model,
+            temperature: definition.temperature,
+            top_p: definition.top_p,
+            template,
+        },
+        id: stored.id,
+        status: stored.status,
+        created_at: stored.created_at,
+        vouched: stored.vouched || is_hosted,
+        decentralization: match definition.suite.settings.control.as_str() {
+            "centralized" => None,
+            _ if is_hosted => Some(Decentralization::Enforced),
+            _ => Some(Decentralization::Declared),
+        },
+    };
+    let tasks = tasks(&definition.suite);
+    let result = RunResult::new(run, &plan, &games, true);
+    let rules = definition.suite.rules;
+    let board = BoardId { suite: stored.suite, rules, digest: stored.digest };
+    Ok(OverRun { key: stored.run.0, board, tasks, result })
+}
+
+/// A stored game of several holders as cross-play takes it.
+fn mixed_game(stored: StoredMixed) -> Result<MixedGame, JournalError> {
+    let broken = |problem: String| {
+        let number = stored.episode.0;
+        JournalError(
+            format!("the opening of episode number {number} cannot be read: {problem}").into(),
+        )
+    };
+    let config = match stored.opening.read() {
+        Ok(Record::Opening(opening)) => opening.config,
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
+            return Err(broken("it is none".to_owned()));
+        }
+        Err(error) => return Err(broken(error.to_string())),
+    };
+    let task = TaskName::parse(&config.task);
+    let task = task.ok_or_else(|| broken(format!("there is no task {:?}", config.task)))?;
+    let settings = serde_json::to_string(&settings(&config)).map_err(|e| broken(e.to_string()))?;
+    let setting = Setting { task, rules: config.rules, settings };
+    let model = |(name, vouched)| Model { name, vouched };
+    Ok(MixedGame {
+        setting,
+        score: stored.score,
+        models: stored.models.into_iter().map(model).collect(),
+    })
+}
+
+/// The settings that decide a game but task, seed and rules.
+fn settings(config: &RecordedConfig) -> SuiteSettings {
+    SuiteSettings {
+        control: config.control.clone(),
+        num_agents: config.num_agents.into(),
+        width: config.width,
+        height: config.height,
+        view_size: config.view_size,
+        memory: config.memory,
+        max_round: config.max_round.into(),
+        noise: config.noise,
+        max_delay: config.max_delay,
+        round_deadline_ms: config.round_deadline_ms,
+        bank_ms: config.bank_ms,
+    }
+}

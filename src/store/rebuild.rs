@@ -1,0 +1,296 @@
+//! Making the table `results` again from the journals.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use futures::TryStreamExt;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{Connection, Row};
+use swarmbench_engine::physics::Solver;
+
+use super::episodes::{hash, head};
+use super::{OpenError, results, take};
+use crate::journal::chain::Head;
+use crate::journal::record::{ActRecord, End, RawRecord, Record, first_lines, round_record};
+use crate::journal::replay::verify;
+use crate::journal::{EpisodeKey, Tally};
+
+/// Episodes that are listed at once.
+const CHUNK: i64 = 256;
+
+/// Pieces of a journal that are read ahead of whoever plays it again.
+const AHEAD: usize = 4;
+
+/// Why the results were not made again. Then they are as they were.
+#[derive(Debug, thiserror::Error)]
+pub enum RebuildError {
+    /// There is no such database.
+    #[error("there is no database {0}: name the one of the server with --db")]
+    NoDatabase(PathBuf),
+    /// It cannot be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// It cannot be read or written.
+    #[error("the database cannot be used")]
+    Sqlite(#[from] sqlx::Error),
+    /// A journal does not say what it should.
+    #[error("the journal of {episode} is broken: {problem}; nothing was changed")]
+    Journal {
+        /// The public id of the episode.
+        episode: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+}
+
+/// What came of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rebuilt {
+    /// Rows that were made.
+    pub rows: u64,
+    /// Rows that are not as they were: others, new, or gone.
+    pub differing: u64,
+}
+
+/// Drops all results and makes them again from openings, acts, rounds and ends, all in one transaction and in
+/// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
+/// hash, digest, act and score compared. `progress` is told how many episodes of how many are done.
+///
+/// # Errors
+/// See [`RebuildError`].
+pub async fn rebuild(
+    path: &Path,
+    replay: bool,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<Rebuilt, RebuildError> {
+    if !path.is_file() {
+        return Err(RebuildError::NoDatabase(path.to_owned()));
+    }
+    // The lock is held until the end.
+    let (_lock, _, mut connection) = take(path, false).await?;
+    let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
+    let rebuilt = all(&mut transaction, replay, &mut progress).await?;
+    transaction.commit().await?;
+    connection.close().await?;
+    Ok(rebuilt)
+}
+
+async fn all(
+    database: &mut SqliteConnection,
+    replay: bool,
+    progress: &mut impl FnMut(u64, u64),
+) -> Result<Rebuilt, RebuildError> {
+    run(database, "CREATE TEMPORARY TABLE earlier AS SELECT * FROM results").await?;
+    run(database, "DELETE FROM results").await?;
+    let of =
+        count(database, "SELECT count(*) FROM episodes WHERE status NOT IN ('waiting', 'running')")
+            .await?;
+    let (mut last, mut done) = (i64::MIN, 0);
+    loop {
+        let ended = sqlx::query(
+            "SELECT key, id FROM episodes WHERE key > ? AND ended_at IS NOT NULL ORDER BY key LIMIT ?",
+        )
+        .bind(last)
+        .bind(CHUNK)
+        .fetch_all(&mut *database)
+        .await?;
+        if ended.is_empty() {
+            break;
+        }
+        for row in ended {
+            last = row.try_get("key")?;
+            one(database, EpisodeKey(last), row.try_get("id")?, replay).await?;
+            done += 1;
+            progress(done, of);
+        }
+    }
+    let rows = count(database, "SELECT count(*) FROM results").await?;
+    let differing = count(
+        database,
+        "SELECT count(*) FROM (
+             SELECT episode FROM (SELECT * FROM results EXCEPT SELECT * FROM earlier)
+             UNION
+             SELECT episode FROM (SELECT * FROM earlier EXCEPT SELECT * FROM results))",
+    )
+    .await?;
+    run(database, "DROP TABLE earlier").await?;
+    Ok(Rebuilt { rows, differing })
+}
+
+async fn run(database: &mut SqliteConnection, statement: &'static str) -> Result<(), sqlx::Error> {
+    sqlx::query(statement).execute(database).await.map(drop)
+}
+
+async fn count(database: &mut SqliteConnection, query: &'static str) -> Result<u64, sqlx::Error> {
+    sqlx::query_scalar::<_, i64>(query).fetch_one(database).await.map(i64::unsigned_abs)
+}
+
+/// An episode that has ended, as its journal has it.
+struct Ended {
+    episode: EpisodeKey,
+    opening: RawRecord,
+    seating: Option<RawRecord>,
+    ending: RawRecord,
+    end: End,
+    head: Head,
+}
+
+/// Makes the row of an episode again, if it is to have one.
+async fn one(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+    id: String,
+    replay: bool,
+) -> Result<(), RebuildError> {
+    let broken = |problem: String| RebuildError::Journal { episode: id.clone(), problem };
+    let row =
+        sqlx::query("SELECT opening, seating, ending, head, status FROM episodes WHERE key = ?")
+            .bind(episode.0)
+            .fetch_one(&mut *database)
+            .await?;
+    let raw = |column| {
+        RawRecord::from_stored(row.try_get(column)?)
+            .map_err(|error| sqlx::Error::Decode(error.into()))
+    };
+    let (opening, ending) = (raw("opening")?, raw("ending")?);
+    let has_seating = row.try_get::<Option<&str>, _>("seating")?.is_some();
+    let seating = if has_seating { Some(raw("seating")?) } else { None };
+    match opening.read() {
+        Ok(Record::Opening(opening)) if opening.counts() => {}
+        Ok(Record::Opening(_)) => return Ok(()),
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
+            return Err(broken("its first record is not an opening".to_owned()));
+        }
+        Err(error) => return Err(broken(error.to_string())),
+    }
+    let end = match ending.read() {
+        Ok(Record::End(end)) => end,
+        Ok(Record::Opening(_) | Record::Seats(_) | Record::Round(_)) => {
+            return Err(broken("its last record is not an end".to_owned()));
+        }
+        Err(error) => return Err(broken(error.to_string())),
+    };
+    let head = head(&row.try_get::<Vec<u8>, _>("head")?)?;
+    if end.status != row.try_get::<String, _>("status")? {
+        return Err(broken("it ended otherwise than its journal says".to_owned()));
+    }
+    // A layout may have a score before its first round.
+    let standing = standing(database, episode).await?.unwrap_or((0, end.score));
+    if standing != (end.rounds, end.score) {
+        let (rounds, score) = standing;
+        let problem = format!(
+            "its end says {} rounds and a score of {}, its rounds say {rounds} and {score}",
+            end.rounds, end.score
+        );
+        return Err(broken(problem));
+    }
+    let ended = Ended { episode, opening, seating, ending, end, head };
+    if replay {
+        play_again(database, &ended).await?.map_err(broken)?;
+    }
+    let tally = tally(database, episode).await?.map_err(broken)?;
+    results::add(database, episode, ended.end.score, ended.end.rounds, tally).await?;
+    Ok(())
+}
+
+/// How many rounds were resolved, and the score after them; none where there were none.
+async fn standing(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+) -> Result<Option<(u32, f64)>, sqlx::Error> {
+    let last = "SELECT round, score FROM rounds WHERE episode = ? ORDER BY round DESC LIMIT 1";
+    let row = sqlx::query(last).bind(episode.0).fetch_optional(database).await?;
+    row.map(|row| Ok((row.try_get::<u32, _>(0)? + 1, row.try_get(1)?))).transpose()
+}
+
+/// Counts the acts, those of a round that was not resolved any more, too.
+async fn tally(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+) -> Result<Result<Tally, String>, sqlx::Error> {
+    let mut tally = Tally::default();
+    let query = sqlx::query("SELECT record FROM acts WHERE episode = ?").bind(episode.0);
+    let mut acts = query.fetch(database);
+    while let Some(row) = acts.try_next().await? {
+        match serde_json::from_str::<ActRecord>(row.try_get(0)?) {
+            Ok(act) => tally.add(&act),
+            Err(error) => return Ok(Err(format!("an act cannot be read: {error}"))),
+        }
+    }
+    Ok(Ok(tally))
+}
+
+/// Plays an episode again, line by line of its journal.
+async fn play_again(
+    database: &mut SqliteConnection,
+    ended: &Ended,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
+    let head = ended.head;
+    let played = tokio::task::spawn_blocking(move || {
+        let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
+        verify(journal, Some(head), Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
+    });
+    // Where nobody takes the lines any more, a fault was found.
+    let sent = send_lines(database, ended, &send).await;
+    drop(send);
+    sent?;
+    let played = played.await.unwrap_or_else(|panic| Err(panic.to_string()));
+    Ok(played.map(drop))
+}
+
+async fn send_lines(
+    database: &mut SqliteConnection,
+    ended: &Ended,
+    lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
+) -> Result<(), sqlx::Error> {
+    let first = first_lines(&ended.opening, ended.seating.as_ref());
+    let mut go_on = lines.send(first.into()).await.is_ok();
+    for round in 0..ended.end.rounds {
+        if !go_on {
+            return Ok(());
+        }
+        let line = round_line(database, ended.episode, round).await?;
+        go_on = lines.send(line.into()).await.is_ok();
+    }
+    _ = lines.send(ended.ending.line(ended.head).into()).await;
+    Ok(())
+}
+
+async fn round_line(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+    round: u32,
+) -> Result<String, sqlx::Error> {
+    let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
+    let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
+    let raw = |row: &SqliteRow| {
+        RawRecord::from_stored(row.try_get(0)?).map_err(|error| sqlx::Error::Decode(error.into()))
+    };
+    let acts = acts.iter().map(raw).collect::<Result<Vec<_>, _>>()?;
+    let query = "SELECT digest, score, head FROM rounds WHERE episode = ? AND round = ?";
+    let row = sqlx::query(query).bind(episode.0).bind(round).fetch_one(database).await?;
+    let digest = hash(&row.try_get::<Vec<u8>, _>("digest")?)?;
+    let digest = data_encoding::HEXLOWER.encode(&digest);
+    let record = round_record(round, acts.iter(), &digest, row.try_get("score")?);
+    Ok(record.line(head(&row.try_get::<Vec<u8>, _>("head")?)?))
+}
+
+/// Lines that come from somewhere else, as a file.
+struct Lines {
+    receive: tokio::sync::mpsc::Receiver<Vec<u8>>,
+    line: Vec<u8>,
+    read: usize,
+}
+
+impl Read for Lines {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if self.read == self.line.len() {
+            let Some(next) = self.receive.blocking_recv() else { return Ok(0) };
+            (self.line, self.read) = (next, 0);
+        }
+        let read = (&self.line[self.read..]).read(buffer)?;
+        self.read += read;
+        Ok(read)
+    }
+}

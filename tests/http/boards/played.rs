@@ -1,0 +1,330 @@
+//! Runs and games of several holders, played through the server's own parts while no server runs.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde_json::Map;
+use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
+use swarmbench::episode::actor::{Handle, Spawn};
+use swarmbench::episode::lockstep::Submission;
+use swarmbench::episode::quota::Quotas;
+use swarmbench::episode::registry::{Creation, Registry};
+use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::http::limits::Limits;
+use swarmbench::ids::EpisodeId;
+use swarmbench::journal::record::{ActRecord, Source};
+use swarmbench::journal::{Entry, EpisodeKey, Journal, RunKey, RunRow};
+use swarmbench::keys::OwnerKey;
+use swarmbench::run::definition::Definition;
+use swarmbench::run::new_id;
+use swarmbench::run::suite::{Suite, SuiteSettings};
+use swarmbench::store::Store;
+use swarmbench_engine::{AgentId, Config, Settings};
+
+use crate::app::TestApp;
+
+/// Rounds of a game of the suite `small`.
+const ROUNDS: u32 = 10;
+
+/// The time of a round, where it has one.
+const DEADLINE: Duration = Duration::from_secs(60);
+
+/// What became of a game.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Did {
+    /// It was played to its end.
+    Scored(u32),
+    /// The same, with answers that were none and clocks that ran out.
+    Wrong { score: u32, invalid: u32, late: u32 },
+    /// It was aborted as soon as it had this score.
+    Aborted(u32),
+    /// It was played to its end, and then the host found that it had broken it.
+    Voided(u32),
+    /// Several agents played until they had this score; then it was aborted.
+    Together(u32),
+    /// It was never opened.
+    NotBegun,
+}
+
+fn seeds(count: usize) -> Vec<u64> {
+    [27, 42, 57, 72, 87].into_iter().cycle().take(count).collect()
+}
+
+/// One agent whose light scores as often as it changes.
+pub(super) fn definition(model: &str, games: usize) -> Definition {
+    let settings = SuiteSettings {
+        num_agents: 1,
+        max_round: ROUNDS.into(),
+        round_deadline_ms: Some(u64::try_from(DEADLINE.as_millis()).expect("a minute")),
+        ..SuiteSettings::default()
+    };
+    let suite = Suite {
+        name: "small".to_owned(),
+        tasks: vec!["Synchronization".to_owned()],
+        seeds: seeds(games),
+        rules: "paper".to_owned(),
+        settings,
+    };
+    of(suite, model)
+}
+
+/// The suite of the paper's main table.
+pub(super) fn standard(model: &str) -> Definition {
+    of(Suite::built_in("standard", "paper").expect("it is built in"), model)
+}
+
+fn of(suite: Suite, model: &str) -> Definition {
+    Definition {
+        suite,
+        model: model.to_owned(),
+        temperature: Some(1.0),
+        top_p: None,
+        meta: Map::new(),
+        prompt_template: None,
+        player: None,
+        parallel: 1,
+        visibility: "public".to_owned(),
+        idle_timeout_ms: 86_400_000,
+        closes_at: None,
+    }
+}
+
+/// The parts of a server that play, over the database of one that is stopped.
+pub(super) struct Offline {
+    pub(super) store: Store,
+    registry: Registry,
+    clock: Arc<ManualClock>,
+    entropy: SeededEntropy,
+    runs: i64,
+    last: EpisodeKey,
+}
+
+impl Offline {
+    pub(super) async fn open(app: &TestApp) -> Self {
+        let store = Store::open(&app.database()).await.expect("it opens");
+        let last = store.last_key().await.expect("it is read");
+        let noon = "2026-03-02T12:00:00Z".parse().expect("a time");
+        let clock = Arc::new(ManualClock::new(noon));
+        let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
+        let quotas = Arc::new(Quotas::new(Limits::default().caps()));
+        let journal = Arc::new(store.clone());
+        let registry = Registry::new(journal, Arc::clone(&clock) as _, quotas, spawn, last);
+        let entropy = SeededEntropy::new(u64::try_from(last).expect("a count") + 5);
+        // The runs of a test that opens the database twice must not have the same numbers.
+        Self { store, registry, clock, entropy, runs: last * 100, last: EpisodeKey(last) }
+    }
+
+    pub(super) async fn close(self) {
+        self.store.close().await;
+    }
+
+    /// The holder of a key, by name.
+    pub(super) async fn owner(&self, name: &str) -> Option<OwnerKey> {
+        let keys = self.store.keys().await.expect("they are read");
+        keys.iter().find(|key| key.name == name).expect("it was made").number
+    }
+
+    /// Plays a run to its end.
+    pub(super) async fn run(
+        &mut self,
+        definition: Definition,
+        owner: Option<OwnerKey>,
+        games: &[Did],
+        status: &'static str,
+    ) {
+        let run = self.open_run(definition, owner, games).await;
+        self.end(run, status).await;
+    }
+
+    /// Plays games of a run that goes on.
+    pub(super) async fn open_run(
+        &mut self,
+        definition: Definition,
+        owner: Option<OwnerKey>,
+        games: &[Did],
+    ) -> RunKey {
+        self.runs += 1;
+        self.clock.advance(Duration::from_secs(1));
+        let run = RunKey(self.runs);
+        let row = RunRow {
+            run,
+            id: new_id(self.clock.now(), &self.entropy),
+            owner,
+            suite: definition.suite.name.clone(),
+            digest: definition.suite.digest(),
+            definition: serde_json::to_string(&definition).expect("JSON"),
+            model: definition.model.clone(),
+            visibility: "public",
+            attempt: None,
+            at: self.clock.now(),
+            idempotency: None,
+            token: None,
+        };
+        let id = row.id.clone();
+        self.store.keep(vec![Entry::OpenRun(Box::new(row))]).await.expect("it is kept");
+        for (game, did) in definition.suite.plan().iter().zip(games) {
+            if matches!(did, Did::NotBegun) {
+                continue;
+            }
+            let mut spec = spec(&definition.suite, &game.task, game.seed, &definition.model);
+            spec.run = Some(id.clone());
+            let handle = self.create(spec, owner, Some((run, game.slot))).await;
+            self.play(&handle, *did).await;
+        }
+        run
+    }
+
+    pub(super) async fn end(&mut self, run: RunKey, status: &'static str) {
+        let entry = Entry::EndRun { run, status, at: self.clock.now() };
+        self.store.keep(vec![entry]).await.expect("it is kept");
+    }
+
+    /// The host broke the game that was played last, and notices it so often.
+    pub(super) async fn void_last(&self, times: usize) {
+        let reason = "a test".to_owned();
+        let entry = Entry::VoidEpisode { episode: self.last, reason, at: self.clock.now() };
+        self.store.keep(vec![entry; times]).await.expect("it is kept");
+    }
+
+    /// Plays a game of two agents, the second of whom sits on an open seat.
+    pub(super) async fn mixed(&mut self, score: u32, noise: f64) {
+        let mut suite = definition("", 1).suite;
+        suite.settings = SuiteSettings { num_agents: 2, noise, ..suite.settings };
+        let mut spec = spec(&suite, "Synchronization", 27, "=ours");
+        spec.open_seats = vec![AgentId(1)];
+        let handle = self.create(spec, None, None).await;
+        self.together(&handle, score).await;
+        for round in score..ROUNDS {
+            submit(&handle, round, &["STAY", "STAY"]).await;
+        }
+    }
+
+    async fn create(
+        &mut self,
+        spec: Spec,
+        owner: Option<OwnerKey>,
+        run: Option<(RunKey, u32)>,
+    ) -> Handle {
+        let id = EpisodeId::new(self.clock.now(), &self.entropy);
+        let creation = Creation { id, owner, run, spec, tokens: Vec::new(), idempotency: None };
+        let handle = self.registry.create(creation).await.expect("it is created");
+        self.last = handle.key;
+        handle
+    }
+
+    async fn play(&self, handle: &Handle, did: Did) {
+        match did {
+            Did::Scored(score) => self.alone(handle, score, 0, 0).await,
+            Did::Wrong { score, invalid, late } => self.alone(handle, score, invalid, late).await,
+            Did::Voided(score) => {
+                self.alone(handle, score, 0, 0).await;
+                self.void_last(1).await;
+            }
+            Did::Aborted(score) => {
+                for round in 0..score {
+                    submit(handle, round, &["SWITCH"]).await;
+                }
+                handle.abort().await.expect("it is kept");
+            }
+            Did::Together(score) => {
+                self.together(handle, score).await;
+                handle.abort().await.expect("it is kept");
+            }
+            Did::NotBegun => {}
+        }
+        let outcome = &handle.snapshot().outcome;
+        assert!(outcome.is_some(), "it has ended");
+    }
+
+    /// One agent changes its light so often, then gives so many invalid answers, lets the clock run out so often, and
+    /// then does nothing.
+    async fn alone(&self, handle: &Handle, score: u32, invalid: u32, late: u32) {
+        for round in 0..ROUNDS {
+            if round < score {
+                submit(handle, round, &["SWITCH"]).await;
+            } else if round < score + invalid {
+                submit(handle, round, &["no action at all"]).await;
+            } else if round < score + invalid + late {
+                let mut followed = handle.follow();
+                self.clock.advance(DEADLINE + Duration::from_millis(1));
+                let past =
+                    |snapshot: &Arc<swarmbench::episode::Snapshot>| snapshot.world.round() > round;
+                followed.wait_for(past).await.expect("it goes on");
+            } else {
+                submit(handle, round, &["STAY"]).await;
+            }
+        }
+    }
+
+    /// All lights the same, and then all change in every round.
+    async fn together(&self, handle: &Handle, score: u32) {
+        for round in 0..score {
+            let world = Arc::clone(&handle.snapshot().world);
+            let light = |agent| world.observe(agent).light_on == Some(true);
+            let act = |agent| if round > 0 || !light(agent) { "SWITCH" } else { "STAY" };
+            let acts: Vec<&str> = world.agents().map(act).collect();
+            submit(handle, round, &acts).await;
+        }
+    }
+}
+
+fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
+    let settings = suite.settings.clone();
+    let checked = Config::check(&Settings {
+        task: task.to_owned(),
+        rules: suite.rules.clone(),
+        control: settings.control,
+        seed: i64::try_from(seed).expect("a seed"),
+        num_agents: settings.num_agents,
+        width: settings.width,
+        height: settings.height,
+        view_size: settings.view_size,
+        memory: settings.memory,
+        max_round: settings.max_round,
+        noise: settings.noise,
+        max_delay: settings.max_delay,
+    });
+    Spec {
+        config: Arc::new(checked.expect("good settings")),
+        round_deadline: settings.round_deadline_ms.map(Duration::from_millis),
+        bank: Duration::from_millis(settings.bank_ms),
+        manual_start: false,
+        idle_timeout: Duration::from_secs(86_400),
+        visibility: Visibility::Public,
+        model: model.to_owned(),
+        agent_meta: Map::new(),
+        prompt_template: "a template".into(),
+        custom_template: false,
+        run: None,
+        salt: None,
+        closes_at: None,
+        open_seats: Vec::new(),
+        fill_after: None,
+        fill_with: None,
+        player: None,
+    }
+}
+
+/// Acts for all agents; what is no action is the answer of a language model that was none.
+async fn submit(handle: &Handle, round: u32, actions: &[&str]) {
+    let act = |(number, action): (u16, &&str)| {
+        let is_action = ["SWITCH", "STAY"].contains(action);
+        let record = ActRecord {
+            agent: AgentId(number).to_string(),
+            source: Source::Player,
+            action: is_action.then(|| (*action).to_owned()),
+            message: None,
+            to: None,
+            valid: is_action,
+            response: (!is_action).then(|| (*action).to_owned()),
+            usage: None,
+            reasoning: None,
+            bank_spent_ms: 0,
+        };
+        (AgentId(number), Submission { round, record })
+    };
+    let outcomes = handle.submit((0..).zip(actions).map(act).collect()).await;
+    for outcome in outcomes {
+        outcome.expect("it is kept");
+    }
+}
