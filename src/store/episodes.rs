@@ -36,7 +36,8 @@ pub enum Readable {
     Public,
     /// Those that anyone may read now, and this one.
     And(EpisodeId),
-    /// Those that anyone may read now, and those that were created with this key.
+    /// Those that anyone may read now, those that were created with this key, and those of which seats
+    /// may be claimed.
     AndOf(OwnerKey),
     /// Those that anyone may read now, and those of this run.
     AndOfRun(RunKey),
@@ -77,6 +78,10 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     );
     query
 }
+
+/// Where it waits and has, or had, open seats: whoever has a key may claim one.
+const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
+                          AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
 
 /// The last act of a player, or else the manual start: a clock that runs out is no act.
 const LAST_ACT_AT: &str = "
@@ -154,8 +159,11 @@ impl Store {
                 query
                     .push(" AND (")
                     .push(public)
-                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ");
-                query.push_bind(owner.0).push("))")
+                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ")
+                    .push_bind(owner.0)
+                    .push(") OR ")
+                    .push(CLAIMABLE);
+                query.push(")")
             }
             Readable::AndOfRun(run) => {
                 query

@@ -109,6 +109,12 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
     let first = Held::of(&first);
     assert_eq!(first.agents(), ["Agent_2"]);
 
+    // Whoever has a key finds it as long as it waits.
+    let is_listed = async || {
+        let items = app.get("/api/v1/episodes").token(&green).ok().await["items"].clone();
+        list(&items).iter().any(|item| item["id"] == creator.episode.as_str())
+    };
+    assert!(is_listed().await);
     // What nobody acts in yet shows nothing to act on.
     assert!(creator.waiting(&app).await.is_empty());
     let shown = app.get(&creator.path("/claims")).token(&green).ok().await;
@@ -124,6 +130,7 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
     let second = Held::of(&second);
     assert_eq!(second.agents(), ["Agent_1", "Agent_3"]);
 
+    assert!(!is_listed().await);
     // Everybody sees and plays what is theirs.
     for round in 0..2 {
         for held in [&creator, &second, &first] {
