@@ -12,11 +12,11 @@ use std::time::{Duration, Instant};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Map;
-use swarmbench::clock::{Clock, SeededEntropy, SystemClock};
+use swarmbench::clock::{Clock, Entropy, SeededEntropy, SystemClock};
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::spec::{Spec, Visibility};
-use swarmbench::host::ManualDisk;
+use swarmbench::host::{Disk, ManualDisk};
 use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{App, Foundation, router, serve::serve};
@@ -27,6 +27,7 @@ use swarmbench::journal::{EndRow, Entry, EpisodeKey, Journal, OpeningRow, RunKey
 use swarmbench::loadtest::latencies::Latencies;
 use swarmbench::prompt;
 use swarmbench::run::definition::Definition;
+use swarmbench::run::manager::{self, Runs};
 use swarmbench::run::new_id;
 use swarmbench::run::suite::Suite;
 use swarmbench::store::Store;
@@ -71,7 +72,7 @@ async fn main() {
         "{} runs with {} episodes ({games} each) of {PLAYERS} players, {:.0} MB, made in {:.0} s",
         made.runs,
         made.episodes,
-        mega(bytes),
+        float(bytes) / 1e6,
         started.elapsed().as_secs_f64()
     );
     let (address, stop) = start(store.clone()).await;
@@ -94,7 +95,7 @@ async fn main() {
             tokio::spawn(end_runs(store.clone(), made, Arc::clone(&ending), Arc::clone(&ended)));
         let began = Instant::now();
         let busy = measure(&client, address, query).await;
-        let rate = ended.load(Ordering::Relaxed) as f64 / began.elapsed().as_secs_f64();
+        let rate = float(ended.load(Ordering::Relaxed)) / began.elapsed().as_secs_f64();
         rates.push(format!("{rate:.0}"));
         ending.store(false, Ordering::Relaxed);
         made = writer.await.expect("no panic");
@@ -111,24 +112,40 @@ async fn main() {
     stop.cancel();
 }
 
-fn mega(bytes: u64) -> f64 {
-    bytes as f64 / 1e6
+/// A count as a number that can be divided.
+#[expect(clippy::cast_precision_loss, reason = "no count here comes near 2⁵³")]
+const fn float(count: u64) -> f64 {
+    count as f64
 }
 
 /// Serves the database as a server does.
 async fn start(store: Store) -> (SocketAddr, CancellationToken) {
-    let clock = Arc::new(SystemClock);
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock);
+    let entropy: Arc<dyn Entropy> = Arc::new(SeededEntropy::new(1));
+    let disk: Arc<dyn Disk> = Arc::new(ManualDisk::new(50));
     let limits = Limits::default();
     let quotas = Arc::new(Quotas::new(limits.caps()));
     let journal = Arc::new(store.clone());
     let spawn = Arc::new(|task| drop(tokio::spawn(task)));
     let stop = CancellationToken::new();
+    let registry = Registry::new(journal, Arc::clone(&clock), quotas, spawn, 0);
+    let runs = Runs::new(manager::Parts {
+        store: store.clone(),
+        registry: registry.clone(),
+        clock: Arc::clone(&clock),
+        entropy: Arc::clone(&entropy),
+        disk: Arc::clone(&disk),
+        disk_free_percent_min: limits.disk_free_percent_min,
+        stop: stop.clone(),
+        last_key: 0,
+    });
     let app = App::new(Foundation {
         store,
-        registry: Registry::new(journal, Arc::clone(&clock) as _, quotas, spawn, 0),
+        registry,
+        runs,
         clock,
-        entropy: Arc::new(SeededEntropy::new(1)),
-        disk: Arc::new(ManualDisk::new(50)),
+        entropy,
+        disk,
         limits,
         access: Access::default(),
         has_keys: false,
@@ -255,7 +272,7 @@ impl Made {
             round_deadline: None,
             bank: Duration::ZERO,
             manual_start: false,
-            idle_timeout: Duration::from_secs(86_400),
+            idle_timeout: Duration::from_hours(24),
             visibility: Visibility::Public,
             model: model.to_owned(),
             agent_meta: Map::new(),

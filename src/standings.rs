@@ -6,16 +6,16 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 use tokio::sync::Mutex;
 
-use crate::board::collection::{BoardId, Boards, OverRun};
+use crate::board::collection::{BoardId, BoardSuite, Boards, Imported, OverRun, ToldSettings};
 use crate::board::cross_play::{MixedGame, Model, Setting};
 use crate::board::result::RunResult;
 use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
 use crate::journal::record::{Record, RecordedConfig};
-use crate::journal::{EpisodeKey, JournalError, RunKey};
+use crate::journal::{EpisodeKey, ImportedGame, JournalError, RunKey};
 use crate::run::definition::Definition;
-use crate::run::suite::{Suite, SuiteSettings};
+use crate::run::suite::{Game as SuiteGame, Suite, SuiteSettings};
 use crate::store::Store;
-use crate::store::results::{Change, StoredMixed, StoredRun};
+use crate::store::results::{BoardMixed, BoardRun, Change};
 
 /// The rules by which every built-in suite can be played.
 const RULES: [&str; 2] = ["paper", "reference"];
@@ -63,10 +63,11 @@ impl Standings {
             let runs = self.store.runs_on_boards(last).await?;
             let Some(run) = runs.last() else { break };
             last = Some(run.run);
-            for run in runs {
+            for run in runs.into_iter().filter(|run| run.is_over) {
                 boards.insert(over(run)?);
             }
         }
+        boards.set_imported(self.imported().await?);
         let boards = Arc::new(boards);
         kept.boards = Some(Arc::clone(&boards));
         Ok(boards)
@@ -113,6 +114,15 @@ impl Standings {
         while let Some(&change) = kept.changes.last() {
             match change {
                 Change::Run(run) => self.read_run(kept, run).await?,
+                Change::Imports => {
+                    // All of them come at once, mostly.
+                    kept.changes.retain(|change| *change != Change::Imports);
+                    kept.changes.push(Change::Imports);
+                    let games = self.imported().await?;
+                    if let Some(boards) = &mut kept.boards {
+                        Arc::make_mut(boards).set_imported(games);
+                    }
+                }
                 Change::Episode(episode) => match self.store.run_of(episode).await? {
                     Some(run) => self.read_run(kept, run).await?,
                     None => self.read_mixed(kept, episode).await?,
@@ -121,6 +131,10 @@ impl Standings {
             kept.changes.pop();
         }
         Ok(())
+    }
+
+    async fn imported(&self) -> Result<Vec<Imported>, JournalError> {
+        Ok(self.store.imported_games().await?.into_iter().filter_map(imported).collect())
     }
 
     async fn read_run(&self, kept: &mut Kept, run: RunKey) -> Result<(), JournalError> {
@@ -147,22 +161,64 @@ impl Standings {
 }
 
 /// The boards that are there before anybody has played.
-fn built_in() -> impl Iterator<Item = (BoardId, Vec<TaskName>)> {
+fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
     let suites = RULES.iter().flat_map(|rules| {
         Suite::BUILT_IN.iter().filter_map(move |name| Suite::built_in(name, rules))
     });
-    suites.map(|suite| {
-        let tasks = tasks(&suite);
-        (BoardId { digest: suite.digest(), suite: suite.name, rules: suite.rules }, tasks)
+    suites.map(|built_in| {
+        let plan = built_in.plan();
+        let slot =
+            |game: &SuiteGame| Some(Slot { task: TaskName::parse(&game.task)?, seed: game.seed });
+        let shown = suite(&built_in, plan.iter().filter_map(slot).collect());
+        (BoardId { digest: built_in.digest(), suite: built_in.name, rules: built_in.rules }, shown)
     })
 }
 
-fn tasks(suite: &Suite) -> Vec<TaskName> {
-    suite.tasks.iter().filter_map(|name| TaskName::parse(name)).collect()
+/// What is played on a board.
+fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
+    let settings = &suite.settings;
+    BoardSuite {
+        tasks: suite.tasks.iter().filter_map(|name| TaskName::parse(name)).collect(),
+        plan,
+        settings: ToldSettings {
+            num_agents: settings.num_agents,
+            max_round: settings.max_round,
+            width: settings.width,
+            height: settings.height,
+            view_size: settings.view_size,
+            rules: Some(suite.rules.clone()),
+            control: Some(settings.control.clone()),
+            memory: Some(settings.memory),
+            noise: Some(settings.noise),
+            max_delay: Some(settings.max_delay),
+        },
+    }
+}
+
+/// A game from files as a board takes it, if it is one of a task that there is.
+fn imported(game: ImportedGame) -> Option<Imported> {
+    let settings = game.settings;
+    Some(Imported {
+        slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed },
+        model: game.model,
+        score: game.score,
+        settings: ToldSettings {
+            num_agents: settings.num_agents.into(),
+            max_round: settings.max_round.into(),
+            width: settings.width.into(),
+            height: settings.height.into(),
+            view_size: settings.view_size.into(),
+            rules: settings.rules,
+            control: settings.control,
+            memory: settings.memory,
+            noise: settings.noise,
+            max_delay: settings.max_delay,
+        },
+    })
 }
 
 /// A stored run as a board takes it.
-fn over(stored: StoredRun) -> Result<OverRun, JournalError> {
+fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
     let broken = |problem: String| {
         JournalError(format!("the run {} cannot be read: {problem}", stored.id).into())
     };
@@ -206,15 +262,15 @@ fn over(stored: StoredRun) -> Result<OverRun, JournalError> {
             _ => Some(Decentralization::Declared),
         },
     };
-    let tasks = tasks(&definition.suite);
     let result = RunResult::new(run, &plan, &games, true);
+    let suite = suite(&definition.suite, plan);
     let rules = definition.suite.rules;
     let board = BoardId { suite: stored.suite, rules, digest: stored.digest };
-    Ok(OverRun { key: stored.run.0, board, tasks, result })
+    Ok(OverRun { key: stored.run.0, board, suite, result })
 }
 
 /// A stored game of several holders as cross-play takes it.
-fn mixed_game(stored: StoredMixed) -> Result<MixedGame, JournalError> {
+fn mixed_game(stored: BoardMixed) -> Result<MixedGame, JournalError> {
     let broken = |problem: String| {
         let number = stored.episode.0;
         JournalError(

@@ -17,10 +17,10 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("store", &["ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys"]),
     ("house", &["episode", "journal"]),
-    ("wire", &["board", "episode", "journal", "keys"]),
+    ("wire", &["board", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
-    ("run", &["clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
+    ("run", &["board", "clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
     ("standings", &["board", "journal", "run", "store"]),
     (
         "http",
@@ -87,6 +87,9 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "house", "cli", "run"]),
     ("indicatif", &["cli"]),
+    ("zip", &["dataset"]),
+    ("parquet", &["dataset"]),
+    ("flate2", &["dataset"]),
     ("csv", &["board", "wire"]),
 ];
 

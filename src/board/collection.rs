@@ -1,16 +1,16 @@
 //! All boards of a database: runs that are over, by what they may be compared with.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::sync::Arc;
 
 use swarmbench_engine::TaskName;
 
-use super::RowId;
 use super::interval::{Difference, Memory};
 use super::rank::{Pick, Row, View, rank};
 use super::reference::{self, REFERENCES};
 use super::result::RunResult;
+use super::{RowId, Slot};
 
 /// What may be compared: runs of the same suite by the same rules. The digest covers every setting.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -23,11 +23,66 @@ pub struct BoardId {
     pub digest: String,
 }
 
+/// What is played on a board.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BoardSuite {
+    /// Its tasks, in its order.
+    pub tasks: Vec<TaskName>,
+    /// Its games.
+    pub plan: Vec<Slot>,
+    /// The settings of all of them, but for clocks.
+    pub settings: ToldSettings,
+}
+
+/// Settings of games, as far as they are told.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[expect(missing_docs, reason = "the names are those of the wire, described there")]
+pub struct ToldSettings {
+    pub num_agents: i64,
+    pub max_round: i64,
+    pub width: i64,
+    pub height: i64,
+    pub view_size: i64,
+    pub rules: Option<String>,
+    pub control: Option<String>,
+    pub memory: Option<i64>,
+    pub noise: Option<f64>,
+    pub max_delay: Option<i64>,
+}
+
+impl ToldSettings {
+    /// Whether nothing that both tell is different.
+    fn agrees(&self, other: &Self) -> bool {
+        fn same<T: PartialEq>(one: Option<&T>, other: Option<&T>) -> bool {
+            one.zip(other).is_none_or(|(one, other)| one == other)
+        }
+        let sizes = |of: &Self| (of.num_agents, of.max_round, of.width, of.height, of.view_size);
+        sizes(self) == sizes(other)
+            && same(self.rules.as_ref(), other.rules.as_ref())
+            && same(self.control.as_ref(), other.control.as_ref())
+            && same(self.memory.as_ref(), other.memory.as_ref())
+            && same(self.noise.as_ref(), other.noise.as_ref())
+            && same(self.max_delay.as_ref(), other.max_delay.as_ref())
+    }
+}
+
+/// A game that was read from files, for which nobody vouches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Imported {
+    /// Who played, as the files say.
+    pub model: String,
+    /// Task and seed.
+    pub slot: Slot,
+    /// Its score.
+    pub score: f64,
+    /// Its settings, as far as the files tell them.
+    pub settings: ToldSettings,
+}
+
 /// Runs that may be compared.
 #[derive(Clone, Debug, Default)]
 struct Board {
-    /// The suite's tasks, in its order.
-    tasks: Vec<TaskName>,
+    suite: BoardSuite,
     /// By their numbers in the database.
     runs: BTreeMap<i64, Arc<RunResult>>,
     /// Whether the suite is one of the program's own.
@@ -41,8 +96,8 @@ pub struct OverRun {
     pub key: i64,
     /// The board on which it stands.
     pub board: BoardId,
-    /// The suite's tasks, in its order.
-    pub tasks: Vec<TaskName>,
+    /// What is played there.
+    pub suite: BoardSuite,
     /// What it is worth.
     pub result: RunResult,
 }
@@ -52,6 +107,7 @@ pub struct OverRun {
 pub struct Boards {
     boards: BTreeMap<BoardId, Arc<Board>>,
     homes: BTreeMap<i64, BoardId>,
+    imported: Arc<[Imported]>,
 }
 
 /// What somebody asks of a board; names as they were sent.
@@ -69,6 +125,8 @@ pub struct Question {
     pub pick: Option<String>,
     /// Whether the rows of the paper are left out.
     pub no_reference: bool,
+    /// Whether games that were read from files are shown, too.
+    pub imported: bool,
 }
 
 /// A question that has no answer: the field, and what is allowed there.
@@ -103,21 +161,26 @@ const NAMED: usize = 20;
 impl Boards {
     /// No runs yet: the boards of the suites that the program brings along.
     #[must_use]
-    pub fn new(built_in: impl IntoIterator<Item = (BoardId, Vec<TaskName>)>) -> Self {
+    pub fn new(built_in: impl IntoIterator<Item = (BoardId, BoardSuite)>) -> Self {
         let board =
-            |(id, tasks)| (id, Arc::new(Board { tasks, runs: BTreeMap::new(), is_built_in: true }));
-        Self { boards: built_in.into_iter().map(board).collect(), homes: BTreeMap::new() }
+            |(id, suite)| (id, Arc::new(Board { suite, runs: BTreeMap::new(), is_built_in: true }));
+        Self { boards: built_in.into_iter().map(board).collect(), ..Self::default() }
+    }
+
+    /// Takes games that were read from files, instead of those that it had.
+    pub fn set_imported(&mut self, games: Vec<Imported>) {
+        self.imported = games.into();
     }
 
     /// Puts a run in its place, instead of what stood there of it.
     pub fn insert(&mut self, run: OverRun) {
-        let OverRun { key, board: id, tasks, result } = run;
+        let OverRun { key, board: id, suite, result } = run;
         if self.homes.get(&key).is_some_and(|home| *home != id) {
             self.remove(key);
         }
         let board = self.boards.entry(id.clone()).or_default();
         let board = Arc::make_mut(board);
-        board.tasks = tasks;
+        board.suite = suite;
         board.runs.insert(key, Arc::new(result));
         self.homes.insert(key, id);
     }
@@ -145,13 +208,12 @@ impl Boards {
     /// Where there is no such board, task, order or choice.
     pub fn ranked(&self, question: &Question) -> Result<Ranked, Unknown> {
         let (id, board) = self.find(question)?;
-        let task = board.task("task", question.task.as_deref())?;
-        let tasks = task.map_or_else(|| board.tasks.clone(), |task| vec![task]);
+        let task = task_of(&board.suite.tasks, "task", question.task.as_deref())?;
+        let tasks = task.map_or_else(|| board.suite.tasks.clone(), |task| vec![task]);
         let sort = match question.sort.as_deref() {
             None | Some("total") => None,
             Some(name) => {
-                let shown = Board { tasks: tasks.clone(), ..Board::default() };
-                shown.task("sort", Some(name)).map_err(|Unknown { field, allowed }| {
+                task_of(&tasks, "sort", Some(name)).map_err(|Unknown { field, allowed }| {
                     let allowed = allowed.replacen("one of ", "one of total, ", 1);
                     Unknown { field, allowed }
                 })?
@@ -172,8 +234,27 @@ impl Boards {
             (REFERENCES.iter()).filter(|_| has_reference && !question.no_reference).filter(shows);
         let view = View { tasks: tasks.clone(), sort, pick };
         let runs: Vec<Arc<RunResult>> = board.runs.values().cloned().collect();
-        let rows = rank(&runs, references, &view);
+        let imported = if question.imported { self.imported_to(board) } else { Vec::new() };
+        let rows = rank(&runs, &imported, references, &view);
         Ok(Ranked { board: id.clone(), view, task, rows })
+    }
+
+    /// The games from files that are games of this board's suite, model by model. Those that are not there are no
+    /// games that were not played, so nothing counts as 0.
+    fn imported_to(&self, board: &Board) -> Vec<Arc<RunResult>> {
+        let mut models: BTreeMap<&str, Vec<&Imported>> = BTreeMap::new();
+        let plan: BTreeSet<Slot> = board.suite.plan.iter().copied().collect();
+        let fitting = self.imported.iter().filter(|game| {
+            plan.contains(&game.slot) && game.settings.agrees(&board.suite.settings)
+        });
+        for game in fitting {
+            models.entry(&game.model).or_default().push(game);
+        }
+        let result = |(model, games): (&str, Vec<&Imported>)| {
+            let games = games.into_iter().map(|game| (game.slot, game.score));
+            Arc::new(RunResult::imported(model, &board.suite.plan, games))
+        };
+        models.into_iter().map(result).collect()
     }
 
     fn find(&self, question: &Question) -> Result<(&BoardId, &Board), Unknown> {
@@ -207,15 +288,16 @@ impl Boards {
     }
 }
 
-impl Board {
-    fn task(&self, field: &'static str, name: Option<&str>) -> Result<Option<TaskName>, Unknown> {
-        let Some(name) = name else { return Ok(None) };
-        let found = self.tasks.iter().copied().find(|task| task.name() == name);
-        found.map(Some).ok_or_else(|| Unknown {
-            field,
-            allowed: one_of(self.tasks.iter().map(|task| task.name())),
-        })
-    }
+fn task_of(
+    tasks: &[TaskName],
+    field: &'static str,
+    name: Option<&str>,
+) -> Result<Option<TaskName>, Unknown> {
+    let Some(name) = name else { return Ok(None) };
+    let found = tasks.iter().copied().find(|task| task.name() == name);
+    found
+        .map(Some)
+        .ok_or_else(|| Unknown { field, allowed: one_of(tasks.iter().map(|task| task.name())) })
 }
 
 /// A choice as text.
@@ -261,8 +343,8 @@ impl Ranked {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Slot;
-    use super::super::rank::tests::{game, run};
+    use super::super::rank::Source;
+    use super::super::rank::tests::{game, run, slots};
     use super::*;
 
     fn board(suite: &str, rules: &str, digest: &str) -> BoardId {
@@ -271,7 +353,19 @@ mod tests {
     }
 
     fn boards() -> Boards {
-        let standard = |rules| (board("standard", rules, "d"), TaskName::ALL.to_vec());
+        let plan = slots(&TaskName::ALL, &[27, 42]);
+        let settings = ToldSettings {
+            num_agents: 12,
+            memory: Some(5),
+            rules: Some("paper".to_owned()),
+            ..ToldSettings::default()
+        };
+        let suite = BoardSuite { tasks: TaskName::ALL.to_vec(), plan, settings };
+        let standard = |rules: &str| {
+            let mut suite = suite.clone();
+            suite.settings.rules = Some(rules.to_owned());
+            (board("standard", rules, "d"), suite)
+        };
         Boards::new([standard("paper"), standard("reference")])
     }
 
@@ -279,7 +373,8 @@ mod tests {
         let slot = Slot { task: TaskName::Pursuit, seed: 1 };
         let games = [game(slot.task, slot.seed, score)];
         let result = RunResult::new(run(&key.to_string(), "finished", key), &[slot], &games, true);
-        OverRun { key, board, tasks: vec![TaskName::Pursuit], result }
+        let suite = BoardSuite { tasks: vec![TaskName::Pursuit], ..BoardSuite::default() };
+        OverRun { key, board, suite, result }
     }
 
     fn asked(suite: &str) -> Question {
@@ -363,5 +458,54 @@ mod tests {
         let question = asked("standard@other");
         assert_eq!(others.ranked(&question).expect("a board").rows.len(), 1);
         assert_eq!(others.ranked(&asked("standard")).expect("a board").rows.len(), 29);
+    }
+
+    #[test]
+    fn games_from_files_are_shown_where_they_are_asked_for_and_fit() {
+        let mut boards = boards();
+        let game = |model: &str, task, seed, score, settings: &ToldSettings| Imported {
+            model: model.to_owned(),
+            slot: Slot { task, seed },
+            score,
+            settings: settings.clone(),
+        };
+        let told = ToldSettings { num_agents: 12, ..ToldSettings::default() };
+        let other = ToldSettings { memory: Some(3), ..told.clone() };
+        let reference = ToldSettings { rules: Some("reference".to_owned()), ..told.clone() };
+        boards.set_imported(vec![
+            game("a", TaskName::Pursuit, 27, 4.0, &told),
+            // The same game twice: the mean of both.
+            game("a", TaskName::Pursuit, 27, 8.0, &told),
+            game("a", TaskName::Pursuit, 42, 10.0, &told),
+            // No game of the suite, and one of other settings.
+            game("a", TaskName::Pursuit, 99, 50.0, &told),
+            game("a", TaskName::Pursuit, 42, 50.0, &other),
+            game("b", TaskName::Flocking, 27, 1.0, &reference),
+        ]);
+        let shown = |imported, rules: &str| {
+            let question = Question {
+                imported,
+                rules: Some(rules.to_owned()),
+                no_reference: true,
+                ..Question::default()
+            };
+            let ranked = boards.ranked(&question).expect("a board");
+            let show = |row: &Row| {
+                let Source::Imported(result) = &row.source else { panic!("{row:?}") };
+                let task = result.tasks.iter().find(|task| task.games > 0).expect("a game");
+                assert_eq!((row.rank, row.shown()), (None, None), "not all tasks, and no run");
+                format!(
+                    "{} {:?} {}/{}",
+                    result.run.player.model,
+                    task.mean(),
+                    task.games,
+                    task.planned
+                )
+            };
+            ranked.rows.iter().map(show).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(true, "paper"), ["a Some(8.0) 2/2"]);
+        assert_eq!(shown(true, "reference"), ["a Some(8.0) 2/2", "b Some(1.0) 1/2"]);
+        assert!(shown(false, "paper").is_empty());
     }
 }

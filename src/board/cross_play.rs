@@ -54,10 +54,17 @@ pub struct Pair {
     pub deviation: f64,
 }
 
+/// The games of a pair.
+#[derive(Default)]
+struct Met {
+    scores: Vec<f64>,
+    doubtful: bool,
+}
+
 /// All pairs, by setting, the best first. A game counts once for each pair of models in it.
 #[must_use]
 pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
-    let mut met: BTreeMap<(&Setting, [&str; 2]), (Vec<f64>, bool)> = BTreeMap::new();
+    let mut met: BTreeMap<(&Setting, [&str; 2]), Met> = BTreeMap::new();
     for game in games {
         let mut here: BTreeMap<[&str; 2], bool> = BTreeMap::new();
         for (place, one) in game.models.iter().enumerate() {
@@ -68,18 +75,19 @@ pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
             }
         }
         for (names, vouched) in here {
-            let (scores, all_vouched) = met.entry((&game.setting, names)).or_insert((vec![], true));
-            scores.push(game.score);
-            *all_vouched &= vouched;
+            let pair = met.entry((&game.setting, names)).or_default();
+            pair.scores.push(game.score);
+            pair.doubtful |= !vouched;
         }
     }
     let mut pairs: Vec<Pair> = (met.into_iter())
-        .filter_map(|((setting, models), (mut scores, vouched))| {
+        .filter_map(|((setting, models), Met { mut scores, doubtful })| {
             // A sum of floats depends on its order.
             scores.sort_by(f64::total_cmp);
             let (mean, deviation) = mean_and_deviation(&scores)?;
             let (setting, models) = (setting.clone(), models.map(str::to_owned));
-            Some(Pair { setting, models, vouched, games: scores.len(), mean, deviation })
+            let games = scores.len();
+            Some(Pair { setting, models, vouched: !doubtful, games, mean, deviation })
         })
         .collect();
     pairs.sort_by(|a, b| a.setting.cmp(&b.setting).then(b.mean.total_cmp(&a.mean)));

@@ -63,16 +63,9 @@ impl Pairs {
 
     fn difference(&self) -> Difference {
         let mut random = ChaCha8Rng::from_seed(self.seed);
-        let total = |mut draw: Box<dyn FnMut(&[f64], usize) -> f64 + '_>| -> f64 {
-            let mean = |task: &Vec<f64>| {
-                let sum: f64 = (0..task.len()).map(|place| draw(task, place)).sum();
-                sum / float(task.len())
-            };
-            self.tasks.iter().map(mean).sum()
-        };
-        let mean = total(Box::new(|task, place| task[place]));
+        let mean = self.sum_of_means(|task, place| task[place]);
         let mut resampled: Vec<f64> = (0..RESAMPLES)
-            .map(|_| total(Box::new(|task, _| task[below(&mut random, task.len())])))
+            .map(|_| self.sum_of_means(|task, _| task[below(&mut random, task.len())]))
             .collect();
         resampled.sort_unstable_by(f64::total_cmp);
         Difference {
@@ -81,6 +74,15 @@ impl Pairs {
             high: resampled[RESAMPLES - 1 - OUTSIDE],
             pairs: self.tasks.iter().map(Vec::len).sum(),
         }
+    }
+
+    /// Adds up the means of the tasks, of differences that are drawn place by place.
+    fn sum_of_means(&self, mut draw: impl FnMut(&[f64], usize) -> f64) -> f64 {
+        let mean = |task: &Vec<f64>| {
+            let sum: f64 = (0..task.len()).map(|place| draw(task, place)).sum();
+            sum / float(task.len())
+        };
+        self.tasks.iter().map(mean).sum()
     }
 
     /// Tells these pairs from all others.

@@ -86,6 +86,8 @@ pub enum Source {
         /// How many runs the player has on this board.
         runs: usize,
     },
+    /// Games of one model that were read from files.
+    Imported(Arc<RunResult>),
     /// A row of the paper.
     Reference(&'static Reference),
 }
@@ -95,17 +97,17 @@ impl Row {
     #[must_use]
     pub fn id(&self) -> RowId {
         match &self.source {
-            Source::Runs { shown, .. } => shown.row,
+            Source::Runs { shown, .. } | Source::Imported(shown) => shown.row,
             Source::Reference(reference) => reference.id,
         }
     }
 
-    /// What it shows, unless it is one of the paper.
+    /// What it shows, if it was played here.
     #[must_use]
     pub fn shown(&self) -> Option<&Arc<RunResult>> {
         match &self.source {
             Source::Runs { shown, .. } => Some(shown),
-            Source::Reference(_) => None,
+            Source::Imported(_) | Source::Reference(_) => None,
         }
     }
 
@@ -113,14 +115,14 @@ impl Row {
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         match &self.source {
-            Source::Runs { shown, .. } => shown.total(tasks),
+            Source::Runs { shown, .. } | Source::Imported(shown) => shown.total(tasks),
             Source::Reference(reference) => reference.total(tasks),
         }
     }
 
     fn name(&self) -> &str {
         match &self.source {
-            Source::Runs { shown, .. } => &shown.run.player.model,
+            Source::Runs { shown, .. } | Source::Imported(shown) => &shown.run.player.model,
             Source::Reference(reference) => &reference.name,
         }
     }
@@ -130,6 +132,7 @@ impl Row {
 #[must_use]
 pub fn rank(
     runs: &[Arc<RunResult>],
+    imported: &[Arc<RunResult>],
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
 ) -> Vec<Row> {
@@ -138,8 +141,9 @@ pub fn rank(
         players.entry(run.row).or_default().push(run);
     }
     let sources = players.into_values().map(|runs| pick(runs, view));
+    let imported = imported.iter().cloned().map(Source::Imported);
     let references = references.into_iter().map(Source::Reference);
-    let mut rows: Vec<Row> = (sources.chain(references))
+    let mut rows: Vec<Row> = (sources.chain(imported).chain(references))
         .map(|source| {
             let mut row = Row { rank: None, value: None, source };
             row.value = row.total(view.ranked_by());
@@ -147,8 +151,8 @@ pub fn rank(
         })
         .collect();
     rows.sort_by_cached_key(|row| {
-        let is_reference = row.shown().is_none();
-        (Value::of(row.value), is_reference, row.name().to_owned(), row.id())
+        let is_elsewhere = row.shown().is_none();
+        (Value::of(row.value), is_elsewhere, row.name().to_owned(), row.id())
     });
     let mut above: Option<(Value, u32)> = None;
     for (place, row) in (1..).zip(&mut rows) {
@@ -225,6 +229,7 @@ pub(super) mod tests {
 
     use super::super::interval::difference;
     use super::super::reference::REFERENCES;
+    use super::super::result::TaskResult;
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
     use super::*;
 
@@ -291,7 +296,7 @@ pub(super) mod tests {
             played("c", "3", 0, [0.3, 0.3, 0.0, 0.0]),
             played("e", "5", 0, [0.0; 4]),
         ];
-        let ranks: Vec<_> = shown(&rank(&runs, [], &view(Pick::Best)))
+        let ranks: Vec<_> = shown(&rank(&runs, &[], [], &view(Pick::Best)))
             .into_iter()
             .map(|(rank, name, _)| (rank.expect("a rank"), name))
             .collect();
@@ -307,7 +312,7 @@ pub(super) mod tests {
             played("a", "second", 2, [6.0, 6.0, 2.0, 4.0]),
             played("a", "third", 3, [2.0, 2.0, 1.0, 5.0]),
         ];
-        let of = |pick| match rank(&runs, [], &view(pick)).remove(0) {
+        let of = |pick| match rank(&runs, &[], [], &view(pick)).remove(0) {
             Row { source: Source::Runs { ids, runs, .. }, value, .. } => {
                 (ids.join(","), runs, value)
             }
@@ -349,7 +354,7 @@ pub(super) mod tests {
         let games: Vec<_> = plan.iter().map(|slot| game(slot.task, slot.seed, 4.1)).collect();
         let runs = [Arc::new(RunResult::new(run, &plan, &games, true))];
         let view = View { tasks: TaskName::ALL.to_vec(), sort: None, pick: Pick::Best };
-        let rows = rank(&runs, REFERENCES.iter(), &view);
+        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
         let names: Vec<_> = rows.iter().take(5).map(Row::name).collect();
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
@@ -359,13 +364,16 @@ pub(super) mod tests {
         assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
         // By one task they have one.
         let view = View { sort: Some(TaskName::Synchronization), ..view };
-        let rows = rank(&runs, REFERENCES.iter(), &view);
+        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
         assert_eq!((rows[0].name(), rows[0].value), ("human players", Some(41.95)));
         assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
     }
 
-    /// Some runs of some models, with games that are missing or broken.
-    fn some_runs() -> impl Strategy<Value = Vec<(u8, i64, Vec<Option<(f64, bool)>>)>> {
+    /// A run of a model: when it was started, and the score of each game that was played, or broken by the host.
+    type SomeRun = (u8, i64, Vec<Option<(f64, bool)>>);
+
+    /// Some runs of some models.
+    fn some_runs() -> impl Strategy<Value = Vec<SomeRun>> {
         let score =
             prop_oneof![(0..20_i32).prop_map(|tenths| f64::from(tenths) / 10.0), -5.0..50.0_f64,];
         let game = proptest::option::weighted(0.9, (score, proptest::bool::weighted(0.1)));
@@ -373,9 +381,9 @@ pub(super) mod tests {
         proptest::collection::vec(run, 1..12)
     }
 
-    fn results(runs: &[(u8, i64, Vec<Option<(f64, bool)>>)]) -> Vec<Arc<RunResult>> {
+    fn results(runs: &[SomeRun]) -> Vec<Arc<RunResult>> {
         let plan = slots(&TASKS, &[1, 2, 3]);
-        let result = |(number, (model, second, games)): (usize, &(u8, i64, Vec<_>))| {
+        let result = |(number, (model, second, games)): (usize, &SomeRun)| {
             let status = if games.iter().all(Option::is_some) { "finished" } else { "aborted" };
             let mut run = run(&format!("run_{number}"), status, *second);
             run.player = player(&model.to_string());
@@ -406,11 +414,11 @@ pub(super) mod tests {
                 // To the bit: `Debug` writes floats so that they can be read again.
                 format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
             };
-            let first = tell(&rank(&runs, [], &view(pick)));
+            let first = tell(&rank(&runs, &[], [], &view(pick)));
             let turn = turn % runs.len();
             runs.rotate_left(turn);
             runs.reverse();
-            prop_assert_eq!(tell(&rank(&runs, [], &view(pick))), first);
+            prop_assert_eq!(tell(&rank(&runs, &[], [], &view(pick))), first);
         }
 
         #[test]
@@ -418,7 +426,7 @@ pub(super) mod tests {
             runs in some_runs(),
             pick in proptest::sample::select(&Pick::ALL[..]),
         ) {
-            let rows = rank(&results(&runs), [], &view(pick));
+            let rows = rank(&results(&runs), &[], [], &view(pick));
             for row in &rows {
                 let Some(value) = row.value else {
                     prop_assert_eq!(row.rank, None);
@@ -426,7 +434,7 @@ pub(super) mod tests {
                 };
                 let better = |other: &&Row| other.value.is_some_and(|other| other > value + 2e-9);
                 prop_assert_eq!(row.rank, Some(u32::try_from(rows.iter().filter(better).count())? + 1));
-                let means = row.shown().expect("a run").tasks.iter().map(|task| task.mean());
+                let means = row.shown().expect("a run").tasks.iter().map(TaskResult::mean);
                 let sum: f64 = means.map(|mean| mean.expect("a mean")).sum();
                 prop_assert!((sum - value).abs() < 1e-9);
             }
@@ -438,9 +446,9 @@ pub(super) mod tests {
         #[test]
         fn the_best_run_is_no_worse_than_any_other_choice(runs in some_runs()) {
             let runs = results(&runs);
-            let best = rank(&runs, [], &view(Pick::Best));
+            let best = rank(&runs, &[], [], &view(Pick::Best));
             for pick in [Pick::Last, Pick::Mean] {
-                for row in rank(&runs, [], &view(pick)) {
+                for row in rank(&runs, &[], [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
                     // Where the host broke games, the mean may be one of other seeds than the best.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use jiff::Timestamp;
 use swarmbench_engine::TaskName;
 
-use super::{Game, RowId, Run, Slot};
+use super::{Game, Player, RowId, Run, Slot};
 
 /// The mean, and the population standard deviation; none of nothing.
 #[must_use]
@@ -83,6 +84,48 @@ impl RunResult {
             task.finish();
         }
         Self { row: run.player.row(), run, tasks }
+    }
+
+    /// Games of a model that were read from files: the mean of those of the same task and seed, and nothing for
+    /// those that are not there.
+    pub(super) fn imported(
+        model: &str,
+        plan: &[Slot],
+        games: impl IntoIterator<Item = (Slot, f64)>,
+    ) -> Self {
+        let mut slots: BTreeMap<Slot, Vec<f64>> =
+            plan.iter().map(|&slot| (slot, Vec::new())).collect();
+        for (slot, score) in games {
+            slots.entry(slot).or_default().push(score);
+        }
+        let mut tasks: BTreeMap<TaskName, TaskResult> = BTreeMap::new();
+        for (slot, mut scores) in slots {
+            let task = tasks.entry(slot.task).or_insert_with(|| TaskResult::empty(slot.task));
+            task.planned += 1;
+            scores.sort_by(f64::total_cmp);
+            if let Some(score) = mean(&scores) {
+                task.games += 1;
+                task.scores.push((slot.seed, score));
+                task.finish();
+            }
+        }
+        let player = Player {
+            owner: None,
+            model: model.to_owned(),
+            temperature: None,
+            top_p: None,
+            template: None,
+        };
+        let run = Run {
+            id: String::new(),
+            player,
+            status: "imported".to_owned(),
+            created_at: Timestamp::UNIX_EPOCH,
+            vouched: false,
+            decentralization: None,
+        };
+        let row = RowId::of(&[b"imported", model.as_bytes()]);
+        Self { run, row, tasks: tasks.into_values().collect() }
     }
 
     /// Several runs of the same player as one: a seed's score is its mean over the runs. None of no runs.

@@ -18,9 +18,9 @@ pub(super) struct Args {
 enum Command {
     /// Drop what boards are made of, and make it again from the journals.
     #[command(
-        after_help = "The server has to be stopped. Either all is made again or nothing is changed. With --replay every \
-        episode of the boards is also played again, and every hash, digest, act and score is compared; that takes as \
-        long as playing them took the server."
+        after_help = "The server has to be stopped. Either all is made again or nothing is changed. With --replay \
+        every episode of the boards is also played again, and every hash, digest, act and score is compared, which \
+        takes longer."
     )]
     Rebuild {
         /// The database, as long as no server runs on it.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use swarmbench_engine::TaskName;
+use tokio_util::sync::CancellationToken;
 
 use super::play::task;
 use crate::dataset::export::{Export, Exported, ImportedGames, Selection, TableName};
@@ -58,7 +59,7 @@ pub(super) struct Args {
     #[arg(long)]
     episode: Option<String>,
     /// Games that were imported, in place of episodes of this server.
-    #[arg(long, conflicts_with_all = ["run", "status", "episode"])]
+    #[arg(long, conflicts_with_all = ["run", "status", "episode", "format"])]
     imported: bool,
 }
 
@@ -137,13 +138,7 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
     let mut files: Box<dyn Files> = if is_archive {
         Box::new(Archive::new(create(partial)?))
     } else {
-        // What is left of an earlier attempt is somebody's to look at.
-        std::fs::create_dir(partial).with_context(|| {
-            format!(
-                "{} cannot be made; if it is left of an export that broke off, remove it",
-                partial.display()
-            )
-        })?;
+        std::fs::create_dir(partial).with_context(|| unmade(partial))?;
         Box::new(Folder::new(partial.to_owned()))
     };
     let task = args.task.map(|task| task.name().to_owned());
@@ -162,7 +157,8 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
             Filter { status, task, model: args.model.clone(), run, readable: Readable::All };
         let selection =
             Selection { filter, episode: args.episode.clone().map(EpisodeId::from_text) };
-        let select = || Export::select(&store, &selection, |_| true, progress);
+        let select =
+            || Export::select(&store, &selection, |_| true, progress, CancellationToken::new());
         match args.format {
             Format::Dataset => select()?.dataset(&mut *files)?,
             Format::Jsonl => {
@@ -181,8 +177,14 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
     Ok(exported)
 }
 
+/// What is left of an earlier attempt is somebody's to look at.
+fn unmade(path: &Path) -> String {
+    let path = path.display();
+    format!("{path} cannot be made; if it is left of an export that broke off, remove it")
+}
+
 fn create(path: &Path) -> anyhow::Result<File> {
-    File::create(path).with_context(|| format!("{} cannot be written", path.display()))
+    File::create_new(path).with_context(|| unmade(path))
 }
 
 /// Takes the archive of a server.

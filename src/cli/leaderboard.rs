@@ -47,6 +47,9 @@ pub(super) struct Args {
     /// Leave out the rows of the paper.
     #[arg(long)]
     no_reference: bool,
+    /// Also show games that were read from files, for which nobody vouches.
+    #[arg(long)]
+    imported: bool,
     /// Write comma-separated values, with everything that the server tells.
     #[arg(long)]
     csv: bool,
@@ -108,8 +111,8 @@ impl Place {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { place, suite, rules, task, sort, pick, no_reference, csv } = args;
-    let question = Question { suite, rules, task, sort, pick, no_reference };
+    let Args { place, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
+    let question = Question { suite, rules, task, sort, pick, no_reference, imported };
     let board = match place.open().await? {
         Opened::Server(client) => client.leaderboard(&question).await?,
         Opened::Database(store) => {
@@ -225,6 +228,7 @@ fn player(row: &BoardRow) -> String {
         row.prompt_template.as_ref().map(|digest| format!("prompt {digest}")),
     ];
     let run = [
+        row.imported.then(|| "from files".to_owned()),
         row.status.clone().filter(|status| status != "finished"),
         row.decentralization.clone(),
         row.runs.filter(|&runs| runs > 1).map(|runs| format!("{runs} runs")),
@@ -321,6 +325,7 @@ mod tests {
             rank: Some(1),
             id: "0".repeat(32),
             reference: false,
+            imported: false,
             table: None,
             note: None,
             owner: Some("alice".to_owned()),

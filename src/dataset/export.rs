@@ -9,6 +9,7 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 use tokio::runtime::Handle;
+use tokio_util::sync::CancellationToken;
 
 use super::columns::Table;
 use super::files::Files;
@@ -48,6 +49,9 @@ pub enum ExportError {
     /// There is no such episode.
     #[error("there is no episode {0}")]
     Unknown(String),
+    /// Nobody waits for it any more.
+    #[error("it was stopped")]
+    Stopped,
 }
 
 /// Which table of what kind.
@@ -109,11 +113,13 @@ pub struct Export<'a> {
     keys: Vec<EpisodeKey>,
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
+    stop: CancellationToken,
 }
 
 impl<'a> Export<'a> {
     /// Selects what there is now. `may` says of each episode whether it may be told; `progress` is told how
-    /// many episodes of how many are written. Not to be called on a thread that serves others.
+    /// many episodes of how many are written; `stop` ends it early. Not to be called on a thread that serves
+    /// others.
     ///
     /// # Errors
     /// Where the store cannot be read, or has not the one episode that is asked for.
@@ -122,6 +128,7 @@ impl<'a> Export<'a> {
         selection: &Selection,
         may: impl Fn(&StoredEpisode) -> bool,
         progress: impl FnMut(u64, u64) + 'a,
+        stop: CancellationToken,
     ) -> Result<Self, ExportError> {
         let runtime = Handle::current();
         let Selection { filter, episode } = selection;
@@ -136,6 +143,7 @@ impl<'a> Export<'a> {
         } else {
             let mut before = None;
             loop {
+                check(&stop)?;
                 let page = runtime.block_on(store.list_episodes(filter, before, PAGE))?;
                 let Some(last) = page.last() else { break };
                 before = Some(last.episode);
@@ -147,7 +155,7 @@ impl<'a> Export<'a> {
         // Lists begin with the newest.
         keys.reverse();
         let exported = Exported::default();
-        Ok(Self { store, runtime, keys, exported, progress: Box::new(progress) })
+        Ok(Self { store, runtime, keys, exported, progress: Box::new(progress), stop })
     }
 
     /// Writes the files of the toolkit: the states and the acts of every episode, at last the index.
@@ -313,6 +321,7 @@ impl<'a> Export<'a> {
         let mut from = 0;
         while from < stored.rounds {
             let to = stored.rounds.min(from + CHUNK);
+            check(&self.stop)?;
             let rounds = self.store.logged_rounds(stored.episode, from, to);
             let rounds = self.runtime.block_on(rounds).map_err(ExportError::from)?;
             if rounds.len() as u64 != u64::from(to - from) {
@@ -442,6 +451,10 @@ impl From<ExportError> for Fault {
     fn from(error: ExportError) -> Self {
         Self::Error(error)
     }
+}
+
+fn check(stop: &CancellationToken) -> Result<(), ExportError> {
+    if stop.is_cancelled() { Err(ExportError::Stopped) } else { Ok(()) }
 }
 
 /// Stored episodes do not change, so this does not happen.

@@ -1,9 +1,11 @@
 //! Where the files of an export go: into a folder, or into an archive that is written from its beginning
 //! to its end.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
+use std::rc::Rc;
 
 use zip::write::{SimpleFileOptions, StreamWriter};
 use zip::{CompressionMethod, ZipWriter};
@@ -38,7 +40,7 @@ impl Folder {
 
     fn close(&mut self) -> io::Result<()> {
         match self.open.take() {
-            Some(file) => file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all(),
+            Some(mut file) => file.flush(),
             None => Ok(()),
         }
     }
@@ -58,13 +60,39 @@ impl Files for Folder {
 
 /// A zip archive. Sizes stand behind each file (as nobody knows them before), in 64 bits.
 pub struct Archive<W: Write> {
-    zip: Option<ZipWriter<StreamWriter<W>>>,
+    zip: Option<ZipWriter<StreamWriter<Gate<W>>>>,
+    is_shut: Rc<Cell<bool>>,
 }
 
 impl<W: Write> Archive<W> {
     /// Writes an archive to `out`.
     pub fn new(out: W) -> Self {
-        Self { zip: Some(ZipWriter::new_stream(out)) }
+        let is_shut = Rc::new(Cell::new(false));
+        let gate = Gate { out, is_shut: Rc::clone(&is_shut) };
+        Self { zip: Some(ZipWriter::new_stream(gate)), is_shut }
+    }
+}
+
+impl<W: Write> Drop for Archive<W> {
+    /// An archive that broke off gets no end: it would look whole.
+    fn drop(&mut self) {
+        self.is_shut.set(true);
+    }
+}
+
+/// Lets bytes through until it is shut.
+struct Gate<W> {
+    out: W,
+    is_shut: Rc<Cell<bool>>,
+}
+
+impl<W: Write> Write for Gate<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.is_shut.get() { Ok(bytes.len()) } else { self.out.write(bytes) }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        if self.is_shut.get() { Ok(()) } else { self.out.flush() }
     }
 }
 
@@ -83,5 +111,42 @@ impl<W: Write> Files for Archive<W> {
             zip.finish()?.into_inner().flush()?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(is_whole: bool) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut archive = Archive::new(&mut bytes);
+        archive.begin("a.txt").and_then(|file| file.write_all(b"some text")).expect("memory");
+        if is_whole {
+            archive.finish().expect("memory");
+        }
+        drop(archive);
+        bytes
+    }
+
+    #[test]
+    fn an_archive_that_broke_off_does_not_look_whole() {
+        let open = |bytes| zip::ZipArchive::new(io::Cursor::new(bytes));
+        assert_eq!(open(written(true)).expect("an archive").len(), 1);
+        assert!(open(written(false)).is_err());
+    }
+
+    #[test]
+    fn a_folder_takes_files_and_overwrites_none() {
+        let place = tempfile::tempdir().expect("a folder");
+        let mut folder = Folder::new(place.path().to_owned());
+        for name in ["a", "b"] {
+            folder.begin(name).and_then(|file| file.write_all(name.as_bytes())).expect("written");
+        }
+        folder.finish().expect("written");
+        for name in ["a", "b"] {
+            assert_eq!(std::fs::read_to_string(place.path().join(name)).expect("a file"), name);
+        }
+        assert!(folder.begin("a").is_err());
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, json};
 use swarmbench_engine::{Action, AgentId, AgentState, Config, Observation, RuleSet, Seen, World};
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
@@ -121,7 +121,7 @@ impl Game {
     pub fn meta(&self, status: &str) -> Meta {
         let config = &self.opening.config;
         let size = |cells: i64| u32::try_from(cells).unwrap_or(u32::MAX);
-        let rest: [(&str, Value); 6] = [
+        let mut rest = vec![
             ("rules", json!(config.rules)),
             ("control", json!(config.control)),
             ("memory", json!(config.memory)),
@@ -129,6 +129,9 @@ impl Game {
             ("max_delay", json!(config.max_delay)),
             ("status", json!(status)),
         ];
+        if let Some(run) = &self.opening.run {
+            rest.push(("run", json!(run)));
+        }
         Meta {
             model: json!(config.model),
             task: config.task.clone(),

@@ -41,6 +41,7 @@ pub enum Cell {
 /// The columns of acts.
 pub const ACTS: &[Column] = &[
     ("episode", Kind::Text),
+    ("run", Kind::Text),
     ("task", Kind::Text),
     ("model", Kind::Text),
     ("seed", Kind::Whole),
@@ -68,6 +69,7 @@ pub const ACTS: &[Column] = &[
 /// The columns of rounds.
 pub const ROUNDS: &[Column] = &[
     ("episode", Kind::Text),
+    ("run", Kind::Text),
     ("task", Kind::Text),
     ("model", Kind::Text),
     ("seed", Kind::Whole),
@@ -117,11 +119,16 @@ fn told(number: Option<u64>) -> Cell {
 /// What is the same in every row of an episode.
 fn head(game: &Game) -> Vec<Cell> {
     let (opening, config) = (&game.opening, &game.opening.config);
-    let texts = [&opening.episode, &config.task, &config.model];
-    let mut cells: Vec<Cell> = texts.map(|text| Cell::Text(text.clone())).into();
-    cells.push(whole(config.seed));
-    cells.extend([&config.rules, &config.control].map(|text| Cell::Text(text.clone())));
-    cells
+    let known = |text: &String| Cell::Text(text.clone());
+    vec![
+        known(&opening.episode),
+        text(opening.run.as_ref()),
+        known(&config.task),
+        known(&config.model),
+        whole(config.seed),
+        known(&config.rules),
+        known(&config.control),
+    ]
 }
 
 /// An act of a round that was just played.

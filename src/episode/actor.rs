@@ -5,7 +5,7 @@
 //! publishes the new state and then sends the receipts, so whoever has a receipt finds the state that
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use futures::future::BoxFuture;
@@ -157,8 +157,6 @@ pub struct Host {
     pub spawn: Spawn,
     /// What everybody holds.
     pub quotas: Arc<Quotas>,
-    /// Counts opened rounds.
-    pub opened: Arc<AtomicU64>,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
     /// Told of every episode that is taken up and of which the server may play seats.
@@ -425,7 +423,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));
-    let snapshot = snapshot(&host, &fresh.lockstep, &fresh.world, fresh.head);
+    let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
     snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
@@ -484,7 +482,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     handle
 }
 
-fn snapshot(host: &Host, lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot> {
+fn snapshot(lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot> {
     let agents = usize::from(world.config().num_agents());
     let snapshot = Snapshot {
         status: lockstep.status(),
@@ -492,7 +490,7 @@ fn snapshot(host: &Host, lockstep: &Lockstep, world: &Arc<World>, head: Head) ->
         head,
         outcome: lockstep.outcome(),
         opened_at: OnceLock::new(),
-        opened: host.opened.fetch_add(1, Ordering::Relaxed) + 1,
+        place: OnceLock::new(),
         banks: lockstep.banks(),
         acted: (0..agents).map(|_| AtomicBool::new(false)).collect(),
         written: (0..agents).map(|_| OnceLock::new()).collect(),
@@ -808,7 +806,7 @@ impl Actor {
                 Effect::Answer(_) => unreachable!("answers are taken where the event is made"),
             }
         }
-        let next = opens.then(|| snapshot(&self.host, &self.lockstep, &self.world, self.head));
+        let next = opens.then(|| snapshot(&self.lockstep, &self.world, self.head));
         if let Some(next) = &next {
             self.latest = Arc::clone(next);
         }

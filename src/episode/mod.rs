@@ -143,8 +143,8 @@ pub struct Snapshot {
     pub outcome: Option<Outcome>,
     /// When this was published: the clock of the open round runs from here. None before that.
     opened_at: OnceLock<Timestamp>,
-    /// The place of the open round among all rounds that this server opened.
-    pub opened: u64,
+    /// The place of the open round among all rounds that somebody has seen, once somebody has.
+    place: OnceLock<u64>,
     /// By agent, what is left of its bank at the opening of the round.
     pub banks: Vec<Duration>,
     /// By agent, whether it acted in the open round, durably.
@@ -174,6 +174,13 @@ impl Snapshot {
     /// Notes that this is published now.
     pub(crate) fn set_opened(&self, at: Timestamp) {
         self.opened_at.get_or_init(|| at);
+    }
+
+    /// The place of the open round among all rounds that somebody has seen. Whoever sees it first says
+    /// which it is: so a round that nobody has seen never stands before one that somebody has.
+    #[must_use]
+    pub fn place(&self, next: impl FnOnce() -> u64) -> u64 {
+        *self.place.get_or_init(next)
     }
 
     /// Whether the open round waits for this agent.

@@ -105,9 +105,8 @@ impl Registry {
     ) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
         let (host, hosted) = mpsc::unbounded_channel();
-        let opened = Arc::default();
         Self {
-            host: Host { journal, clock, spawn, quotas, opened, ended: tell, hosted: host },
+            host: Host { journal, clock, spawn, quotas, ended: tell, hosted: host },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),

@@ -7,6 +7,7 @@ use axum::extract::FromRequestParts;
 use axum::http::header;
 use axum::http::request::Parts;
 use ipnet::IpNet;
+use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use super::App;
@@ -15,7 +16,7 @@ use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::episode::spec::Visibility;
 use crate::ids::{EpisodeId, Token};
-use crate::journal::RunKey;
+use crate::journal::{AuditRow, Entry, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::episodes::Readable;
 use crate::store::tokens::{Grant, Seats};
@@ -49,10 +50,11 @@ pub(super) enum Caller {
     Key(Key),
 }
 
-/// What decides who may do what with an episode.
+/// What decides who may do what with an episode, or with a run.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subject<'a> {
-    pub(super) id: &'a EpisodeId,
+    /// None where it is a run.
+    pub(super) id: Option<&'a EpisodeId>,
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
     pub(super) visibility: Visibility,
@@ -121,7 +123,7 @@ impl Caller {
             return self.is_organizer();
         }
         match self {
-            Self::Swarm(own, Seats::Creators) => own == episode.id,
+            Self::Swarm(own, Seats::Creators) => Some(own) == episode.id,
             Self::Run(own) => Some(*own) == episode.run,
             Self::Key(key) => {
                 self.is_organizer() || (key.number.is_some() && key.number == episode.owner)
@@ -143,7 +145,7 @@ impl Caller {
     /// Whether the caller holds anything of the episode, or is known to the server.
     fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
-            Self::Seat(own, _) | Self::Swarm(own, _) => own == episode.id,
+            Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
             Self::Run(own) => Some(*own) == episode.run,
             Self::Key(_) => true,
             Self::Anonymous { .. } => false,
@@ -174,7 +176,7 @@ impl Caller {
             || self.owns(episode)
             || (episode.is_mixed && self.may_play())
             || match self {
-                Self::Seat(own, _) | Self::Swarm(own, _) => own == episode.id,
+                Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
                 Self::Run(own) => Some(*own) == episode.run,
                 Self::Key(key) => key.number.is_some() && key.number == episode.owner,
                 Self::Anonymous { .. } => false,
@@ -205,6 +207,31 @@ impl Caller {
                 Readable::Nothing
             }
             Self::Swarm(..) | Self::Seat(..) | Self::Anonymous { .. } => Readable::Public,
+        }
+    }
+
+    /// Whether it was created with the caller's key.
+    pub(super) fn has_made(&self, owner: Option<OwnerKey>) -> bool {
+        matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
+    }
+
+    /// What an organizer did to something that belongs to somebody else; none where the caller is none, or
+    /// did it to their own.
+    pub(super) fn audit(
+        &self,
+        owner: Option<OwnerKey>,
+        at: Timestamp,
+        action: &'static str,
+        subject: &str,
+        detail: serde_json::Value,
+    ) -> Option<Entry> {
+        match self {
+            Self::Key(key) if self.is_organizer() && key.number != owner => {
+                let who = key.id.clone();
+                let subject = subject.to_owned();
+                Some(Entry::Audit(Box::new(AuditRow { at, who, action, subject, detail })))
+            }
+            _ => None,
         }
     }
 
@@ -286,19 +313,11 @@ impl FromRequestParts<App> for Seat {
 }
 
 /// The seats of a request for several.
-pub(super) struct Swarm {
-    pub(super) handle: Handle,
-    seats: Seats,
-}
-
-impl Swarm {
-    /// Whether the token stands for the seat of this agent.
-    pub(super) fn covers(&self, agent: AgentId) -> bool {
-        match &self.seats {
-            Seats::Creators => self.handle.spec.is_creators(agent),
-            Seats::Claimed(agents) => agents.contains(&agent),
-        }
-    }
+pub(super) enum Swarm {
+    /// Several seats of one episode.
+    Episode(EpisodeId, Seats),
+    /// All seats of all episodes of a run.
+    Run(RunKey),
 }
 
 impl FromRequestParts<App> for Swarm {
@@ -306,14 +325,12 @@ impl FromRequestParts<App> for Swarm {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let detail = match Caller::from_request_parts(parts, app).await? {
-            Caller::Swarm(episode, seats) => {
-                return Ok(Self { handle: app.episode(&episode).await?, seats });
-            }
-            Caller::Run(_) => "runs are not played yet",
+            Caller::Swarm(episode, seats) => return Ok(Self::Episode(episode, seats)),
+            Caller::Run(run) => return Ok(Self::Run(run)),
             Caller::Anonymous { .. } => return Err(needs_token("a swarm token")),
             Caller::Seat(..) => "this is a seat token; use /obs and /act, or a swarm token here",
             Caller::Key(_) => {
-                "a key holds no seats; send the swarm token that came with the episode"
+                "a key holds no seats; send the swarm token that came with the episode or the run"
             }
         };
         Err(ApiError::new(Code::Forbidden, detail))
@@ -321,7 +338,9 @@ impl FromRequestParts<App> for Swarm {
 }
 
 /// Whoever runs the server; nobody else gets past this.
-pub(super) struct Organizer;
+pub(super) struct Organizer {
+    pub(super) key: Key,
+}
 
 impl FromRequestParts<App> for Organizer {
     type Rejection = ApiError;
@@ -329,7 +348,7 @@ impl FromRequestParts<App> for Organizer {
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         match Caller::from_request_parts(parts, app).await? {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
-            caller if caller.is_organizer() => Ok(Self),
+            Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),
             _ => Err(ApiError::new(Code::Forbidden, "this takes an organizer's key")),
         }
     }

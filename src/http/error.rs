@@ -21,6 +21,7 @@ use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::CreateError;
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
+use crate::run::manager;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
 
 /// The kind of an error, stable on the wire.
@@ -153,6 +154,25 @@ impl ApiError {
     pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
         let limit = Limit { name: name.to_owned(), value: value as u64 };
         Self { limit: Some(limit), ..Self::new(code, detail) }
+    }
+
+    /// So little of the disk is free that nothing new is created.
+    #[must_use]
+    pub fn disk_full(least: u32) -> Self {
+        let detail = format!(
+            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
+        );
+        Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
+            .retry_after(Duration::from_mins(1))
+    }
+
+    /// A creation was repeated by its name, and is another one.
+    #[must_use]
+    pub fn other_body() -> Self {
+        Self::new(
+            Code::Invalid,
+            "this Idempotency-Key was used with another body; send that body, or another key",
+        )
     }
 
     /// With the cap that was reached.
@@ -323,16 +343,35 @@ impl From<ClaimError> for ApiError {
     }
 }
 
+impl From<Full> for ApiError {
+    fn from(full: Full) -> Self {
+        match full {
+            Full::BytesOfKey(_) => Self::new(Code::Forbidden, full.to_string()).with_limit(full),
+            Full::Episodes(_) | Full::EpisodesOfKey(_) | Full::BytesOfEpisode(_) => {
+                Self::new(Code::Overloaded, full.to_string())
+                    .with_limit(full)
+                    .retry_after(Duration::from_secs(10))
+            }
+        }
+    }
+}
+
 impl From<CreateError> for ApiError {
     fn from(error: CreateError) -> Self {
         match error {
-            CreateError::Full(full @ Full::BytesOfKey(_)) => {
-                Self::new(Code::Forbidden, full.to_string()).with_limit(full)
-            }
-            CreateError::Full(full) => Self::new(Code::Overloaded, full.to_string())
-                .with_limit(full)
-                .retry_after(Duration::from_secs(10)),
+            CreateError::Full(full) => full.into(),
             CreateError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<manager::CreateError> for ApiError {
+    fn from(error: manager::CreateError) -> Self {
+        match error {
+            manager::CreateError::Full(full) => full.into(),
+            manager::CreateError::DiskFull(least) => Self::disk_full(least),
+            manager::CreateError::Definition(problem) => Self::new(Code::Invalid, problem),
+            manager::CreateError::Journal(error) => error.into(),
         }
     }
 }

@@ -14,11 +14,13 @@ use tokio::time::Instant;
 use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
+use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::claim::ClaimRequest;
-use crate::wire::episode::EpisodeRequest;
+use crate::wire::episode::{EpisodeRequest, VoidRequest};
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
+use crate::wire::run::RunRequest;
 
 /// A body that knows the names of its fields.
 pub(super) trait Named: DeserializeOwned {
@@ -39,6 +41,14 @@ impl Named for KeyRequest {
 }
 
 impl Named for ClaimRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for RunRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for VoidRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -172,11 +182,16 @@ fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     if !unknown.is_empty() {
         return ApiError::fields(unknown);
     }
-    // The field that is wrong is the one without which the rest is read differently.
+    // The field that is wrong is the one without which the rest is read differently. Alone it leaves out
+    // others, which is not its fault; but what is missing inside of it is.
+    let is_left_out = |error: &str| {
+        let named = error.strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
+        named.is_some_and(|named| T::FIELDS.contains(&named))
+    };
     let wrong = (object.keys()).find(|key| {
         let alone = serde_json::Map::from_iter([((*key).clone(), object[*key].clone())]);
         let result = serde_json::from_value::<T>(serde_json::Value::Object(alone));
-        result.is_err_and(|error| !error.to_string().starts_with("missing field"))
+        result.is_err_and(|error| !is_left_out(&error.to_string()))
     });
     let problem = error.to_string();
     // Where in the text it went wrong helps nobody who did not write it by hand.
@@ -223,15 +238,61 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     }
 }
 
+/// The name of a creation that may be repeated, if it has one. Everybody has names of their own.
+pub(super) fn idempotency_key(
+    headers: &HeaderMap,
+    owner: Option<OwnerKey>,
+    limits: &Limits,
+) -> Result<Option<String>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let most = limits.idempotency_key_chars_max;
+    match (value.to_str(), owner) {
+        (Ok(key), Some(OwnerKey(number))) if (1..=most).contains(&key.len()) => {
+            Ok(Some(format!("{number}/{key}")))
+        }
+        (Ok(key), None) if (1..=most).contains(&key.len()) => Ok(Some(format!("/{key}"))),
+        _ => Err(ApiError::new(
+            Code::Malformed,
+            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
+        )),
+    }
+}
+
+/// Where a page of a list begins: after the item with this number.
+pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
+    let Some(text) = text else { return Ok(None) };
+    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
+    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
+        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
+    })?;
+    Ok(Some(number))
+}
+
+/// The cursor of the page after the item with this number.
+pub(super) fn write_cursor(number: i64) -> String {
+    format!("c{number:x}")
+}
+
+/// Refuses a filter that is none of the names that there are.
+pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
+    match value {
+        Some(value) if !names.contains(&value) => {
+            let detail = format!("{field} must be one of {}", names.join(", "));
+            Err(ApiError::new(Code::Malformed, detail))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// How many items somebody wants of a list, checked.
-pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<usize, ApiError> {
+pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
     let most = app.limits.page_items_max;
     let limit = asked.unwrap_or(usual);
     if !(1..=most).contains(&limit) {
         let detail = format!("limit must be from 1 to {most}, is {limit}");
         return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
     }
-    Ok(limit as usize)
+    Ok(limit)
 }
 
 /// How long a request wants to wait, checked.

@@ -29,6 +29,12 @@ pub struct Limits {
     pub episodes_unfinished_max: usize,
     /// Episodes of one key that have not ended.
     pub episodes_per_key_max: usize,
+    /// Games of one run.
+    pub run_games_max: usize,
+    /// Games of one run that are open at a time.
+    pub run_parallel_max: u32,
+    /// Games of one run that are open at a time where nobody says how many.
+    pub run_parallel_default: u32,
     /// Bytes that the acts of one episode may take in the journal; small acts are taken beyond it.
     pub journal_bytes_per_episode_max: u64,
     /// Bytes that the acts of all episodes of a key may take in the journal.
@@ -61,6 +67,10 @@ pub struct Limits {
     pub drain_ms_max: u64,
     /// Characters of a model's name.
     pub model_chars_max: usize,
+    /// Characters of a suite's name.
+    pub suite_name_chars_max: usize,
+    /// Characters of the reason for which something is voided.
+    pub reason_chars_max: usize,
     /// Bytes of what is told about who plays.
     pub agent_meta_bytes_max: usize,
     /// Characters of an idempotency key.
@@ -88,6 +98,9 @@ impl Default for Limits {
             waits_max: 20_000,
             episodes_unfinished_max: 20_000,
             episodes_per_key_max: 5_000,
+            run_games_max: 1000,
+            run_parallel_max: 64,
+            run_parallel_default: 4,
             journal_bytes_per_episode_max: 64 * 1024 * 1024,
             journal_bytes_per_key_max: 16 * 1024 * 1024 * 1024,
             disk_free_percent_min: 5,
@@ -103,10 +116,12 @@ impl Default for Limits {
             idle_ms_max: 75_000,
             drain_ms_max: 8000,
             model_chars_max: 200,
+            suite_name_chars_max: 100,
+            reason_chars_max: 500,
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
             journals_max: 32,
-            exports_max: 4,
+            exports_max: 2,
             events_pending_max: 64,
         }
     }
@@ -126,7 +141,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 32] {
+    pub fn table(&self) -> [(&'static str, u64); 37] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -140,6 +155,9 @@ impl Limits {
             ("waits_max", self.waits_max as u64),
             ("episodes_unfinished_max", self.episodes_unfinished_max as u64),
             ("episodes_per_key_max", self.episodes_per_key_max as u64),
+            ("run_games_max", self.run_games_max as u64),
+            ("run_parallel_max", self.run_parallel_max.into()),
+            ("run_parallel_default", self.run_parallel_default.into()),
             ("journal_bytes_per_episode_max", self.journal_bytes_per_episode_max),
             ("journal_bytes_per_key_max", self.journal_bytes_per_key_max),
             ("disk_free_percent_min", self.disk_free_percent_min.into()),
@@ -155,6 +173,8 @@ impl Limits {
             ("idle_ms_max", self.idle_ms_max),
             ("drain_ms_max", self.drain_ms_max),
             ("model_chars_max", self.model_chars_max as u64),
+            ("suite_name_chars_max", self.suite_name_chars_max as u64),
+            ("reason_chars_max", self.reason_chars_max as u64),
             ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
             ("journals_max", self.journals_max as u64),

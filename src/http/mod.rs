@@ -1,8 +1,10 @@
 //! HTTP: the only place that names axum. Handlers hold no SQL and no rules of the game.
 
 mod agent;
+mod answer;
 pub mod auth;
 mod boards;
+mod checks;
 mod claims;
 mod client;
 mod episodes;
@@ -16,6 +18,7 @@ pub mod limits;
 pub mod openapi;
 mod pace;
 mod router;
+mod runs;
 pub mod serve;
 mod swarm;
 mod waiting;
@@ -101,6 +104,9 @@ pub struct Shared {
     /// Tells this run of the server from others.
     boot: u64,
     waits: Arc<AtomicUsize>,
+    /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
+    /// what is new to one look is new to all that come after it.
+    rounds_seen: std::sync::Mutex<u64>,
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
@@ -132,6 +138,7 @@ impl App {
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
+            rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
             renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),

@@ -22,6 +22,7 @@ use super::limits::Limits;
         (name = "agent", description = "One agent of one episode: two calls and a seat token."),
         (name = "swarm", description = "Several seats in one call, with a swarm token."),
         (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
         (name = "boards", description = "Who did how well."),
         (name = "data", description = "Many episodes in one file, and games that were read from files."),
         (name = "keys", description = "Keys for people, made by organizers."),
@@ -31,6 +32,7 @@ use super::limits::Limits;
         crate::wire::episode::EpisodeResult,
         crate::wire::episode::RoundEvent,
         crate::wire::problem::Problem,
+        crate::wire::run::RunGame,
     )),
     modifiers(&Rest)
 )]
@@ -48,7 +50,7 @@ impl Modify for Rest {
             ("seat", "A seat token: one agent of one episode."),
             (
                 "swarm",
-                "A swarm token: all seats of an episode; its holder stands where the creator does.",
+                "A swarm token: all seats of an episode, or of all episodes of a run; its holder stands where the creator does.",
             ),
             (
                 "key",
@@ -127,7 +129,7 @@ impl IntoResponses for BodyRefusals {
     }
 }
 
-/// What every route with an episode's id may answer beside its own.
+/// What every route with an id may answer beside its own.
 pub(super) struct IdRefusals;
 
 impl IntoResponses for IdRefusals {

@@ -11,7 +11,7 @@ use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 
 /// One of the requests that wait; counted as long as it exists.
-struct Waiting(Arc<AtomicUsize>);
+pub(super) struct Waiting(Arc<AtomicUsize>);
 
 impl Drop for Waiting {
     fn drop(&mut self) {
@@ -21,7 +21,8 @@ impl Drop for Waiting {
 }
 
 impl App {
-    fn start_waiting(&self) -> Result<Waiting, ApiError> {
+    /// Counts one more request that waits.
+    pub(super) fn start_waiting(&self) -> Result<Waiting, ApiError> {
         let most = self.limits.waits_max;
         let waiting = Waiting(Arc::clone(&self.waits));
         metrics::gauge!("swarmbench_waits").increment(1.0);

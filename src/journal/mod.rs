@@ -398,6 +398,8 @@ pub struct StoredEpisode {
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
+    /// Why it counts for nothing, where the host broke it.
+    pub void_reason: Option<String>,
 }
 
 /// An episode that has not ended.

@@ -249,12 +249,12 @@ impl Client {
     /// # Errors
     /// See [`Client::create_episode`].
     pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
-        let Question { suite, rules, task, sort, pick, no_reference } = question;
+        let Question { suite, rules, task, sort, pick, no_reference, imported } = question;
         let asked =
             [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
         let mut query: Vec<(&str, String)> = (asked.into_iter())
             .filter_map(|(name, value)| Some((name, value.clone()?)))
-            .chain([("reference", (!no_reference).to_string())])
+            .chain([("reference", (!no_reference).to_string()), ("imported", imported.to_string())])
             .collect();
         let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
         while let Some(cursor) = board.next_cursor.take() {

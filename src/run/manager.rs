@@ -52,6 +52,14 @@ pub struct NewRun {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
+impl NewRun {
+    /// A run that is no attempt in a competition, and has no name by which it could be repeated.
+    #[must_use]
+    pub const fn by(owner: Option<OwnerKey>, definition: Definition) -> Self {
+        Self { owner, definition, attempt: None, idempotency: None }
+    }
+}
+
 /// Why a run was not created.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CreateError {

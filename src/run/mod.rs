@@ -2,6 +2,7 @@
 
 pub mod definition;
 pub mod manager;
+pub mod score;
 pub mod suite;
 
 use jiff::Timestamp;

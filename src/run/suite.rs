@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{Settings, TaskName};
+use swarmbench_engine::{RuleSet, Settings, TaskName};
 
 /// Which games are played, and by which settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,6 +100,14 @@ impl Suite {
         };
         let settings = SuiteSettings { max_round, ..SuiteSettings::default() };
         Some(Self { name: name.to_owned(), tasks, seeds, rules: rules.to_owned(), settings })
+    }
+
+    /// All built-in suites by all rule sets.
+    pub fn all_built_in() -> impl Iterator<Item = Self> {
+        let rules = RuleSet::ALL.iter();
+        let pairs =
+            Self::BUILT_IN.iter().flat_map(move |name| rules.clone().map(move |r| (name, r)));
+        pairs.filter_map(|(name, rules)| Self::built_in(name, rules.name()))
     }
 
     /// All games, task by task.

@@ -63,6 +63,7 @@ enum Detail {
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
         "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
+                CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
@@ -285,6 +286,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             created_at: time(row.try_get("created_at")?)?,
             last_act_at: row.try_get::<Option<i64>, _>("last_act_at")?.map(time).transpose()?,
             ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
+            void_reason: row.try_get("void_reason")?,
         })
     };
     read().map_err(failure)

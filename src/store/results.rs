@@ -50,6 +50,8 @@ pub(super) async fn add(
 pub enum Change {
     /// A run is over.
     Run(RunKey),
+    /// Games were read from files.
+    Imports,
     /// A game that counts has ended, or does not count any more.
     Episode(EpisodeKey),
 }
@@ -77,6 +79,7 @@ impl Changes {
                 Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
                 Entry::VoidEpisode { episode, .. } => self.add(Change::Episode(*episode)),
                 Entry::EndRun { run, .. } => self.add(Change::Run(*run)),
+                Entry::Import { .. } => self.add(Change::Imports),
                 // Boards show what is over.
                 Entry::Open(_)
                 | Entry::Start { .. }
@@ -90,8 +93,7 @@ impl Changes {
                 | Entry::RevokeKey { .. }
                 | Entry::OpenRun(_)
                 | Entry::ReplaceRunToken { .. }
-                | Entry::Audit(_)
-                | Entry::Import { .. } => {}
+                | Entry::Audit(_) => {}
             }
         }
     }
@@ -108,7 +110,7 @@ impl Changes {
 
 /// Somebody who answers for a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StoredOwner {
+pub struct BoardOwner {
     /// The public id of the key, or of the entry in a competition.
     pub id: String,
     /// The name that is shown.
@@ -117,13 +119,13 @@ pub struct StoredOwner {
 
 /// A run that is over.
 #[derive(Clone, Debug)]
-pub struct StoredRun {
+pub struct BoardRun {
     /// Its number.
     pub run: RunKey,
     /// Its public id.
     pub id: String,
     /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
-    pub owner: Option<StoredOwner>,
+    pub owner: Option<BoardOwner>,
     /// Whether an organizer answers for what it declares.
     pub vouched: bool,
     /// The suite's name.
@@ -137,12 +139,21 @@ pub struct StoredRun {
     /// When it was started.
     pub created_at: Timestamp,
     /// Its games that have ended, in the order of its plan.
-    pub games: Vec<StoredGame>,
+    pub games: Vec<BoardGame>,
+    /// False where a game goes on, although the run opens no more.
+    pub is_over: bool,
+}
+
+impl BoardRun {
+    fn add(&mut self, game: Option<BoardGame>) {
+        self.is_over &= game.is_some();
+        self.games.extend(game);
+    }
 }
 
 /// A game that has ended.
 #[derive(Clone, Debug, PartialEq)]
-pub struct StoredGame {
+pub struct BoardGame {
     /// The task's name.
     pub task: String,
     /// The seed.
@@ -161,7 +172,7 @@ pub struct StoredGame {
 
 /// A finished game that several holders played.
 #[derive(Clone, Debug)]
-pub struct StoredMixed {
+pub struct BoardMixed {
     /// The episode.
     pub episode: EpisodeKey,
     /// Its opening record.
@@ -178,15 +189,15 @@ const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
     AND (r.entry IS NULL OR (c.revealed_at IS NOT NULL AND n.status = 'active'))";
 
 impl Store {
-    /// Runs on boards with greater numbers than `after`, in order of their numbers; few at a time. None are left
-    /// where it is empty.
+    /// Runs on boards with greater numbers than `after`, in order of their numbers; few at a time, some of which may
+    /// not be over yet. None are left where it is empty.
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
     pub async fn runs_on_boards(
         &self,
         after: Option<RunKey>,
-    ) -> Result<Vec<StoredRun>, JournalError> {
+    ) -> Result<Vec<BoardRun>, JournalError> {
         let mut query = select_runs();
         query.push(" AND r.key > ").push_bind(after.map_or(i64::MIN, |run| run.0));
         query.push(" ORDER BY r.key LIMIT ").push_bind(CHUNK);
@@ -200,7 +211,7 @@ impl Store {
                 if let Some(place) = runs.peek_mut()
                     && place.run == run
                 {
-                    place.games.push(game);
+                    place.add(game);
                 }
             }
         }
@@ -211,12 +222,14 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<StoredRun>, JournalError> {
+    pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<BoardRun>, JournalError> {
         let mut query = select_runs();
         query.push(" AND r.key = ").push_bind(run.0);
         let Some(mut found) = self.read_runs(query).await?.pop() else { return Ok(None) };
-        found.games = self.games(run, run).await?.into_iter().map(|(_, game)| game).collect();
-        Ok(Some(found))
+        for (_, game) in self.games(run, run).await? {
+            found.add(game);
+        }
+        Ok(Some(found).filter(|found| found.is_over))
     }
 
     /// The run of an episode, if it belongs to one.
@@ -236,21 +249,21 @@ impl Store {
     async fn read_runs(
         &self,
         mut query: QueryBuilder<Sqlite>,
-    ) -> Result<Vec<StoredRun>, JournalError> {
+    ) -> Result<Vec<BoardRun>, JournalError> {
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(run).collect::<Result<_, _>>().map_err(failure)
     }
 
-    /// The games that have ended of the runs `first..=last`, in order.
+    /// The games of the runs `first..=last`, in order; none for one that has not ended.
     async fn games(
         &self,
         first: RunKey,
         last: RunKey,
-    ) -> Result<Vec<(RunKey, StoredGame)>, JournalError> {
+    ) -> Result<Vec<(RunKey, Option<BoardGame>)>, JournalError> {
         let rows = sqlx::query(
             "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
-             FROM episodes e INDEXED BY episodes_by_run JOIN results s ON s.episode = e.key
+             FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
              WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot, e.key",
         )
         .bind(first.0)
@@ -258,7 +271,11 @@ impl Store {
         .fetch_all(&self.readers)
         .await
         .map_err(failure)?;
-        let read = |row: &SqliteRow| Ok((RunKey(row.try_get("run")?), game(row)?));
+        let read = |row: &SqliteRow| {
+            let has_ended = row.try_get::<Option<&str>, _>("task")?.is_some();
+            let game = has_ended.then(|| game(row)).transpose()?;
+            Ok((RunKey(row.try_get("run")?), game))
+        };
         rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -270,7 +287,7 @@ impl Store {
     pub async fn mixed_games(
         &self,
         after: Option<EpisodeKey>,
-    ) -> Result<(Vec<StoredMixed>, Option<EpisodeKey>), JournalError> {
+    ) -> Result<(Vec<BoardMixed>, Option<EpisodeKey>), JournalError> {
         let episodes = sqlx::query(
             "SELECT DISTINCT episode FROM seats WHERE episode > ? ORDER BY episode LIMIT ?",
         )
@@ -296,7 +313,7 @@ impl Store {
     pub async fn mixed_game(
         &self,
         episode: EpisodeKey,
-    ) -> Result<Option<StoredMixed>, JournalError> {
+    ) -> Result<Option<BoardMixed>, JournalError> {
         let rows = sqlx::query(
             "SELECT DISTINCT e.opening, r.score, s.holder, s.model,
                     s.player IS NOT NULL OR coalesce(k.role = 'organizer', 0) AS vouched
@@ -316,7 +333,7 @@ impl Store {
                 .map_err(|error| sqlx::Error::Decode(error.into()))?;
             let model = |row: &SqliteRow| Ok((row.try_get("model")?, row.try_get("vouched")?));
             let models = rows.iter().map(model).collect::<Result<_, sqlx::Error>>()?;
-            Ok(StoredMixed { episode, opening, score: first.try_get("score")?, models })
+            Ok(BoardMixed { episode, opening, score: first.try_get("score")?, models })
         };
         read().map(Some).map_err(failure)
     }
@@ -334,13 +351,13 @@ fn select_runs() -> QueryBuilder<Sqlite> {
     query
 }
 
-fn run(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
+fn run(row: &SqliteRow) -> Result<BoardRun, sqlx::Error> {
     let owner: Option<String> = row.try_get("owner")?;
     let name: Option<String> = row.try_get("name")?;
-    Ok(StoredRun {
+    Ok(BoardRun {
         run: RunKey(row.try_get("key")?),
         id: row.try_get("id")?,
-        owner: owner.zip(name).map(|(id, name)| StoredOwner { id, name }),
+        owner: owner.zip(name).map(|(id, name)| BoardOwner { id, name }),
         vouched: row.try_get("vouched")?,
         suite: row.try_get("suite")?,
         digest: row.try_get("digest")?,
@@ -348,13 +365,14 @@ fn run(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
         status: row.try_get("status")?,
         created_at: time(row.try_get("created_at")?)?,
         games: Vec::new(),
+        is_over: true,
     })
 }
 
-fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
+fn game(row: &SqliteRow) -> Result<BoardGame, sqlx::Error> {
     let count =
         |column| row.try_get::<i64, _>(column).map(|number| u64::try_from(number).unwrap_or(0));
-    Ok(StoredGame {
+    Ok(BoardGame {
         task: row.try_get("task")?,
         seed: count("seed")?,
         score: row.try_get("score")?,

@@ -17,6 +17,9 @@ use crate::board::result::TaskResult;
 /// What is said of the rows of the paper.
 const NOTE: &str = "a number of the paper, made with the public toolkit; not played here";
 
+/// What is said of rows whose games were read from files.
+const IMPORTED: &str = "games from files; not played here, and not verified";
+
 /// A board, or a page of one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Leaderboard {
@@ -52,9 +55,11 @@ pub struct BoardRow {
     pub id: String,
     /// Whether it is a row of the paper.
     pub reference: bool,
+    /// Whether it shows games that were read from files.
+    pub imported: bool,
     /// Of a row of the paper: `models`, `rules` or `humans`.
     pub table: Option<String>,
-    /// Of a row of the paper: where its numbers come from.
+    /// Of a row that was not played here: where its numbers come from.
     pub note: Option<String>,
     /// Who answers for it; null where nobody showed a key.
     pub owner: Option<String>,
@@ -152,8 +157,17 @@ impl Leaderboard {
             ["mean", "std", "games", "planned"]
                 .map(|what| format!("{}_{what}", task.to_lowercase()))
         };
-        let head =
-            ["suite", "suite_digest", "rules", "rank", "reference", "table", "owner", "model"];
+        let head = [
+            "suite",
+            "suite_digest",
+            "rules",
+            "rank",
+            "reference",
+            "imported",
+            "table",
+            "owner",
+            "model",
+        ];
         let declared = ["temperature", "top_p", "prompt_template", "vouched", "decentralization"];
         let runs = ["runs", "run", "status", "started_at", "total"];
         let difference = ["difference", "difference_low", "difference_high", "difference_pairs"];
@@ -177,6 +191,7 @@ impl Leaderboard {
             text(&self.rules),
             maybe(row.rank),
             row.reference.to_string(),
+            row.imported.to_string(),
             maybe(row.table.as_deref().map(text)),
             maybe(row.owner.as_deref().map(text)),
             text(&row.model),
@@ -233,6 +248,7 @@ impl BoardRow {
                 rank,
                 id,
                 reference: true,
+                imported: false,
                 table: Some(reference.table.name().to_owned()),
                 note: Some(NOTE.to_owned()),
                 owner: None,
@@ -264,6 +280,34 @@ impl BoardRow {
                 clock_out_share: None,
                 voided: None,
             },
+            Source::Imported(shown) => Self {
+                rank,
+                id,
+                reference: false,
+                imported: true,
+                table: None,
+                note: Some(IMPORTED.to_owned()),
+                owner: None,
+                model: shown.run.player.model.clone(),
+                temperature: None,
+                top_p: None,
+                prompt_template: None,
+                vouched: Some(false),
+                decentralization: None,
+                runs: None,
+                run: None,
+                status: None,
+                started_at: None,
+                total,
+                tasks: tasks
+                    .filter_map(|&task| shown.task(task))
+                    .map(|task| (task.task.name().to_owned(), score(task)))
+                    .collect(),
+                difference,
+                invalid_share: None,
+                clock_out_share: None,
+                voided: None,
+            },
             Source::Runs { shown, runs, .. } => {
                 let of: Vec<&TaskResult> = tasks.filter_map(|&task| shown.task(task)).collect();
                 let sum =
@@ -275,6 +319,7 @@ impl BoardRow {
                     rank,
                     id,
                     reference: false,
+                    imported: false,
                     table: None,
                     note: None,
                     owner: run.player.owner.as_ref().map(|owner| owner.name.clone()),

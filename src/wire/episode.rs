@@ -249,6 +249,8 @@ pub struct EpisodeSummary {
     pub task: String,
     /// Who plays.
     pub model: String,
+    /// The id of the run to which it belongs; null where it belongs to none.
+    pub run: Option<String>,
     /// How many rounds were resolved.
     pub round: u32,
     /// The score so far.
@@ -261,8 +263,25 @@ pub struct EpisodeSummary {
     pub ended_at: Option<jiff::Timestamp>,
     /// How it ended.
     pub result: Option<EpisodeResult>,
+    /// Why it counts for nothing, where the host broke it.
+    pub void_reason: Option<String>,
     /// All its settings.
     pub config: EpisodeConfig,
+}
+
+/// Why an episode counts for nothing.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"reason": "power cut in round 40"}))]
+pub struct VoidRequest {
+    /// What the host did wrong: 1 to 500 characters. It is shown to whoever may see the episode.
+    #[schema(min_length = 1, max_length = 500)]
+    pub reason: String,
+}
+
+impl VoidRequest {
+    /// The names of all fields.
+    pub const FIELDS: &'static [&'static str] = &["reason"];
 }
 
 /// A page of episodes, newest first.

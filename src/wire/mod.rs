@@ -12,6 +12,7 @@ pub mod import;
 pub mod key;
 pub mod observation;
 pub mod problem;
+pub mod run;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;

@@ -181,7 +181,7 @@ async fn the_same_as_csv() {
     let head = answer.text().lines().next().expect("a line").to_owned();
     assert_eq!(
         head,
-        "suite,suite_digest,rules,rank,reference,table,owner,model,temperature,top_p,prompt_template,vouched,\
+        "suite,suite_digest,rules,rank,reference,imported,table,owner,model,temperature,top_p,prompt_template,vouched,\
          decentralization,runs,run,status,started_at,total,synchronization_mean,synchronization_std,\
          synchronization_games,synchronization_planned,difference,difference_low,difference_high,difference_pairs,\
          invalid_share,clock_out_share,voided,row,difference_to"
@@ -192,7 +192,7 @@ async fn the_same_as_csv() {
     for (record, row) in records.iter().zip(&rows) {
         let number = |name: &str| record[name].parse::<f64>().expect("a number");
         assert_eq!(record["model"], row["model"].as_str().expect("a text"));
-        assert_eq!(number("total"), row["total"].as_f64().expect("a number"));
+        assert_eq!(Some(number("total")), row["total"].as_f64());
         let deviation = row.pointer("/tasks/Synchronization/deviation").expect("a field");
         assert_eq!(Some(number("synchronization_std")), deviation.as_f64());
         assert_eq!(record["suite_digest"], json["digest"].as_str().expect("a text"));
@@ -456,10 +456,54 @@ async fn a_board_has_what_is_durable() {
     // The host finds out later that it broke a game.
     offline.void_last(1).await;
     assert_eq!(names().await[0], "newer 4/4");
+    // A run may be closed while a game goes on: it is not over before that one is.
+    let did = [Did::Scored(10), Did::Scored(10), Did::GoesOn];
+    let run = offline.open_run(definition("closed", 5), None, &did).await;
+    offline.end(run, "closed").await;
+    assert_eq!(names().await.len(), 5);
+    offline.abort_last().await;
+    assert_eq!(names().await[4], "closed 3/5");
     // More changes than are kept one by one.
     offline.void_last(5000).await;
-    assert_eq!(names().await[1..], all[1..]);
+    assert_eq!(names().await[5], "closed 2/4");
     offline.close().await;
+}
+
+#[tokio::test]
+async fn games_from_files_are_marked_and_only_shown_where_they_are_asked_for() {
+    let mut app = played().await;
+    app.stop().await;
+    let offline = Offline::open(&app).await;
+    let standings = Standings::new(offline.store.clone());
+    let question = swarmbench::board::collection::Question {
+        suite: Some("small".to_owned()),
+        imported: true,
+        ..Default::default()
+    };
+    let rows = async || {
+        standings.boards().await.expect("boards").ranked(&question).expect("a board").rows.len()
+    };
+    assert_eq!(rows().await, 4);
+    offline.import("from files", 27, 8.0).await;
+    offline.import("from files", 42, 9.0).await;
+    offline.import("from files", 43, 99.0).await;
+    assert_eq!(rows().await, 5);
+    offline.close().await;
+    app.start_again().await;
+    assert_eq!(board(&app, "suite=small").await["rows"], 4);
+    let all = board(&app, "suite=small&imported=true").await;
+    assert_eq!(column(&all, "/imported"), [false, true, false, false, false]);
+    let row = &list(&all["items"])[1];
+    assert_eq!((&row["model"], &row["vouched"]), (&json!("from files"), &json!(false)));
+    assert_eq!(
+        (&row["rank"], &row["total"], &row["difference"]),
+        (&json!(2), &json!(8.5), &Value::Null)
+    );
+    // The seed that is not of the suite is left out, and those that are missing count nowhere.
+    let score = json!({ "mean": 8.5, "deviation": 0.5, "games": 2, "planned": 5 });
+    assert_eq!(row["tasks"]["Synchronization"], score);
+    // What is below is compared with what was played here.
+    assert_eq!(list(&all["items"])[2]["difference"]["to"], list(&all["items"])[0]["id"]);
 }
 
 #[tokio::test]
@@ -467,19 +511,10 @@ async fn cross_play_tells_who_did_how_well_together() {
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     app.stop().await;
     let mut offline = Offline::open(&app).await;
-    for score in [3, 5] {
-        offline.mixed(score, 0.0).await;
-    }
-    offline.mixed(9, 0.25).await;
+    offline.mixed(3, 0.0, Some("theirs")).await;
+    offline.mixed(5, 0.0, None).await;
+    offline.mixed(9, 0.25, Some("theirs")).await;
     offline.close().await;
-    execute(
-        &app,
-        "INSERT INTO seats (episode, agent, holder, owner, model, player, claimed_at) VALUES
-             (1, 0, 0, 1, '=ours', NULL, 0), (1, 1, 1, NULL, 'theirs', NULL, 0),
-             (2, 0, 0, 1, '=ours', NULL, 0), (2, 1, 1, NULL, 'built-in/random', 'random', 0),
-             (3, 0, 0, 1, '=ours', NULL, 0), (3, 1, 1, NULL, 'theirs', NULL, 0);",
-    )
-    .await;
     app.start_again().await;
     let found = app.get("/api/v1/cross-play").ok().await;
     assert_eq!(

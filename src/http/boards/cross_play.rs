@@ -69,7 +69,7 @@ pub(in super::super) async fn show_cross_play(
         Format::Json => app.limits.page_items_default,
         Format::Csv => app.limits.page_items_max,
     };
-    let limit = page_limit(&app, params.limit, usual)?;
+    let limit = page_limit(&app, params.limit, usual)? as usize;
     let task = match params.task {
         None => None,
         Some(name) => Some(TaskName::parse(&name).ok_or_else(|| {

@@ -33,6 +33,8 @@ pub(in super::super) struct BoardParams {
     pick: Option<String>,
     /// Whether the rows of the paper are shown; they are where it is left out.
     reference: Option<bool>,
+    /// Whether games that were read from files are shown, too; they are not where it is left out.
+    imported: Option<bool>,
     /// `json` or `csv`; where it is left out, the header `Accept` decides.
     format: Option<String>,
     /// How many rows at most, up to 1,000; where it is left out 50, and of CSV 1,000.
@@ -77,7 +79,7 @@ pub(in super::super) async fn show_leaderboard(
         Format::Json => app.limits.page_items_default,
         Format::Csv => app.limits.page_items_max,
     };
-    let limit = page_limit(&app, params.limit, usual)?;
+    let limit = page_limit(&app, params.limit, usual)? as usize;
     let after = match &params.cursor {
         None => None,
         Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
@@ -91,6 +93,7 @@ pub(in super::super) async fn show_leaderboard(
         sort: params.sort,
         pick: params.pick,
         no_reference: params.reference == Some(false),
+        imported: params.imported == Some(true),
     };
     let boards = app.standings.boards().await?;
     let intervals = app.clone();

@@ -1,17 +1,17 @@
 //! `POST /api/v1/episodes/{id}/claims`.
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::AgentId;
 
 use super::super::App;
+use super::super::answer;
 use super::super::auth::Caller;
-use super::super::episodes::create::{check_player, idempotency_key, idempotency_name};
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params};
-use super::super::limits::Limits;
+use super::super::checks::{Problems, short};
+use super::super::error::ApiError;
+use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
@@ -21,7 +21,7 @@ use crate::journal::{Entry, Holder, Journal, TokenRow};
 use crate::store::tokens::{Grant, Seats};
 use crate::wire::claim::{ClaimRequest, CreatedClaim};
 use crate::wire::episode::SeatToken;
-use crate::wire::problem::{FieldProblem, Problem};
+use crate::wire::problem::Problem;
 
 /// Claim open seats of an episode.
 ///
@@ -59,16 +59,19 @@ pub(in super::super) async fn create_claim(
 ) -> Result<Response, ApiError> {
     let (owner, key) = caller.claimant(&app)?;
     let (stored, spec) = app.known(&caller, id).await?;
-    let name = idempotency_key(&headers, &app.limits)?;
-    let wanted = wanted(&request, &spec, &app.limits)?;
-    let model = request.model.unwrap_or_else(|| "unnamed".to_owned());
-    let agent_meta = request.agent_meta.unwrap_or_default();
+    let name = idempotency_key(&headers, owner, &app.limits)?;
+    let model = request.model.clone().unwrap_or_else(|| "unnamed".to_owned());
+    let agent_meta = request.agent_meta.clone().unwrap_or_default();
+    let mut problems = Problems::default();
+    problems.model(&app.limits, &model);
+    problems.agent_meta(&app.limits, &agent_meta);
+    let wanted = wanted(&request, &spec, &mut problems);
+    let wanted = problems.none_or(wanted)?;
     let at = app.clock.now();
     let holder = Holder { number: 0, owner, key, model, agent_meta, player: None, at };
     // Everybody has names of their own in each episode.
     let name = name.map(|name| format!("{}/{name}", stored.id));
-    let idempotency =
-        name.map(|name| (idempotency_name(owner, &name), Sha256::digest(&body).into()));
+    let idempotency = name.map(|name| (name, Sha256::digest(&body).into()));
     let handle = app.episode(&stored.id).await?;
     // A repeat must find what the first one claims, whoever has hung up meanwhile.
     App::to_its_end(
@@ -91,10 +94,7 @@ async fn claim_or_repeat(
     let _one_by_one = app.one_by_one(&name).await;
     match app.store.claimed_with(&name).await? {
         None => new_claim(app, handle, holder, wanted, Some((name, body))).await,
-        Some((_, first)) if first != body => Err(ApiError::new(
-            Code::Invalid,
-            "this Idempotency-Key was used with another body; send that body, or another key",
-        )),
+        Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((number, _)) => {
             let agents = app.store.seats_of(handle.key, number).await?;
             let tokens = Tokens::new(app, agents.len());
@@ -163,41 +163,25 @@ fn created(handle: &Handle, claimed: &Claimed, tokens: &Tokens) -> Response {
         seats: claimed.agents.iter().zip(&tokens.seats).map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     };
-    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
-    // Tokens must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
+    answer::with_tokens(StatusCode::CREATED, body)
 }
 
-/// Checks what is asked for; all that is wrong is named at once.
-fn wanted(request: &ClaimRequest, spec: &Spec, limits: &Limits) -> Result<Wanted, ApiError> {
-    let mut problems = Vec::new();
-    let mut refuse = |field: &str, problem: String| {
-        problems.push(FieldProblem { field: field.to_owned(), problem });
-    };
+/// Which seats are asked for.
+fn wanted(request: &ClaimRequest, spec: &Spec, problems: &mut Problems) -> Option<Wanted> {
     let agents = spec.config.num_agents();
     let seats = request.seats.unwrap_or(1);
     let count = u16::try_from(seats).ok().filter(|count| (1..=agents).contains(count));
     if count.is_none() {
-        refuse("seats", format!("must be from 1 to {agents}, is {seats}"));
+        problems.refuse("seats", format!("must be from 1 to {agents}, is {seats}"));
     }
-    let agent = request.agent.as_deref().map(|name| {
-        let agent = AgentId::parse(name).filter(|agent| agent.0 < agents);
-        if agent.is_none() {
-            let (last, shown) = (agents - 1, name.chars().take(40).collect::<String>());
-            refuse("agent", format!("must be one of Agent_0 to Agent_{last}, is {shown:?}"));
-        }
-        if request.seats.is_some() {
-            refuse("seats", "goes without `agent`, which names one seat".to_owned());
-        }
-        agent
-    });
-    check_player(request.model.as_deref(), request.agent_meta.as_ref(), limits, &mut refuse);
-    if !problems.is_empty() {
-        return Err(ApiError::fields(problems));
+    let Some(name) = request.agent.as_deref() else { return count.map(Wanted::Any) };
+    if request.seats.is_some() {
+        problems.refuse("seats", "goes without `agent`, which names one seat");
     }
-    Ok(match agent.flatten() {
-        Some(agent) => Wanted::Seat(agent),
-        None => Wanted::Any(count.unwrap_or(1)),
-    })
+    let agent = AgentId::parse(name).filter(|agent| agent.0 < agents);
+    if agent.is_none() {
+        let (last, shown) = (agents - 1, short(name));
+        problems.refuse("agent", format!("must be one of Agent_0 to Agent_{last}, is {shown:?}"));
+    }
+    agent.map(Wanted::Seat)
 }

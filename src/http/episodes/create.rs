@@ -3,21 +3,22 @@
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
 use super::super::App;
+use super::super::answer;
 use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Json, Nothing, Params};
-use super::super::limits::Limits;
+use super::super::checks::{Problems, short};
+use super::super::error::ApiError;
+use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
-use super::{config, duration};
+use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
-use crate::episode::spec::{Spec, Visibility};
+use crate::episode::spec::Spec;
 use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
@@ -25,7 +26,7 @@ use crate::keys::OwnerKey;
 use crate::prompt;
 use crate::store::tokens::Grant;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
-use crate::wire::problem::{FieldProblem, Problem};
+use crate::wire::problem::Problem;
 
 /// Create an episode.
 ///
@@ -55,13 +56,11 @@ pub(in super::super) async fn create_episode(
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {
     let owner = caller.creator(&app)?;
-    let key = idempotency_key(&headers, &app.limits)?;
+    let key = idempotency_key(&headers, owner, &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
     let Some(key) = key else { return new_episode(&app, owner, spec, shows_seed, None).await };
-    // Everybody has names of their own.
-    let key = idempotency_name(owner, &key);
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
     App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await })
         .await
@@ -79,10 +78,7 @@ async fn create_or_repeat(
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
         None => new_episode(app, owner, spec, shows_seed, Some((key, body))).await,
-        Some((_, first)) if first != body => Err(ApiError::new(
-            Code::Invalid,
-            "this Idempotency-Key was used with another body; send that body, or another key",
-        )),
+        Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((id, _)) => {
             let handle = app.episode(&id).await?;
             let tokens = Tokens::new(app, &handle.spec);
@@ -105,17 +101,8 @@ async fn new_episode(
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
     let least = app.limits.disk_free_percent_min;
-    if app.disk.free_percent().is_some_and(|free| free < f64::from(least)) {
-        let detail = format!(
-            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
-        );
-        return Err(ApiError::limit(
-            Code::Overloaded,
-            "disk_free_percent_min",
-            least as usize,
-            detail,
-        )
-        .retry_after(std::time::Duration::from_mins(1)));
+    if app.disk.is_full(least) {
+        return Err(ApiError::disk_full(least));
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
@@ -166,69 +153,12 @@ fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     };
-    let mut response = (StatusCode::CREATED, axum::Json(body)).into_response();
-    let location = format!("/api/v1/episodes/{}", handle.id);
-    if let Ok(location) = HeaderValue::try_from(location) {
-        response.headers_mut().insert(header::LOCATION, location);
-    }
-    // Tokens must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
-}
-
-/// The name that the caller has for what is created.
-pub(in super::super) fn idempotency_key(
-    headers: &HeaderMap,
-    limits: &Limits,
-) -> Result<Option<String>, ApiError> {
-    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
-    let most = limits.idempotency_key_chars_max;
-    match value.to_str() {
-        Ok(key) if (1..=most).contains(&key.len()) => Ok(Some(key.to_owned())),
-        _ => Err(ApiError::new(
-            Code::Malformed,
-            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
-        )),
-    }
-}
-
-/// A name that the holder of a key has for something, among the names of all.
-pub(in super::super) fn idempotency_name(owner: Option<OwnerKey>, name: &str) -> String {
-    match owner {
-        Some(OwnerKey(number)) => format!("{number}/{name}"),
-        None => format!("/{name}"),
-    }
-}
-
-/// Checks what is told of who plays.
-pub(in super::super) fn check_player(
-    model: Option<&str>,
-    agent_meta: Option<&serde_json::Map<String, serde_json::Value>>,
-    limits: &Limits,
-    mut refuse: impl FnMut(&str, String),
-) {
-    if let Some(model) = model
-        && (!(1..=limits.model_chars_max).contains(&model.chars().count())
-            || model.chars().any(char::is_control))
-    {
-        let most = limits.model_chars_max;
-        refuse("model", format!("must be 1 to {most} characters without control characters"));
-    }
-    let meta_bytes =
-        agent_meta.map_or(0, |meta| serde_json::to_vec(meta).map_or(0, |json| json.len()));
-    if meta_bytes > limits.agent_meta_bytes_max {
-        let most = limits.agent_meta_bytes_max;
-        refuse("agent_meta", format!("must be at most {most} bytes of JSON, is {meta_bytes}"));
-    }
+    answer::created(&format!("/api/v1/episodes/{}", handle.id), body)
 }
 
 /// Checks everything that was asked for; all that is wrong is named at once.
 fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
-    let limits = &app.limits;
-    let mut problems = Vec::new();
-    let mut refuse = |field: &str, problem: String| {
-        problems.push(FieldProblem { field: field.to_owned(), problem });
-    };
+    let mut problems = Problems::default();
     let defaults = Settings::default();
     let settings = Settings {
         task: request.task.clone().unwrap_or_default(),
@@ -247,77 +177,54 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let checked = if request.task.is_some() {
         Config::check(&settings).map_err(|errors| {
             for error in errors.0 {
-                refuse(error.field, error.problem);
+                problems.refuse(error.field, error.problem);
             }
         })
     } else {
-        refuse("task", "is missing".to_owned());
+        problems.refuse("task", "is missing");
         Err(())
     };
-    let mut seconds = |field: &str, value: Option<f64>, default: f64, low: f64, high: f64| {
-        let value = value.unwrap_or(default);
-        if !(low..=high).contains(&value) {
-            refuse(field, format!("must be from {low} to {high} seconds, is {value}"));
-        }
-        duration(value.clamp(low, high))
-    };
-    let bank = seconds("bank_s", request.bank_s, 0.0, 0.0, 604_800.0);
-    let idle = seconds("idle_timeout_s", request.idle_timeout_s, 86_400.0, 1.0, 31_536_000.0);
-    let round_deadline = request
-        .round_deadline_s
-        .map(|value| seconds("round_deadline_s", Some(value), 0.0, 0.05, 86_400.0));
-    let fill_after =
-        request.fill_after_s.map(|value| seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
+    let (round_deadline, bank, idle) =
+        problems.clocks(request.round_deadline_s, request.bank_s, request.idle_timeout_s);
+    let fill_after = request
+        .fill_after_s
+        .map(|value| problems.seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
     let start = request.start.as_deref().unwrap_or("now");
     if !["now", "manual"].contains(&start) {
-        refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
+        problems.refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
     }
-    let usual = if app.has_keys { Visibility::Owner } else { Visibility::Public };
-    let visibility = request.visibility.as_deref().unwrap_or(usual.name());
-    let found = Visibility::ALL.into_iter().find(|known| known.name() == visibility);
-    if visibility == "sealed" {
-        refuse("visibility", "sealed is set by competitions only; use public or owner".to_owned());
-    } else if found.is_none() {
-        refuse("visibility", format!("must be one of public, owner, is {:?}", short(visibility)));
-    }
-    check_player(request.model.as_deref(), request.agent_meta.as_ref(), limits, &mut refuse);
-    let agent_meta = request.agent_meta.unwrap_or_default();
-    if let Some(template) = &request.prompt_template
-        && let Err(error) = prompt::check(template)
-    {
-        refuse("prompt_template", error.to_string());
-    }
+    let visibility = problems.visibility(app, request.visibility.as_deref());
     let open = request.open_seats.unwrap_or(0);
     let agents = settings.num_agents;
     if !(0..=agents).contains(&open) {
-        refuse(
-            "open_seats",
-            format!("must be from 0 to the number of agents, {agents}, is {open}"),
-        );
+        let problem = format!("must be from 0 to the number of agents, {agents}, is {open}");
+        problems.refuse("open_seats", problem);
     }
     if fill_after.is_some() && open == 0 {
-        refuse("fill_after_s", "goes with `open_seats`: no seat is open".to_owned());
+        problems.refuse("fill_after_s", "goes with `open_seats`: no seat is open");
     } else if fill_after.is_some_and(|after| after >= idle) {
-        refuse("fill_after_s", "must be less than idle_timeout_s".to_owned());
+        problems.refuse("fill_after_s", "must be less than idle_timeout_s");
     }
     if request.fill_with.is_some() && fill_after.is_none() {
-        refuse("fill_with", "goes with `fill_after_s`".to_owned());
+        problems.refuse("fill_with", "goes with `fill_after_s`");
     }
     if request.player.is_some() && open > 0 && open == agents {
         let problem = "has no seat to play: all are open; `fill_with` names who fills open ones";
-        refuse("player", problem.to_owned());
+        problems.refuse("player", problem);
     }
     let task = request.task.as_deref().and_then(TaskName::parse);
     let mut built_in = |field: &str, name: Option<&str>| {
-        house::player(name, task?).map_err(|problem| refuse(field, problem)).ok()
+        house::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
     };
     let fill_with = fill_after.and_then(|_| built_in("fill_with", request.fill_with.as_deref()));
     let player = request.player.as_deref().and_then(|name| built_in("player", Some(name)));
-    let (Ok(checked), Some(visibility), true) = (checked, found, problems.is_empty()) else {
-        return Err(ApiError::fields(problems));
-    };
     let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));
     let model = request.model.unwrap_or_else(usual);
+    problems.model(&app.limits, &model);
+    let agent_meta = request.agent_meta.unwrap_or_default();
+    problems.agent_meta(&app.limits, &agent_meta);
+    problems.template(request.prompt_template.as_deref());
+    let (checked, visibility) = problems.none_or(checked.ok().zip(visibility))?;
     let agents = checked.num_agents();
     let own = agents.saturating_sub(u16::try_from(open).unwrap_or(agents));
     Ok(Spec {
@@ -339,10 +246,6 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         fill_with,
         player,
     })
-}
-
-fn short(text: &str) -> String {
-    text.chars().take(40).collect()
 }
 
 /// A seed that nobody can foresee: 53 random bits.

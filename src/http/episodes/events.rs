@@ -130,7 +130,11 @@ async fn tell(
     }
 }
 
-async fn send(events: &mpsc::Sender<Result<Event, Infallible>>, event: Event) -> bool {
+/// Sends an event; false where the reader is gone or too slow.
+pub(in super::super) async fn send(
+    events: &mpsc::Sender<Result<Event, Infallible>>,
+    event: Event,
+) -> bool {
     matches!(tokio::time::timeout(PATIENCE, events.send(Ok(event))).await, Ok(Ok(())))
 }
 

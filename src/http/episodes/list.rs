@@ -8,8 +8,8 @@ use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::error::ApiError;
+use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::episode::Status;
 use crate::journal::EpisodeKey;
@@ -57,54 +57,28 @@ pub(in super::super) async fn list_episodes(
     caller: Caller,
     Params(params): Params<ListParams>,
 ) -> Result<Json<EpisodeList>, ApiError> {
-    let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
-    let most = app.limits.page_items_max;
-    let limit = params.limit.unwrap_or(app.limits.page_items_default);
-    if !(1..=most).contains(&limit) {
-        let detail = format!("limit must be from 1 to {most}, is {limit}");
-        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
-    }
-    if let Some(status) = &params.status
-        && Status::parse(status).is_none()
-    {
-        let names: Vec<_> = Status::ALL.iter().map(|status| status.name()).collect();
-        return Err(malformed(format!("status must be one of {}", names.join(", "))));
-    }
-    if let Some(task) = &params.task
-        && TaskName::parse(task).is_none()
-    {
-        let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
-        return Err(malformed(format!("task must be one of {}", names.join(", "))));
-    }
-    let before = match &params.cursor {
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
+    one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
+    one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
+    let before = read_cursor(params.cursor.as_deref())?.map(EpisodeKey);
+    let run = match params.run {
         None => None,
-        Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
-            malformed("cursor must be the next_cursor of an earlier page".to_owned())
-        })?),
+        Some(id) => match app.store.find_run(&id).await? {
+            Some(run) => Some(run.run),
+            None => return Ok(Json(EpisodeList { items: Vec::new(), next_cursor: None })),
+        },
     };
-    if params.run.is_some() {
-        // No episode belongs to a run yet.
-        return Ok(Json(EpisodeList { items: Vec::new(), next_cursor: None }));
-    }
     let filter = Filter {
         status: params.status,
         task: params.task,
         model: params.model,
-        run: None,
+        run,
         readable: caller.readable(&app.access),
     };
     let mut stored = app.store.list_episodes(&filter, before, limit + 1).await?;
     let has_more = stored.len() > limit as usize;
     stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.episode));
+    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.episode.0));
     let items = stored.iter().map(|stored| app.summary_of(&caller, stored));
     Ok(Json(EpisodeList { items: items.collect::<Result<_, _>>()?, next_cursor }))
-}
-
-fn write_cursor(key: EpisodeKey) -> String {
-    format!("c{:x}", key.0)
-}
-
-fn read_cursor(text: &str) -> Option<EpisodeKey> {
-    i64::from_str_radix(text.strip_prefix('c')?, 16).ok().filter(|key| *key >= 0).map(EpisodeKey)
 }

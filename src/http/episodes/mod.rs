@@ -8,8 +8,7 @@ pub(super) mod list;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod state;
-
-use std::time::Duration;
+pub(super) mod void;
 
 use super::App;
 use super::auth::{Caller, Subject};
@@ -103,12 +102,14 @@ impl App {
             status: status.into(),
             task: spec.config.task().name().to_owned(),
             model: spec.model.clone(),
+            run: spec.run.clone(),
             round: stored.rounds,
             // Where rounds are private, a seat learns the score from its own observations.
             score: if may_read { stored.score } else { 0.0 },
             created_at: stored.created_at,
             ended_at: stored.ended_at,
             result,
+            void_reason: stored.void_reason.clone(),
             config: config(&spec, may_know_seed),
         })
     }
@@ -118,7 +119,7 @@ impl App {
 fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
     let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
     Subject {
-        id: &stored.id,
+        id: Some(&stored.id),
         owner: stored.owner,
         run: stored.run,
         visibility: spec.visibility,
@@ -173,14 +174,4 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
         fill_with: spec.fill_with.clone(),
         player: spec.player.clone(),
     }
-}
-
-/// A duration of so many seconds, in whole milliseconds.
-fn duration(seconds: f64) -> Duration {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the range was checked"
-    )]
-    Duration::from_millis((seconds * 1000.0).round() as u64)
 }

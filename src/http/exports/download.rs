@@ -13,7 +13,6 @@ use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
-use tokio_util::sync::CancellationToken;
 use utoipa::IntoParams;
 
 use super::super::App;
@@ -133,17 +132,20 @@ pub(in super::super) async fn download_export(
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
     tokio::task::spawn_blocking(move || {
-        let _turn = turn;
         let may = |stored: &_| app.may_read_journal(&caller, stored);
-        let export = match Export::select(&app.store, &selection, may, |_, _| ()) {
+        let select = Export::select(&app.store, &selection, may, |_, _| (), app.stop.clone());
+        let export = match select {
             Ok(export) => export,
             Err(error) => return drop(selected.send(Err(error))),
         };
         if selected.send(Ok(())).is_err() {
             return;
         }
-        let out = Pieces { gathered: Vec::new(), to: pieces.clone(), stop: app.stop.clone() };
-        if let Err(error) = file.write(export, out) {
+        let out = Pieces { gathered: Vec::new(), to: pieces.clone() };
+        let written = file.write(export, out);
+        // Whoever has the whole file finds the turn free.
+        drop(turn);
+        if let Err(error) = written {
             // Whoever reads is to notice that this is not the whole file.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
@@ -153,7 +155,7 @@ pub(in super::super) async fn download_export(
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),
         ExportError::Unknown(_) => ApiError::not_found("the episode"),
-        error @ (ExportError::Io(_) | ExportError::Table(_)) => {
+        error @ (ExportError::Io(_) | ExportError::Table(_) | ExportError::Stopped) => {
             ApiError::new(Code::Internal, error.to_string())
         }
     })?;
@@ -200,14 +202,10 @@ async fn selection(
 struct Pieces {
     gathered: Vec<u8>,
     to: mpsc::Sender<io::Result<Bytes>>,
-    stop: CancellationToken,
 }
 
 impl Pieces {
     fn send(&mut self) -> io::Result<()> {
-        if self.stop.is_cancelled() {
-            return Err(io::Error::other("the server is stopping"));
-        }
         let piece = Bytes::from(std::mem::take(&mut self.gathered));
         let gone = |_| io::Error::from(io::ErrorKind::BrokenPipe);
         if piece.is_empty() { Ok(()) } else { self.to.blocking_send(Ok(piece)).map_err(gone) }

@@ -1,11 +1,11 @@
 //! `POST /api/v1/keys`.
 
-use axum::Json as JsonBody;
 use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 
 use super::super::App;
+use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
@@ -54,8 +54,5 @@ pub(in super::super) async fn create_key(
     let created = CreatedKey { key: KeySummary::of(&key, now), secret: token.reveal().to_owned() };
     let row = KeyRow { key, hash: token.hash() };
     app.store.keep(vec![Entry::AddKey(Box::new(row))]).await?;
-    let mut response = (StatusCode::CREATED, JsonBody(created)).into_response();
-    // Keys must not lie in caches on the way.
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    Ok(response)
+    Ok(with_tokens(StatusCode::CREATED, created))
 }

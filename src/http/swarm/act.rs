@@ -1,7 +1,11 @@
 //! `POST /swarm/act`: acts for several seats.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
 use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
+use futures::future::join_all;
 use serde::de::{IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
@@ -13,6 +17,7 @@ use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Named, Nothing, Params, json_bytes, read};
 use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 use crate::wire::problem::Problem;
@@ -52,26 +57,17 @@ pub(in super::super) async fn post_swarm_act(
         let detail = format!("{count} acts came, at most {most} are taken at once");
         return Err(ApiError::limit(Code::TooLarge, "acts_max", most, detail));
     }
+    let mut source = Source::of(&app, swarm).await?;
     let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
-    let mut places = Vec::new();
-    let mut submissions = Vec::new();
+    let mut groups: BTreeMap<String, Result<Group, ApiError>> = BTreeMap::new();
     for (place, act) in acts.into_iter().enumerate() {
-        match check(&app, &swarm, &act) {
-            Ok(submission) => {
-                places.push(place);
-                submissions.push(submission);
-            }
-            Err(error) => receipts[place] = Some(SwarmReceipt::Problem(error.problem())),
+        if let Err(error) = take(&app, &mut source, &mut groups, place, &act).await {
+            receipts[place] = Some(SwarmReceipt::Problem(error.problem()));
         }
     }
-    let handle = &swarm.handle;
-    let outcomes =
-        if submissions.is_empty() { Vec::new() } else { handle.submit(submissions).await };
-    for (place, outcome) in places.into_iter().zip(outcomes) {
-        receipts[place] = Some(match outcome {
-            Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, given)),
-            Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
-        });
+    // Episodes do not wait for each other.
+    for (place, receipt) in join_all(groups.into_values().flatten().map(submit)).await.concat() {
+        receipts[place] = Some(receipt);
     }
     let receipts = receipts.into_iter().collect::<Option<Vec<_>>>();
     let receipts =
@@ -128,8 +124,21 @@ impl Named for Envelope {
     const FIELDS: &'static [&'static str] = &["acts"];
 }
 
-/// Checks one act.
-fn check(app: &App, swarm: &Swarm, act: &RawValue) -> Result<(AgentId, Submission), ApiError> {
+/// The acts for one episode, with their places among all.
+struct Group {
+    seated: Seated,
+    places: Vec<usize>,
+    submissions: Vec<(AgentId, Submission)>,
+}
+
+/// Checks one act and puts it to the others for its episode.
+async fn take(
+    app: &App,
+    source: &mut Source,
+    groups: &mut BTreeMap<String, Result<Group, ApiError>>,
+    place: usize,
+    act: &RawValue,
+) -> Result<(), ApiError> {
     let limit = app.limits.body_bytes_max;
     if act.get().len() > limit {
         let detail = format!("the act has more than {limit} bytes");
@@ -137,15 +146,38 @@ fn check(app: &App, swarm: &Swarm, act: &RawValue) -> Result<(AgentId, Submissio
     }
     let act: SwarmAct = read(act.get().as_bytes())?;
     let (episode, agent, act) = act.split();
-    if episode != swarm.handle.id.as_str() {
-        return Err(ApiError::not_found("the episode"));
-    }
-    let config = &swarm.handle.spec.config;
+    let group = match groups.entry(episode) {
+        Entry::Occupied(known) => known.into_mut(),
+        Entry::Vacant(new) => {
+            let found = source.find(app, new.key()).await.and_then(|seated| {
+                let seated = seated.ok_or_else(|| ApiError::not_found("the episode"))?;
+                Ok(Group { seated, places: Vec::new(), submissions: Vec::new() })
+            });
+            new.insert(found)
+        }
+    };
+    let group = group.as_mut().map_err(|error| error.clone())?;
+    let config = &group.seated.handle.spec.config;
     let agent = AgentId::parse(&agent).filter(|agent| agent.0 < config.num_agents());
     let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
-    if !swarm.covers(agent) {
+    if !group.seated.holds(agent) {
         let detail = format!("this token does not stand for the seat of {agent}");
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    Ok((agent, submission(act, config, agent)?))
+    group.submissions.push((agent, submission(act, config, agent)?));
+    group.places.push(place);
+    Ok(())
+}
+
+/// Sends the acts of one episode and waits for their outcomes.
+async fn submit(group: Group) -> Vec<(usize, SwarmReceipt)> {
+    let Group { seated: Seated { handle, .. }, places, submissions } = group;
+    if submissions.is_empty() {
+        return Vec::new();
+    }
+    let outcomes = handle.submit(submissions).await.into_iter().map(|outcome| match outcome {
+        Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, given)),
+        Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
+    });
+    places.into_iter().zip(outcomes).collect()
 }

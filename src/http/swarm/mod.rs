@@ -1,4 +1,113 @@
-//! Many seats in one call.
+//! Many seats in one call: of one episode, or of all episodes of a run.
 
 pub(super) mod act;
 pub(super) mod obs;
+
+use std::collections::HashSet;
+
+use futures::future::join_all;
+use swarmbench_engine::AgentId;
+use tokio::sync::watch;
+
+use super::App;
+use super::auth::Swarm;
+use super::error::{ApiError, Code};
+use crate::episode::actor::Handle;
+use crate::ids::EpisodeId;
+use crate::journal::RunKey;
+use crate::run::manager::Table;
+use crate::store::tokens::Seats;
+
+/// Seats of one episode, among those for which a token stands.
+struct Seated {
+    handle: Handle,
+    seats: Seats,
+}
+
+impl Seated {
+    /// Whether this seat is one of them.
+    fn holds(&self, agent: AgentId) -> bool {
+        match &self.seats {
+            Seats::Creators => self.handle.spec.is_creators(agent),
+            Seats::Claimed(seats) => seats.contains(&agent),
+        }
+    }
+}
+
+/// Where the seats of a token are found.
+enum Source {
+    Episode(Seated),
+    Run { run: RunKey, table: watch::Receiver<Table>, games: Option<HashSet<EpisodeId>> },
+}
+
+impl Source {
+    async fn of(app: &App, swarm: Swarm) -> Result<Self, ApiError> {
+        Ok(match swarm {
+            Swarm::Episode(id, seats) => {
+                Self::Episode(Seated { handle: app.episode(&id).await?, seats })
+            }
+            Swarm::Run(run) => Self::Run { run, table: app.runs.follow(run).await?, games: None },
+        })
+    }
+
+    /// All episodes with seats that may be waiting, and of a run whether it is over; an episode tells that
+    /// itself.
+    async fn open(&mut self, app: &App) -> Result<(Vec<Seated>, Option<bool>), ApiError> {
+        match self {
+            Self::Episode(Seated { handle, seats }) => {
+                Ok((vec![Seated { handle: handle.clone(), seats: seats.clone() }], None))
+            }
+            Self::Run { table, .. } => {
+                let Table { open, is_over } = table.borrow_and_update().clone();
+                let mut seated = Vec::with_capacity(open.len());
+                for found in join_all(open.iter().map(|id| app.episode(id))).await {
+                    match found {
+                        Ok(handle) => seated.push(Seated { handle, seats: Seats::Creators }),
+                        // One whose journal is broken was logged, and keeps nobody from playing the others.
+                        Err(error) if error.code() == Code::Internal => {}
+                        Err(error) => return Err(error),
+                    }
+                }
+                Ok((seated, Some(is_over)))
+            }
+        }
+    }
+
+    /// The seats in one episode, also after its end; none where the token stands for no seat there.
+    async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
+        match self {
+            Self::Episode(Seated { handle, seats }) => {
+                let is_it = handle.id.as_str() == episode;
+                Ok(is_it.then(|| Seated { handle: handle.clone(), seats: seats.clone() }))
+            }
+            Self::Run { run, table, games } => {
+                let id = EpisodeId::from_text(episode.to_owned());
+                let is_open = table.borrow().open.contains(&id);
+                if !is_open {
+                    let games = match games {
+                        Some(games) => games,
+                        None => {
+                            let all = app.store.games_of(*run).await?.into_iter();
+                            games.insert(all.map(|game| game.id).collect())
+                        }
+                    };
+                    if !games.contains(&id) {
+                        return Ok(None);
+                    }
+                }
+                Ok(Some(Seated { handle: app.episode(&id).await?, seats: Seats::Creators }))
+            }
+        }
+    }
+
+    /// Completes when there are other episodes to look at.
+    async fn changed(&mut self) {
+        let is_told = match self {
+            Self::Episode(_) => false,
+            Self::Run { table, .. } => table.changed().await.is_ok(),
+        };
+        if !is_told {
+            std::future::pending::<()>().await;
+        }
+    }
+}

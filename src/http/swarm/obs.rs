@@ -1,9 +1,15 @@
 //! `GET /swarm/obs`: the observations that wait for an act.
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use axum::extract::State;
 use axum::response::Response;
+use futures::StreamExt;
+use futures::stream::FuturesUnordered;
 use serde::Deserialize;
 use swarmbench_engine::AgentId;
+use tokio::sync::watch;
 use utoipa::IntoParams;
 
 use super::super::App;
@@ -12,7 +18,9 @@ use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
-use crate::episode::Snapshot;
+use super::{Seated, Source};
+use crate::clock;
+use crate::episode::{Snapshot, Status};
 use crate::wire::act::SwarmObsResponse;
 use crate::wire::problem::Problem;
 
@@ -67,15 +75,13 @@ pub(in super::super) async fn get_swarm_obs(
         Some(text) => Cursor::parse(text, app.boot)?,
         None => Cursor::START,
     };
-    let wanted = |snapshot: &Snapshot| {
-        snapshot.status.is_over() || open_seats(&swarm, snapshot, after).next().is_some()
-    };
-    let snapshot = app.wait_until(&swarm.handle, patience, wanted).await?;
+    let mut source = Source::of(&app, swarm).await?;
+    let (open, finished) = wait_for_seats(&app, &mut source, after, patience).await?;
     let mut observations = b"[".to_vec();
     let mut cursor = after;
-    for seat in open_seats(&swarm, &snapshot, after).take(limit) {
+    for Open { seat, seated, snapshot } in open.into_iter().take(limit) {
         let agent = AgentId(seat.agent);
-        let body = observation(&app, &swarm.handle, &snapshot, agent, params.prompt).await?;
+        let body = observation(&app, &seated.handle, &snapshot, agent, params.prompt).await?;
         if observations.len() > 1 {
             observations.push(b',');
         }
@@ -83,8 +89,116 @@ pub(in super::super) async fn get_swarm_obs(
         cursor = seat;
     }
     observations.push(b']');
-    let rest = Rest { cursor: cursor.write(app.boot), finished: snapshot.status.is_over() };
+    let rest = Rest { cursor: cursor.write(app.boot), finished };
     Ok(json(with_field(&rest, "observations", &observations)))
+}
+
+/// A seat that waits for an act.
+struct Open {
+    seat: Cursor,
+    seated: Arc<Seated>,
+    snapshot: Arc<Snapshot>,
+}
+
+/// The seats that were opened after `after` and wait for an act, once there are any, all is over or the
+/// time is up; and whether all is over.
+async fn wait_for_seats(
+    app: &App,
+    source: &mut Source,
+    after: Cursor,
+    patience: Duration,
+) -> Result<(Vec<Open>, bool), ApiError> {
+    let mut waiting = None;
+    let mut is_up = patience.is_zero();
+    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), patience));
+    loop {
+        // What changes from here on is told by `changed`.
+        let (seated, is_over) = source.open(app).await?;
+        let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
+        loop {
+            let (open, are_over) = look(app, &mut followed, after);
+            // A run goes on when the games that are open are over.
+            let is_over = is_over.unwrap_or(are_over);
+            if !open.is_empty() || is_over || is_up {
+                return Ok((open, is_over));
+            }
+            if waiting.is_none() {
+                waiting = Some(app.start_waiting()?);
+            }
+            tokio::select! {
+                () = any_changed(&mut followed) => {}
+                () = source.changed() => break,
+                () = &mut up => is_up = true,
+                () = app.stop.cancelled() => is_up = true,
+            }
+        }
+    }
+}
+
+/// An episode of which each state is looked at.
+struct Followed {
+    seated: Arc<Seated>,
+    published: watch::Receiver<Arc<Snapshot>>,
+}
+
+impl Followed {
+    fn new(seated: Seated) -> Self {
+        Self { published: seated.handle.follow(), seated: Arc::new(seated) }
+    }
+
+    /// Completes when another state is published; never, where that cannot be any more.
+    async fn changed(&mut self) {
+        if self.published.changed().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+}
+
+/// Completes when any of them has changed since it was looked at.
+async fn any_changed(followed: &mut [Followed]) {
+    let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
+    if { changes }.next().await.is_none() {
+        std::future::pending::<()>().await;
+    }
+}
+
+/// Looks at all of them at one moment: the seats that wait for an act and were opened after `after`, the
+/// oldest first; and whether all of these episodes are over.
+fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool) {
+    let (snapshots, are_over) = {
+        // Rounds get their places from whoever sees them first. If that were not the same for all of a
+        // look, another one could take the next place for what this one has passed already.
+        let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
+        let mut snapshots: Vec<_> = followed
+            .iter_mut()
+            .map(|followed| (followed.published.borrow_and_update().clone(), &followed.seated))
+            .collect();
+        let are_over = snapshots.iter().all(|(snapshot, _)| snapshot.status.is_over());
+        snapshots.retain(|(snapshot, _)| snapshot.status == Status::Running);
+        snapshots.sort_by_key(|(snapshot, _)| snapshot.opened_at());
+        let mut next = || {
+            *seen += 1;
+            *seen
+        };
+        let placed =
+            snapshots.into_iter().map(|(snapshot, of)| (snapshot.place(&mut next), snapshot, of));
+        (placed.collect::<Vec<_>>(), are_over)
+    };
+    let mut open = Vec::new();
+    for (opened, snapshot, seated) in snapshots {
+        let waiting = snapshot.world.agents().filter(|&agent| snapshot.waits_for(agent));
+        let seats = waiting
+            .filter(|&agent| seated.holds(agent))
+            .map(|agent| Cursor { opened, agent: agent.0 })
+            .filter(|seat| *seat > after);
+        open.extend(seats.map(|seat| Open {
+            seat,
+            seated: Arc::clone(seated),
+            snapshot: Arc::clone(&snapshot),
+        }));
+    }
+    open.sort_by_key(|open| open.seat);
+    (open, are_over)
 }
 
 /// What a [`SwarmObsResponse`] has beside observations, which are written out already.
@@ -92,19 +206,6 @@ pub(in super::super) async fn get_swarm_obs(
 struct Rest {
     cursor: String,
     finished: bool,
-}
-
-/// The token's seats that wait for an act and were opened after `after`.
-fn open_seats<'a>(
-    swarm: &'a Swarm,
-    snapshot: &'a Snapshot,
-    after: Cursor,
-) -> impl Iterator<Item = Cursor> + 'a {
-    let own = snapshot.world.agents().filter(|&agent| swarm.covers(agent));
-    let waiting = own.filter(|&agent| snapshot.waits_for(agent));
-    waiting
-        .map(|agent| Cursor { opened: snapshot.opened, agent: agent.0 })
-        .filter(move |seat| *seat > after)
 }
 
 /// A place in the order in which observations were opened.

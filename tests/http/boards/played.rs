@@ -5,15 +5,19 @@ use std::time::Duration;
 
 use serde_json::Map;
 use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
-use swarmbench::episode::actor::{Handle, Spawn};
+use swarmbench::episode::Status;
+use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::{Creation, Registry};
+use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::http::limits::Limits;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{EpisodeId, Token, TokenKind};
 use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench::journal::{Entry, EpisodeKey, Journal, RunKey, RunRow};
+use swarmbench::journal::{
+    Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
+};
 use swarmbench::keys::OwnerKey;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
@@ -27,7 +31,7 @@ use crate::app::TestApp;
 const ROUNDS: u32 = 10;
 
 /// The time of a round, where it has one.
-const DEADLINE: Duration = Duration::from_secs(60);
+const DEADLINE: Duration = Duration::from_mins(1);
 
 /// What became of a game.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +46,8 @@ pub(super) enum Did {
     Voided(u32),
     /// Several agents played until they had this score; then it was aborted.
     Together(u32),
+    /// It was opened and goes on.
+    GoesOn,
     /// It was never opened.
     NotBegun,
 }
@@ -97,6 +103,7 @@ pub(super) struct Offline {
     entropy: SeededEntropy,
     runs: i64,
     last: EpisodeKey,
+    game: Option<Handle>,
 }
 
 impl Offline {
@@ -111,7 +118,15 @@ impl Offline {
         let registry = Registry::new(journal, Arc::clone(&clock) as _, quotas, spawn, last);
         let entropy = SeededEntropy::new(u64::try_from(last).expect("a count") + 5);
         // The runs of a test that opens the database twice must not have the same numbers.
-        Self { store, registry, clock, entropy, runs: last * 100, last: EpisodeKey(last) }
+        Self {
+            store,
+            registry,
+            clock,
+            entropy,
+            runs: last * 100,
+            last: EpisodeKey(last),
+            game: None,
+        }
     }
 
     pub(super) async fn close(self) {
@@ -179,6 +194,43 @@ impl Offline {
         self.store.keep(vec![entry]).await.expect("it is kept");
     }
 
+    /// Ends the game that was opened last.
+    pub(super) async fn abort_last(&self) {
+        let last = self.game.as_ref().expect("one was opened");
+        last.abort().await.expect("it is kept");
+    }
+
+    /// Takes a game from files.
+    pub(super) async fn import(&self, model: &str, seed: u64, score: f64) {
+        let row = ImportRow {
+            id: format!("imp_{model}{seed}"),
+            digest: [u8::try_from(seed).expect("a small seed"); 32],
+            run_id: "1".to_owned(),
+            meta: "{}".to_owned(),
+            model: model.to_owned(),
+            task: "Synchronization".to_owned(),
+            seed,
+            settings: ImportSettings {
+                num_agents: 1,
+                max_round: ROUNDS,
+                width: 10,
+                height: 10,
+                view_size: 5,
+                rules: None,
+                control: None,
+                memory: None,
+                noise: None,
+                max_delay: None,
+            },
+            score,
+            resolved: ROUNDS,
+            acts: 0,
+            rounds: Vec::new(),
+        };
+        let entry = Entry::Import { game: Box::new(row), at: self.clock.now() };
+        self.store.keep(vec![entry]).await.expect("it is kept");
+    }
+
     /// The host broke the game that was played last, and notices it so often.
     pub(super) async fn void_last(&self, times: usize) {
         let reason = "a test".to_owned();
@@ -186,13 +238,35 @@ impl Offline {
         self.store.keep(vec![entry; times]).await.expect("it is kept");
     }
 
-    /// Plays a game of two agents, the second of whom sits on an open seat.
-    pub(super) async fn mixed(&mut self, score: u32, noise: f64) {
+    /// Plays a game of two agents. The seat of the second is claimed for a model, or the server takes it.
+    pub(super) async fn mixed(&mut self, score: u32, noise: f64, other: Option<&str>) {
         let mut suite = definition("", 1).suite;
         suite.settings = SuiteSettings { num_agents: 2, noise, ..suite.settings };
         let mut spec = spec(&suite, "Synchronization", 27, "=ours");
         spec.open_seats = vec![AgentId(1)];
-        let handle = self.create(spec, None, None).await;
+        if other.is_none() {
+            spec.fill_after = Some(Duration::ZERO);
+            spec.fill_with = Some("random".to_owned());
+        }
+        let handle = self.create(spec, Some(OwnerKey(1)), None).await;
+        if let Some(model) = other {
+            let holder = Holder {
+                number: 0,
+                owner: None,
+                key: None,
+                model: model.to_owned(),
+                agent_meta: Map::new(),
+                player: None,
+                at: self.clock.now(),
+            };
+            let seats = vec![Token::new(TokenKind::Seat, &self.entropy).hash()];
+            let swarm = Token::new(TokenKind::Swarm, &self.entropy).hash();
+            let wanted = Wanted::Seat(AgentId(1));
+            let claim = Claim { holder, wanted, seats, swarm, idempotency: None };
+            handle.claim(claim).await.expect("it is open");
+        }
+        let runs = |now: &Arc<swarmbench::episode::Snapshot>| now.status == Status::Running;
+        handle.follow().wait_for(runs).await.expect("it starts");
         self.together(&handle, score).await;
         for round in score..ROUNDS {
             submit(&handle, round, &["STAY", "STAY"]).await;
@@ -209,6 +283,7 @@ impl Offline {
         let creation = Creation { id, owner, run, spec, tokens: Vec::new(), idempotency: None };
         let handle = self.registry.create(creation).await.expect("it is created");
         self.last = handle.key;
+        self.game = Some(handle.clone());
         handle
     }
 
@@ -230,7 +305,7 @@ impl Offline {
                 self.together(handle, score).await;
                 handle.abort().await.expect("it is kept");
             }
-            Did::NotBegun => {}
+            Did::GoesOn | Did::NotBegun => return,
         }
         let outcome = &handle.snapshot().outcome;
         assert!(outcome.is_some(), "it has ended");
@@ -289,7 +364,7 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
         round_deadline: settings.round_deadline_ms.map(Duration::from_millis),
         bank: Duration::from_millis(settings.bank_ms),
         manual_start: false,
-        idle_timeout: Duration::from_secs(86_400),
+        idle_timeout: Duration::from_hours(24),
         visibility: Visibility::Public,
         model: model.to_owned(),
         agent_meta: Map::new(),

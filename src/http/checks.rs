@@ -1,0 +1,118 @@
+//! What is asked for, checked field by field: all that is wrong is named at once.
+
+use std::time::Duration;
+
+use serde_json::{Map, Value};
+
+use super::App;
+use super::error::ApiError;
+use super::limits::Limits;
+use crate::episode::spec::Visibility;
+use crate::prompt;
+use crate::wire::problem::FieldProblem;
+
+/// What is wrong with a request, so far.
+#[derive(Default)]
+pub(super) struct Problems(Vec<FieldProblem>);
+
+impl Problems {
+    /// Notes a field that is not allowed.
+    pub(super) fn refuse(&mut self, field: &str, problem: impl Into<String>) {
+        self.0.push(FieldProblem { field: field.to_owned(), problem: problem.into() });
+    }
+
+    /// What came out of the checks, if nothing was wrong.
+    pub(super) fn none_or<T>(self, checked: Option<T>) -> Result<T, ApiError> {
+        match checked {
+            Some(checked) if self.0.is_empty() => Ok(checked),
+            _ => Err(ApiError::fields(self.0)),
+        }
+    }
+
+    /// So many seconds, within these bounds, in whole milliseconds.
+    pub(super) fn seconds(
+        &mut self,
+        field: &str,
+        value: Option<f64>,
+        default: f64,
+        low: f64,
+        high: f64,
+    ) -> Duration {
+        let value = value.unwrap_or(default);
+        if !(low..=high).contains(&value) {
+            self.refuse(field, format!("must be from {low} to {high} seconds, is {value}"));
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the range was checked"
+        )]
+        Duration::from_millis((value.clamp(low, high) * 1000.0).round() as u64)
+    }
+
+    /// A round's clock, if there is to be one, what a seat may overspend, and after how long nobody plays
+    /// any more.
+    pub(super) fn clocks(
+        &mut self,
+        round_deadline_s: Option<f64>,
+        bank_s: Option<f64>,
+        idle_timeout_s: Option<f64>,
+    ) -> (Option<Duration>, Duration, Duration) {
+        let bank = self.seconds("bank_s", bank_s, 0.0, 0.0, 604_800.0);
+        let idle = self.seconds("idle_timeout_s", idle_timeout_s, 86_400.0, 1.0, 31_536_000.0);
+        let round = round_deadline_s
+            .map(|value| self.seconds("round_deadline_s", Some(value), 0.0, 0.05, 86_400.0));
+        (round, bank, idle)
+    }
+
+    /// Who reads it before its end, as far as a creator may choose that.
+    pub(super) fn visibility(&mut self, app: &App, name: Option<&str>) -> Option<Visibility> {
+        let usual = if app.has_keys { Visibility::Owner } else { Visibility::Public };
+        let name = name.unwrap_or(usual.name());
+        let found = Visibility::ALL.into_iter().find(|known| known.name() == name);
+        if found == Some(Visibility::Sealed) {
+            self.refuse("visibility", "sealed is set by competitions only; use public or owner");
+        } else if found.is_none() {
+            let problem = format!("must be one of public, owner, is {:?}", short(name));
+            self.refuse("visibility", problem);
+        }
+        found
+    }
+
+    /// The name of who plays.
+    pub(super) fn model(&mut self, limits: &Limits, model: &str) {
+        self.text("model", model, limits.model_chars_max);
+    }
+
+    /// A line of text.
+    pub(super) fn text(&mut self, field: &str, text: &str, most: usize) {
+        if !(1..=most).contains(&text.chars().count()) || text.chars().any(char::is_control) {
+            let problem = format!("must be 1 to {most} characters without control characters");
+            self.refuse(field, problem);
+        }
+    }
+
+    /// What else is told of who plays.
+    pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Map<String, Value>) {
+        let bytes = serde_json::to_vec(meta).map_or(0, |json| json.len());
+        let most = limits.agent_meta_bytes_max;
+        if bytes > most {
+            let problem = format!("must be at most {most} bytes of JSON, is {bytes}");
+            self.refuse("agent_meta", problem);
+        }
+    }
+
+    /// A prompt template, if there is one.
+    pub(super) fn template(&mut self, template: Option<&str>) {
+        if let Some(template) = template
+            && let Err(error) = prompt::check(template)
+        {
+            self.refuse("prompt_template", error.to_string());
+        }
+    }
+}
+
+/// As much of a text as a message shows.
+pub(super) fn short(text: &str) -> String {
+    text.chars().take(40).collect()
+}

@@ -1,0 +1,81 @@
+//! `POST /api/v1/episodes/{id}/void`.
+
+use axum::Json as JsonBody;
+use axum::extract::State;
+use serde_json::json;
+
+use super::super::App;
+use super::super::auth::{Caller, Organizer};
+use super::super::checks::Problems;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::ids::EpisodeId;
+use crate::journal::{AuditRow, Entry, Journal};
+use crate::keys::Key;
+use crate::wire::episode::{EpisodeSummary, VoidRequest};
+use crate::wire::problem::Problem;
+
+/// Void an episode that the host broke: it counts nowhere.
+///
+/// One that has not ended is aborted. As long as its run goes on, the game is played again. Voiding an
+/// episode again changes nothing.
+#[utoipa::path(
+    post,
+    path = "/api/v1/episodes/{id}/void",
+    operation_id = "void_episode",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    request_body(content = VoidRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The episode counts nowhere", body = EpisodeSummary),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn void_episode(
+    State(app): State<App>,
+    Organizer { key }: Organizer,
+    Id(id): Id,
+    _: Params<Nothing>,
+    Json(VoidRequest { reason }, _): Json<VoidRequest>,
+) -> Result<JsonBody<EpisodeSummary>, ApiError> {
+    let mut problems = Problems::default();
+    problems.text("reason", &reason, app.limits.reason_chars_max);
+    let reason = problems.none_or(Some(reason))?;
+    App::to_its_end(async move { void(&app, key, id, reason).await }).await
+}
+
+async fn void(
+    app: &App,
+    key: Key,
+    id: String,
+    reason: String,
+) -> Result<JsonBody<EpisodeSummary>, ApiError> {
+    let id = EpisodeId::from_text(id);
+    let stored = app.store.find_summary(&id).await?;
+    let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
+    if stored.void_reason.is_none() {
+        let at = app.clock.now();
+        let audit = AuditRow {
+            at,
+            who: key.id.clone(),
+            action: "episode.void",
+            subject: id.to_string(),
+            detail: json!({ "reason": reason }),
+        };
+        // First it counts for nothing, then it ends: so its run never takes its end for one that counts.
+        let void = Entry::VoidEpisode { episode: stored.episode, reason, at };
+        app.store.keep(vec![void, Entry::Audit(Box::new(audit))]).await?;
+    }
+    match stored.run {
+        Some(run) => app.runs.advance(run).await?,
+        None if stored.ended_at.is_none() => app.episode(&id).await?.abort().await?,
+        None => {}
+    }
+    Ok(JsonBody(app.summary(&Caller::Key(key), &id).await?))
+}

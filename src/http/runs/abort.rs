@@ -1,0 +1,68 @@
+//! `DELETE /api/v1/runs/{id}`.
+
+use axum::Json;
+use axum::extract::State;
+use serde_json::json;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::journal::Journal;
+use crate::run::RunStatus;
+use crate::wire::problem::Problem;
+use crate::wire::run::RunDetail;
+
+/// Abort a run and its open games. What was played stays, and counts.
+///
+/// Aborting one that was aborted changes nothing.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/runs/{id}",
+    operation_id = "abort_run",
+    tag = "runs",
+    params(("id" = String, Path, description = "The run's id")),
+    security((), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The run is aborted", body = RunDetail),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not the creator; an attempt in a competition is ended by an organizer alone", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`episode_over`: it has ended otherwise", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn abort_run(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<RunDetail>, ApiError> {
+    let known = app.known_run(&caller, &id).await?;
+    let is_attempt = known.stored.attempt.is_some();
+    if !caller.owns(known.subject()) || (is_attempt && !caller.is_organizer()) {
+        let detail = if is_attempt {
+            "only an organizer ends an attempt in a competition"
+        } else {
+            "only the creator of a run may do this: send its swarm token, or the key with which it was created"
+        };
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    App::to_its_end(async move {
+        let run = known.stored.run;
+        if known.stored.ended_at.is_none() {
+            let at = app.clock.now();
+            let audit = caller.audit(known.stored.owner, at, "run.abort", &id, json!({}));
+            app.store.keep(audit.into_iter().collect()).await?;
+        }
+        app.runs.end(run, RunStatus::Aborted).await?;
+        let known = app.known_run(&caller, &id).await?;
+        if known.stored.status != RunStatus::Aborted.name() {
+            let detail = format!("the run has ended already, as {}", known.stored.status);
+            return Err(ApiError::new(Code::EpisodeOver, detail));
+        }
+        Ok(Json(app.run_detail(&caller, &known).await?))
+    })
+    .await
+}

@@ -1,0 +1,250 @@
+//! `POST /api/v1/runs`.
+
+use std::collections::HashSet;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use sha2::{Digest, Sha256};
+use swarmbench_engine::{Config, RuleSet, Settings, TaskName};
+
+use super::super::App;
+use super::super::answer;
+use super::super::auth::Caller;
+use super::super::checks::{Problems, short};
+use super::super::error::ApiError;
+use super::super::extract::{Json, Nothing, Params, idempotency_key};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::Known;
+use crate::clock::millis;
+use crate::ids::Token;
+use crate::keys::OwnerKey;
+use crate::run::definition::{Definition, player};
+use crate::run::manager::NewRun;
+use crate::run::suite::{Suite, SuiteSettings};
+use crate::store::runs::StoredRun;
+use crate::wire::problem::Problem;
+use crate::wire::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
+
+/// Start a run: a suite of games for one model.
+///
+/// The answer has one token for all seats of all its games, shown this once. Games are opened in the order of
+/// the plan as others end. A repeat with the same `Idempotency-Key` and body gives the same run with a fresh
+/// token, and the earlier one is revoked.
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs",
+    operation_id = "create_run",
+    tag = "runs",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this creation")),
+    request_body(content = RunRequest, description = "At most 256 KiB"),
+    security((), ("key" = [])),
+    responses(
+        (status = 201, description = "The run, with its token", body = CreatedRun),
+        BodyRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_run(
+    State(app): State<App>,
+    caller: Caller,
+    _: Params<Nothing>,
+    headers: HeaderMap,
+    Json(request, body): Json<RunRequest>,
+) -> Result<Response, ApiError> {
+    let owner = caller.creator(&app)?;
+    let key = idempotency_key(&headers, owner, &app.limits)?;
+    let definition = definition(request, &app)?;
+    let body: [u8; 32] = Sha256::digest(&body).into();
+    // A repeat must find what the first one creates, whoever has hung up meanwhile.
+    App::to_its_end(async move {
+        let (stored, token) = match key {
+            None => app.runs.create(NewRun::by(owner, definition)).await?,
+            Some(key) => create_or_repeat(&app, owner, definition, key, body).await?,
+        };
+        let location = format!("/api/v1/runs/{}", stored.id);
+        let run = app.run_detail(&caller, &Known::of(stored)?).await?;
+        let swarm_token = token.map(|token| token.reveal().to_owned());
+        Ok(answer::created(&location, CreatedRun { run, swarm_token }))
+    })
+    .await
+}
+
+/// Creates a run, or gives out a new token for the one that was created with this key and body.
+async fn create_or_repeat(
+    app: &App,
+    owner: Option<OwnerKey>,
+    definition: Definition,
+    key: String,
+    body: [u8; 32],
+) -> Result<(StoredRun, Option<Token>), ApiError> {
+    let _one_by_one = app.one_by_one(&key).await;
+    match app.store.run_created_with(&key).await? {
+        None => {
+            let new = NewRun { idempotency: Some((key, body)), ..NewRun::by(owner, definition) };
+            Ok(app.runs.create(new).await?)
+        }
+        Some((_, first)) if first != body => Err(ApiError::other_body()),
+        Some((stored, _)) => {
+            let token = match definition.player {
+                None => Some(app.new_run_token(stored.run).await?),
+                Some(_) => None,
+            };
+            Ok((stored, token))
+        }
+    }
+}
+
+/// Checks everything that was asked for; all that is wrong is named at once.
+fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
+    let limits = &app.limits;
+    let mut problems = Problems::default();
+    let rules = request.rules.unwrap_or_else(|| Settings::default().rules);
+    let has_rules = RuleSet::ALL.iter().any(|known| known.name() == rules);
+    if !has_rules {
+        let problem = format!("must be one of paper, reference, is {:?}", short(&rules));
+        problems.refuse("rules", problem);
+    }
+    let suite = match request.suite {
+        None => {
+            problems.refuse("suite", "is missing");
+            None
+        }
+        Some(SuiteRequest::Named(name)) => {
+            let suite = Suite::built_in(&name, &rules);
+            if suite.is_none() {
+                let names = Suite::BUILT_IN.join(", ");
+                let problem =
+                    format!("must be one of {names}, or an object, is {:?}", short(&name));
+                problems.refuse("suite", problem);
+            }
+            suite
+        }
+        Some(SuiteRequest::Own(own)) => own_suite(*own, &rules, app, &mut problems),
+    };
+    let (round_deadline, bank, idle) =
+        problems.clocks(request.round_deadline_s, request.bank_s, request.idle_timeout_s);
+    let suite = suite.map(|mut suite| {
+        suite.settings.round_deadline_ms = round_deadline.map(millis);
+        suite.settings.bank_ms = millis(bank);
+        suite
+    });
+    if let (Some(suite), true) = (&suite, has_rules) {
+        check_games(suite, request.player.as_deref(), &mut problems);
+    }
+    let model = match request.model {
+        Some(model) => {
+            problems.model(limits, &model);
+            model
+        }
+        None => {
+            problems.refuse("model", "is missing");
+            String::new()
+        }
+    };
+    for (field, value, most) in
+        [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
+    {
+        if let Some(value) = value.filter(|value| !(0.0..=most).contains(value)) {
+            problems.refuse(field, format!("must be from 0 to {most}, is {value}"));
+        }
+    }
+    let meta = request.agent_meta.unwrap_or_default();
+    problems.agent_meta(limits, &meta);
+    problems.template(request.prompt_template.as_deref());
+    let parallel = request.parallel.unwrap_or(limits.run_parallel_default);
+    let most = limits.run_parallel_max;
+    if !(1..=most).contains(&parallel) {
+        problems.refuse("parallel", format!("must be from 1 to {most}, is {parallel}"));
+    }
+    let visibility = problems.visibility(app, request.visibility.as_deref());
+    let (suite, visibility) = problems.none_or(suite.zip(visibility))?;
+    Ok(Definition {
+        suite,
+        model,
+        temperature: request.temperature,
+        top_p: request.top_p,
+        meta,
+        prompt_template: request.prompt_template,
+        player: request.player,
+        parallel,
+        visibility: visibility.name().to_owned(),
+        idle_timeout_ms: millis(idle),
+        closes_at: None,
+    })
+}
+
+/// A suite of the caller's own.
+fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
+    let OwnSuite { name, tasks, seeds, settings } = own;
+    let settings = settings.unwrap_or_default();
+    problems.text("suite.name", &name, app.limits.suite_name_chars_max);
+    if Suite::BUILT_IN.contains(&name.as_str()) {
+        problems.refuse("suite.name", "is that of a built-in suite; choose another");
+    }
+    let all = || TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
+    let tasks = tasks.unwrap_or_else(all);
+    for (field, count, distinct) in [
+        ("suite.tasks", tasks.len(), tasks.iter().collect::<HashSet<_>>().len()),
+        ("suite.seeds", seeds.len(), seeds.iter().collect::<HashSet<_>>().len()),
+    ] {
+        if count == 0 {
+            problems.refuse(field, "must not be empty");
+        } else if distinct < count {
+            problems.refuse(field, "must not name anything twice");
+        }
+    }
+    let (games, most) = (tasks.len().saturating_mul(seeds.len()), app.limits.run_games_max);
+    if games > most {
+        problems.refuse(
+            "suite",
+            format!("must have at most {most} games (tasks × seeds), has {games}"),
+        );
+    }
+    let seeds: Result<Vec<u64>, _> = seeds.into_iter().map(u64::try_from).collect();
+    let Ok(seeds) = seeds else {
+        problems.refuse("suite.seeds", "must be from 0 to 9007199254740991");
+        return None;
+    };
+    let usual = SuiteSettings::default();
+    let settings = SuiteSettings {
+        control: settings.control.unwrap_or(usual.control),
+        num_agents: settings.num_agents.unwrap_or(usual.num_agents),
+        width: settings.width.unwrap_or(usual.width),
+        height: settings.height.unwrap_or(usual.height),
+        view_size: settings.view_size.unwrap_or(usual.view_size),
+        memory: settings.memory.unwrap_or(usual.memory),
+        max_round: settings.max_round.unwrap_or(usual.max_round),
+        noise: settings.noise.unwrap_or(usual.noise),
+        max_delay: settings.max_delay.unwrap_or(usual.max_delay),
+        ..usual
+    };
+    (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
+}
+
+/// Checks that every game of a suite can be played, by the built-in player that is to play it.
+fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
+    let mut told = HashSet::new();
+    for game in suite.plan() {
+        if let Err(errors) = Config::check(&suite.settings_of(&game)) {
+            for error in errors.0 {
+                let field = match error.field {
+                    "task" => "suite.tasks".to_owned(),
+                    "seed" => "suite.seeds".to_owned(),
+                    field => format!("suite.settings.{field}"),
+                };
+                if told.insert((field.clone(), error.problem.clone())) {
+                    problems.refuse(&field, error.problem);
+                }
+            }
+        }
+        if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
+            && let Err(problem) = player(name, task)
+            && told.insert(("player".to_owned(), problem.clone()))
+        {
+            problems.refuse("player", problem);
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! `GET /api/v1/runs/{id}/events`: what becomes of a run's games, as Server-Sent Events.
+
+use std::collections::HashMap;
+use std::convert::Infallible;
+
+use axum::extract::State;
+use axum::response::Sse;
+use axum::response::sse::{Event, KeepAlive};
+use futures::Stream;
+use serde::Serialize;
+use tokio::sync::{mpsc, watch};
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::episodes::events::send;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::run::manager::Table;
+use crate::wire::run::StreamedRunEvent;
+
+/// Watch a run (Server-Sent Events).
+///
+/// A `game` event for each game that is opened, and another when it has ended or the host broke it; first
+/// come the games that there are already. `finished` comes when the run is over, with all of it. The rounds
+/// of a game are in the events of its episode.
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{id}/events",
+    operation_id = "stream_run_events",
+    tag = "runs",
+    params(("id" = String, Path, description = "The run's id")),
+    security((), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "Events: `game` with a RunGame as data, `finished` with a RunDetail", body = StreamedRunEvent, content_type = "text/event-stream"),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn stream_run_events(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {
+    let known = app.known_run(&caller, &id).await?;
+    let table = app.runs.follow(known.stored.run).await?;
+    let (events, stream) = mpsc::channel(app.limits.events_pending_max);
+    tokio::spawn(async move {
+        let stop = app.stop.clone();
+        tokio::select! {
+            told = tell(&app, &caller, &id, table, &events) => {
+                if let Err(error) = told {
+                    tracing::warn!(?error, "events of a run cannot be told");
+                }
+            }
+            () = stop.cancelled() => {}
+        }
+    });
+    Ok(Sse::new(ReceiverStream::new(stream)).keep_alive(KeepAlive::default()))
+}
+
+/// Tells what every game has become, and what it becomes, until the run is over. Ends early where the
+/// reader is gone or too slow.
+async fn tell(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    mut table: watch::Receiver<Table>,
+    events: &mpsc::Sender<Result<Event, Infallible>>,
+) -> Result<(), ApiError> {
+    let mut told: HashMap<String, (String, bool)> = HashMap::new();
+    loop {
+        // What changes after this is told in the next turn.
+        let is_over = table.borrow_and_update().is_over;
+        let known = app.known_run(caller, id).await?;
+        let shown = app.run_detail(caller, &known).await?;
+        for game in &shown.games {
+            let Some(episode) = &game.episode else { continue };
+            let stands = (game.status.clone(), game.void_reason.is_some());
+            if told.get(episode) == Some(&stands) {
+                continue;
+            }
+            if !send(events, event("game", game)).await {
+                return Ok(());
+            }
+            told.insert(episode.clone(), stands);
+        }
+        if is_over {
+            send(events, event("finished", &shown)).await;
+            return Ok(());
+        }
+        tokio::select! {
+            changed = table.changed() => if changed.is_err() { return Ok(()) },
+            () = events.closed() => return Ok(()),
+        }
+    }
+}
+
+fn event(name: &str, data: &impl Serialize) -> Event {
+    Event::default().event(name).data(serde_json::to_string(data).expect("string keys"))
+}

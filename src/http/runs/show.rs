@@ -1,0 +1,36 @@
+//! `GET /api/v1/runs/{id}`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::wire::run::RunDetail;
+
+/// Show a run, its results and its games.
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{id}",
+    operation_id = "show_run",
+    tag = "runs",
+    params(("id" = String, Path, description = "The run's id")),
+    security((), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The run", body = RunDetail),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn show_run(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<RunDetail>, ApiError> {
+    let known = app.known_run(&caller, &id).await?;
+    Ok(Json(app.run_detail(&caller, &known).await?))
+}

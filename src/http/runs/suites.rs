@@ -1,0 +1,27 @@
+//! `GET /api/v1/suites`.
+
+use axum::Json;
+
+use super::super::error::ApiError;
+use super::super::extract::{Nothing, Params};
+use super::super::openapi::{QueryRefusals, RateRefusals};
+use crate::run::suite::Suite;
+use crate::wire::run::{SuiteList, SuiteView};
+
+/// Show the built-in suites, completely, by each rule set.
+#[utoipa::path(
+    get,
+    path = "/api/v1/suites",
+    operation_id = "list_suites",
+    tag = "runs",
+    security(()),
+    responses(
+        (status = 200, description = "The built-in suites", body = SuiteList),
+        QueryRefusals,
+        RateRefusals,
+    )
+)]
+pub(in super::super) async fn list_suites(_: Params<Nothing>) -> Result<Json<SuiteList>, ApiError> {
+    let items = Suite::all_built_in().map(|suite| SuiteView::of(&suite, true)).collect();
+    Ok(Json(SuiteList { items, next_cursor: None }))
+}

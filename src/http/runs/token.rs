@@ -1,0 +1,74 @@
+//! `POST /api/v1/runs/{id}/token`.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde_json::json;
+
+use super::super::App;
+use super::super::answer::with_tokens;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::ids::Token;
+use crate::journal::{Journal, RunKey};
+use crate::store::tokens::Grant;
+use crate::wire::problem::Problem;
+use crate::wire::run::RunToken;
+
+/// Get a new token for a run, in place of one that was lost.
+///
+/// The earlier token is revoked. The games go on.
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{id}/token",
+    operation_id = "replace_run_token",
+    tag = "runs",
+    params(("id" = String, Path, description = "The run's id")),
+    security((), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The new token", body = RunToken),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not the creator, or the server itself plays this run", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn replace_run_token(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Response, ApiError> {
+    let known = app.known_run(&caller, &id).await?;
+    let (run, owner) = (known.stored.run, known.stored.owner);
+    // Whoever plays an attempt in a competition may not read it, but plays it.
+    if !caller.owns(known.subject()) && !caller.has_made(owner) {
+        let detail =
+            "only the creator of a run may do this: send the key with which it was created";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    if known.definition.player.is_some() {
+        let detail = "the server itself plays this run; it has no token";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    App::to_its_end(async move {
+        let audit = caller.audit(owner, app.clock.now(), "run.token", &id, json!({}));
+        app.store.keep(audit.into_iter().collect()).await?;
+        let token = app.new_run_token(run).await?;
+        let body = RunToken { id, swarm_token: token.reveal().to_owned() };
+        Ok(with_tokens(StatusCode::OK, body))
+    })
+    .await
+}
+
+impl App {
+    /// A new token in place of the one that a run had, which is worth nothing from now on.
+    pub(super) async fn new_run_token(&self, run: RunKey) -> Result<Token, ApiError> {
+        let token = self.runs.replace_token(run).await?;
+        let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
+        self.forget_tokens(is_old);
+        Ok(token)
+    }
+}

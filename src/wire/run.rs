@@ -1,0 +1,405 @@
+//! Runs: how they are asked for, and how they are shown.
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::Seconds;
+use crate::run::suite::Suite;
+
+/// What a run is to be. Everything but `suite` and `model` has a default.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7}))]
+pub struct RunRequest {
+    /// The name of a built-in suite, or one of your own.
+    #[schema(required)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub suite: Option<SuiteRequest>,
+    /// `paper` or `reference`.
+    #[schema(default = "paper")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rules: Option<String>,
+    /// Which model plays; at most 200 characters.
+    #[schema(required, example = "my-model")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// At which temperature it samples.
+    #[schema(minimum = 0, maximum = 10)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<f64>,
+    /// From which nucleus it samples.
+    #[schema(minimum = 0, maximum = 1)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub top_p: Option<f64>,
+    /// What else is known of who plays; at most 16 KiB of JSON.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub agent_meta: Option<Map<String, Value>>,
+    /// A prompt template of the run's own; at most 32 KiB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<String>,
+    /// How many games are open at a time.
+    #[schema(default = 4, minimum = 1, maximum = 64)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parallel: Option<u32>,
+    /// A round's clock in seconds; none by default.
+    #[schema(minimum = 0.05, maximum = 86_400)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub round_deadline_s: Option<f64>,
+    /// What a seat may overspend in all rounds of a game together, in seconds.
+    #[schema(default = 0, minimum = 0, maximum = 604_800)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bank_s: Option<f64>,
+    /// After so many seconds without any act a game ends as abandoned, and with it the run.
+    #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub idle_timeout_s: Option<f64>,
+    /// `public` or `owner`: who sees the run, and reads its games, before their end.
+    #[schema(default = "public")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visibility: Option<String>,
+    /// A built-in player that the server itself has play all seats; `default` is each task's own. Such a
+    /// run has no token.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
+}
+
+impl RunRequest {
+    /// The names of all fields.
+    pub const FIELDS: &[&str] = &[
+        "suite",
+        "rules",
+        "model",
+        "temperature",
+        "top_p",
+        "agent_meta",
+        "prompt_template",
+        "parallel",
+        "round_deadline_s",
+        "bank_s",
+        "idle_timeout_s",
+        "visibility",
+        "player",
+    ];
+}
+
+/// Which games a run plays.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum SuiteRequest {
+    /// The name of a built-in suite: `standard` or `quick`.
+    Named(String),
+    /// One of your own.
+    Own(Box<OwnSuite>),
+}
+
+impl<'de> Deserialize<'de> for SuiteRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // What is wrong inside of an object is to be told by its name, which an untagged enum does not.
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = SuiteRequest;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a suite, or an object")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<SuiteRequest, E> {
+                Ok(SuiteRequest::Named(name.to_owned()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SuiteRequest, A::Error> {
+                OwnSuite::deserialize(MapAccessDeserializer::new(map))
+                    .map(|suite| SuiteRequest::Own(Box::new(suite)))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// A suite of one's own: every task is played once on each seed.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}}))]
+pub struct OwnSuite {
+    /// Its name: 1 to 100 characters, and not that of a built-in one.
+    pub name: String,
+    /// The tasks, in the order in which they are played; all five where they are left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tasks: Option<Vec<String>>,
+    /// The seeds, each 0 to 2⁵³ − 1.
+    pub seeds: Vec<i64>,
+    /// The settings of all games; those that are left out are those of the standard setting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub settings: Option<OwnSettings>,
+}
+
+/// Settings of all games of a suite of one's own, as for an episode.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the same as of an episode")]
+pub struct OwnSettings {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub num_agents: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view_size: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_round: Option<i64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_delay: Option<i64>,
+}
+
+/// A suite as it is shown. Only runs with the same name, digest and rules can be compared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SuiteView {
+    /// Its name.
+    #[schema(example = "standard")]
+    pub name: String,
+    /// Of all of it, rules, seeds and settings included: the first 12 hexadecimal digits of SHA-256. Null
+    /// as long as the seeds are.
+    pub digest: Option<String>,
+    /// `paper` or `reference`.
+    pub rules: String,
+    /// The tasks, in the order in which they are played.
+    pub tasks: Vec<String>,
+    /// The seeds; null as long as the caller may not know them.
+    pub seeds: Option<Vec<u64>>,
+    /// How many games it has.
+    pub games: u32,
+    /// The settings of all games.
+    pub settings: SuiteSettingsView,
+}
+
+/// The settings of all games of a suite.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[expect(missing_docs, reason = "the same as of an episode")]
+pub struct SuiteSettingsView {
+    pub control: String,
+    pub num_agents: i64,
+    pub width: i64,
+    pub height: i64,
+    pub view_size: i64,
+    pub memory: i64,
+    pub max_round: i64,
+    pub noise: f64,
+    pub max_delay: i64,
+    pub round_deadline_s: Option<Seconds>,
+    pub bank_s: Seconds,
+}
+
+impl SuiteView {
+    /// A suite, with its seeds or without.
+    #[must_use]
+    pub fn of(suite: &Suite, with_seeds: bool) -> Self {
+        let settings = &suite.settings;
+        let seconds = |millis| Seconds::of(std::time::Duration::from_millis(millis));
+        Self {
+            name: suite.name.clone(),
+            // Whoever has the digest could try which seeds lead to it.
+            digest: with_seeds.then(|| suite.digest()),
+            rules: suite.rules.clone(),
+            tasks: suite.tasks.clone(),
+            seeds: with_seeds.then(|| suite.seeds.clone()),
+            games: u32::try_from(suite.tasks.len() * suite.seeds.len()).unwrap_or(u32::MAX),
+            settings: SuiteSettingsView {
+                control: settings.control.clone(),
+                num_agents: settings.num_agents,
+                width: settings.width,
+                height: settings.height,
+                view_size: settings.view_size,
+                memory: settings.memory,
+                max_round: settings.max_round,
+                noise: settings.noise,
+                max_delay: settings.max_delay,
+                round_deadline_s: settings.round_deadline_ms.map(seconds),
+                bank_s: seconds(settings.bank_ms),
+            },
+        }
+    }
+}
+
+/// The built-in suites.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct SuiteList {
+    /// Each suite by each rule set.
+    pub items: Vec<SuiteView>,
+    /// Always null: all suites are on one page.
+    pub next_cursor: Option<String>,
+}
+
+/// A run as it is listed.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct RunSummary {
+    /// Its id.
+    #[schema(example = "run_0199f0c2a1d87c3e9b5a4d6f10e2b3c4")]
+    pub id: String,
+    /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
+    pub status: String,
+    /// What is played.
+    pub suite: SuiteView,
+    /// Which model plays, as declared; so is what follows.
+    pub model: String,
+    /// Its temperature.
+    pub temperature: Option<f64>,
+    /// Its nucleus of sampling.
+    pub top_p: Option<f64>,
+    /// What else is known of who plays.
+    pub agent_meta: Map<String, Value>,
+    /// Tells prompt templates apart; null for the built-in one.
+    pub template_digest: Option<String>,
+    /// The built-in player that the server itself has play all seats.
+    pub player: Option<String>,
+    /// How many games are open at a time.
+    pub parallel: u32,
+    /// `public`, `owner` or `sealed`.
+    pub visibility: String,
+    /// After so long without an act a game ends as abandoned.
+    pub idle_timeout_s: Seconds,
+    /// From then on no new round begins.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub closes_at: Option<jiff::Timestamp>,
+    /// The number of the attempt, where the run is one in a competition.
+    pub attempt: Option<u32>,
+    /// Why it does not count as an attempt, where the host broke it.
+    pub void_reason: Option<String>,
+    /// When it was created.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: jiff::Timestamp,
+    /// When it ended.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub ended_at: Option<jiff::Timestamp>,
+    /// How many games have ended and count.
+    pub played: u32,
+    /// How many games of the plan count.
+    pub planned: u32,
+    /// How many games the host broke.
+    pub voided: u32,
+    /// What it came to, task by task.
+    pub tasks: Vec<TaskResult>,
+    /// The sum of the tasks' means; null as long as there is none, or the caller may not know it.
+    pub total: Option<f64>,
+    /// What the acts were of all games that have ended and count.
+    pub acts: ActTally,
+}
+
+/// What a run came to in one task. While it goes on these are means over what has ended; once it is over, a
+/// game that was never played counts as 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TaskResult {
+    /// The task.
+    pub task: String,
+    /// The mean score over the seeds.
+    pub mean: Option<f64>,
+    /// The population standard deviation over the seeds.
+    pub deviation: Option<f64>,
+    /// How many games have ended and count.
+    pub played: u32,
+    /// How many games of the plan count.
+    pub planned: u32,
+    /// How many games the host broke.
+    pub voided: u32,
+}
+
+/// What acts were, in numbers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ActTally {
+    /// How many players sent.
+    pub sent: u64,
+    /// Of these, answers of language models that were none.
+    pub invalid: u64,
+    /// Their share of all that were sent; null where none was.
+    pub invalid_share: Option<f64>,
+    /// How often a clock ran out.
+    pub clock_outs: u64,
+    /// The share of that in all acts that were due; null where none was.
+    pub clock_out_share: Option<f64>,
+    /// Tokens of prompts, as players told.
+    pub prompt_tokens: u64,
+    /// Tokens of answers, as players told.
+    pub completion_tokens: u64,
+}
+
+/// A run with its games.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct RunDetail {
+    /// The run.
+    #[serde(flatten)]
+    pub run: RunSummary,
+    /// Its games in the order of the plan. One that the host broke stands before the one that was played
+    /// in its place.
+    pub games: Vec<RunGame>,
+}
+
+/// A game of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RunGame {
+    /// Its place in the plan, from 0.
+    pub slot: u32,
+    /// The task.
+    pub task: String,
+    /// The seed; null as long as the caller may not know it.
+    pub seed: Option<u64>,
+    /// The id of its episode; null as long as it was not opened.
+    pub episode: Option<String>,
+    /// As of an episode; `planned` where it was not opened.
+    pub status: String,
+    /// Why it ended; null before, and where the caller may not know it.
+    pub reason: Option<String>,
+    /// How many rounds were resolved.
+    pub round: u32,
+    /// The score so far; null where there is none, or the caller may not know it.
+    pub score: Option<f64>,
+    /// Why it counts for nothing, where the host broke it.
+    pub void_reason: Option<String>,
+}
+
+/// A new run.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct CreatedRun {
+    /// The run.
+    #[serde(flatten)]
+    pub run: RunDetail,
+    /// A token for all seats of all its games, shown this once; null where the server itself plays.
+    pub swarm_token: Option<String>,
+}
+
+/// A new token of a run.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct RunToken {
+    /// The run's id.
+    pub id: String,
+    /// A token for all seats of all its games, shown this once. The earlier one is revoked.
+    pub swarm_token: String,
+}
+
+/// A page of runs, newest first.
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+pub struct RunList {
+    /// The runs of this page.
+    pub items: Vec<RunSummary>,
+    /// Where the next page begins; null on the last.
+    pub next_cursor: Option<String>,
+}
+
+/// One Server-Sent Event of a run, by the names of its fields. It is only described here: a stream writes its
+/// events itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StreamedRunEvent {
+    /// `game` or `finished`.
+    #[schema(example = "game")]
+    pub event: String,
+    /// JSON: a `RunGame`, or the `RunDetail` where it is `finished`.
+    pub data: String,
+}

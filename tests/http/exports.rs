@@ -1,0 +1,719 @@
+//! `/api/v1/exports` and `/api/v1/imports`: what comes out of the server, what goes in again, and who gets it.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::Field;
+use serde_json::{Map, Value, json};
+use sqlx::Connection;
+use tokio::task::spawn_blocking;
+use zip::ZipArchive;
+
+use crate::app::{Episode, TestApp, list, number};
+
+/// An episode that was played, with all that its players were shown.
+struct Played {
+    episode: Episode,
+    /// By round and agent: observation with prompt, and act.
+    turns: Vec<Vec<(Value, Value)>>,
+    score: Value,
+}
+
+/// Plays an episode as language models would: with answers, messages and what they cost.
+async fn play(app: &TestApp, request: Value) -> Played {
+    let episode = app.create(request).await;
+    let mut turns = Vec::new();
+    loop {
+        let call = app.get("/swarm/obs?limit=1024&prompt=true").token(&episode.swarm);
+        let seen = list(&call.ok().await["observations"]);
+        if seen.is_empty() {
+            break;
+        }
+        let acts: Vec<Value> = seen.iter().map(|seen| act(&episode, seen)).collect();
+        app.swarm_act(&episode, &acts).await;
+        turns.push(seen.into_iter().zip(acts).collect());
+    }
+    let score = app.show(&episode).await["result"]["score"].clone();
+    Played { episode, turns, score }
+}
+
+/// Every kind of act: an action, an answer that is one, an answer that is none.
+fn act(episode: &Episode, seen: &Value) -> Value {
+    let round = number(&seen["round"]);
+    let agent = seen["agent"].as_str().expect("a name");
+    let own: u64 = agent["Agent_".len()..].parse().expect("a number");
+    let actions = list(&seen["actions"]);
+    let turn = usize::try_from(own + round).expect("small");
+    let action = actions[turn % actions.len()].as_str().expect("a name");
+    let mut act = json!({ "episode": episode.id, "agent": agent, "round": round });
+    match own % 3 {
+        0 => {
+            act["action"] = json!(action);
+            if round % 2 == 0 {
+                act["message"] = json!(format!("I go \"{action}\" – from {own}"));
+            }
+        }
+        1 => {
+            act["response"] = json!(format!("Let me think.\nMSG: here is {own}\nACTION: {action}"));
+            act["usage"] = json!({ "prompt_tokens": 100, "completion_tokens": 10 + round, "latency_ms": 1500 });
+        }
+        _ => act["response"] = json!("I cannot decide."),
+    }
+    act
+}
+
+fn request(task: &str) -> Value {
+    json!({ "task": task, "seed": 27, "num_agents": 6, "max_round": 6, "model": "exported" })
+}
+
+const TASKS: [&str; 5] = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
+
+/// The files of an archive.
+fn unpack(bytes: &[u8]) -> BTreeMap<String, Value> {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).expect("an archive");
+    let mut files = BTreeMap::new();
+    for number in 0..archive.len() {
+        let mut file = archive.by_index(number).expect("an entry");
+        let mut text = String::new();
+        file.read_to_string(&mut text).expect("UTF-8, and the sum is right");
+        let name = file.name().expect("a name").into_owned();
+        files.insert(name, serde_json::from_str(&text).expect("JSON"));
+    }
+    files
+}
+
+/// The files of a folder.
+fn open(folder: &Path) -> BTreeMap<String, Value> {
+    let entries =
+        std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry"));
+    entries
+        .map(|entry| {
+            let name = entry.file_name().into_string().expect("UTF-8");
+            let text = std::fs::read_to_string(entry.path()).expect("UTF-8");
+            (name, serde_json::from_str(&text).expect("JSON"))
+        })
+        .collect()
+}
+
+async fn dataset(app: &TestApp, query: &str) -> BTreeMap<String, Value> {
+    unpack(&app.get(&format!("/api/v1/exports/dataset.zip{query}")).send().await.body)
+}
+
+fn keys(value: &Value) -> Vec<&str> {
+    value.as_object().expect("an object").keys().map(String::as_str).collect()
+}
+
+fn sorted<const N: usize>(mut names: [&'static str; N]) -> Vec<&'static str> {
+    names.sort_unstable();
+    names.into()
+}
+
+/// A state's grid as the server shows it, from the cells of an export.
+fn shown(grid: &Value) -> Vec<String> {
+    let row = |row: &Value| list(row).iter().filter_map(Value::as_str).collect::<String>();
+    list(grid).iter().map(|cells| row(cells).replace('a', "A")).collect()
+}
+
+fn seconds(value: &Value) -> f64 {
+    value.as_f64().expect("a number")
+}
+
+/// Checks one game of an export against what its players and spectators were shown.
+async fn check_game(app: &TestApp, files: &BTreeMap<String, Value>, played: &Played) {
+    let Played { episode, turns, score } = played;
+    let config = &episode.config;
+    let meta = &files["meta_log.json"][&episode.id];
+    for name in [
+        "model",
+        "task",
+        "num_agents",
+        "max_round",
+        "width",
+        "height",
+        "seed",
+        "view_size",
+        "rules",
+        "control",
+    ] {
+        assert_eq!(meta[name], config[name], "{name}");
+    }
+    let states = list(&files[&format!("game_log_{}.json", episode.id)]);
+    assert_eq!(states.len(), turns.len() + 1);
+    assert_eq!(&states.last().expect("a state")["score"], score);
+    let mut time = 0.0;
+    let mut said_before = Vec::new();
+    for (round, state) in states.iter().enumerate() {
+        let names = ["timestamp", "task", "round", "grid", "agents", "score", "messages"];
+        assert_eq!(keys(state), sorted(names));
+        let now = app
+            .get(&episode.path(&format!("/state?round={round}")))
+            .token(&episode.swarm)
+            .ok()
+            .await;
+        assert_eq!((&state["round"], &state["task"]), (&json!(round), &config["task"]));
+        assert_eq!(state["score"], now["score"]);
+        // The toolkit's script for trends refuses games in which it falls.
+        assert!(round == 0 || seconds(&states[round - 1]["score"]) <= seconds(&state["score"]));
+        assert_eq!(json!(shown(&state["grid"])), now["grid"]);
+        for cell in list(&state["grid"]).iter().flat_map(list) {
+            assert_eq!(cell.as_str().map(|cell| cell.chars().count()), Some(1), "{cell}");
+        }
+        for (agent, at) in list(&now["agents"]).iter().zip(list(&state["agents"])) {
+            assert_eq!(at, json!({ "id": agent["agent"], "x": agent["j"], "y": agent["i"] }));
+            if agent["alive"] == true {
+                let (i, j) = (number(&agent["i"]), number(&agent["j"]));
+                let cell = &state["grid"][usize::try_from(i).expect("small")]
+                    [usize::try_from(j).expect("small")];
+                let is_off = [&agent["light_on"], &agent["carrying_food"]].contains(&&json!(false));
+                assert_eq!(cell, if is_off { "a" } else { "A" });
+            }
+        }
+        assert_eq!(state["messages"], json!(said_before), "round {round}");
+        assert!(seconds(&state["timestamp"]) >= time && seconds(&state["timestamp"]) > 1e9);
+        time = seconds(&state["timestamp"]);
+        said_before = turns.get(round).map_or_else(Vec::new, |turn| {
+            let said = |(seen, act): &(Value, Value)| {
+                let text = match &act["response"] {
+                    Value::String(text) => text.split_once("MSG: ")?.1.lines().next()?.to_owned(),
+                    _ => act["message"].as_str()?.to_owned(),
+                };
+                Some(json!({ "round": round, "agent_name": seen["agent"], "message": text }))
+            };
+            turn.iter().filter_map(said).collect()
+        });
+    }
+    let acts = list(&files[&format!("agent_log_{}.json", episode.id)]);
+    let given: Vec<_> = turns.iter().flatten().collect();
+    assert_eq!(acts.len(), given.len());
+    let mut tokens: BTreeMap<String, u64> = BTreeMap::new();
+    for (row, (seen, act)) in acts.iter().zip(given) {
+        let names = [
+            "timestamp",
+            "task",
+            "round",
+            "agent_id",
+            "view",
+            "prompt",
+            "response",
+            "action",
+            "message",
+            "api_call_time",
+            "action_success",
+            "total_llm_tokens",
+        ];
+        assert_eq!(keys(row), sorted(names));
+        let (round, agent) = (number(&seen["round"]), seen["agent"].as_str().expect("a name"));
+        assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
+        // The prompt is the very text that the server gave to the player.
+        assert_eq!(row["prompt"], seen["prompt"]);
+        let mut cells = seen["view"]["cells"].clone();
+        for cell in cells
+            .as_array_mut()
+            .expect("rows")
+            .iter_mut()
+            .flat_map(|row| row.as_array_mut().expect("cells"))
+        {
+            if cell == "Y" {
+                let flag = [&seen["light_on"], &seen["carrying_food"]].contains(&&json!(true));
+                let is_marked = match config["rules"].as_str() {
+                    Some("paper") => flag,
+                    _ => !flag && !(seen["light_on"].is_null() && seen["carrying_food"].is_null()),
+                };
+                *cell = json!(format!(
+                    "{}{}",
+                    if is_marked { "$" } else { "" },
+                    &agent["Agent_".len()..]
+                ));
+            }
+        }
+        assert_eq!(row["view"], cells);
+        assert_eq!(row["response"], act.get("response").cloned().unwrap_or_else(|| json!("")));
+        let told = act["usage"]["completion_tokens"].as_u64();
+        if let Some(told) = told {
+            *tokens.entry(agent.to_owned()).or_default() += told;
+            assert_eq!(row["api_call_time"], 1.5);
+        } else {
+            assert_eq!(row["api_call_time"], Value::Null);
+        }
+        assert_eq!(
+            row["total_llm_tokens"],
+            tokens.get(agent).map_or(Value::Null, |all| json!(all))
+        );
+        let action = match (&act["action"], &act["response"]) {
+            (Value::String(action), _) => action.clone(),
+            (_, Value::String(text)) => {
+                text.split_once("ACTION: ").map_or("STAY", |(_, action)| action).to_owned()
+            }
+            _ => panic!("{act}"),
+        };
+        assert_eq!(row["action"], action);
+        let place = |round: u64| {
+            let agents = &states[usize::try_from(round).expect("small")]["agents"];
+            list(agents).into_iter().find(|at| at["id"] == agent).expect("an agent")
+        };
+        let (from, to) = (place(round), place(round + 1));
+        let moved = |name: &str| {
+            to[name].as_i64().expect("a place") - from[name].as_i64().expect("a place")
+        };
+        let succeeds = match action.as_str() {
+            "UP" => moved("y") < 0,
+            "DOWN" => moved("y") > 0,
+            "LEFT" => moved("x") < 0,
+            "RIGHT" => moved("x") > 0,
+            other => other == "SWITCH",
+        };
+        assert_eq!(row["action_success"], succeeds, "{row}");
+    }
+}
+
+#[tokio::test]
+async fn an_export_holds_what_players_and_spectators_were_shown() {
+    let app = TestApp::start().await;
+    let mut all = Vec::new();
+    for task in TASKS {
+        all.push(play(&app, request(task)).await);
+    }
+    let mut other = request("Synchronization");
+    other["rules"] = json!("reference");
+    other["control"] = json!("centralized");
+    all.push(play(&app, other).await);
+    let answer = app.get("/api/v1/exports/dataset.zip").send().await;
+    assert_eq!((answer.status, answer.header("content-type")), (200, "application/zip"));
+    assert_eq!(answer.header("content-disposition"), "attachment; filename=\"dataset.zip\"");
+    let files = unpack(&answer.body);
+    assert_eq!(files.len(), 1 + 2 * all.len());
+    assert_eq!(keys(&files["meta_log.json"]).len(), all.len());
+    for played in &all {
+        check_game(&app, &files, played).await;
+    }
+}
+
+/// The rows of a table, from JSON Lines; `at` is checked to be a time.
+async fn lines(app: &TestApp, path: &str) -> Vec<Map<String, Value>> {
+    let answer = app.get(&format!("/api/v1/exports/{path}")).send().await;
+    assert_eq!((answer.status, answer.header("content-type")), (200, "application/x-ndjson"));
+    let row = |line: &str| match serde_json::from_str(line) {
+        Ok(Value::Object(row)) => row,
+        other => panic!("{other:?}"),
+    };
+    answer.text().lines().map(row).collect()
+}
+
+/// The rows of a table, from Parquet.
+async fn rows(app: &TestApp, path: &str) -> Vec<Map<String, Value>> {
+    let answer = app.get(&format!("/api/v1/exports/{path}")).send().await;
+    assert_eq!(answer.header("content-type"), "application/vnd.apache.parquet");
+    let file = SerializedFileReader::new(bytes::Bytes::from(answer.body)).expect("a Parquet file");
+    let value = |field: &Field| match field {
+        Field::Null => Value::Null,
+        Field::Str(text) => json!(text),
+        Field::Long(number) => json!(number),
+        Field::Double(number) => json!(number),
+        Field::Bool(flag) => json!(flag),
+        Field::TimestampMillis(at) => {
+            json!(jiff::Timestamp::from_millisecond(*at).expect("a time").to_string())
+        }
+        other => panic!("{other}"),
+    };
+    let row = |row: parquet::record::Row| {
+        row.get_column_iter().map(|(name, field)| (name.clone(), value(field))).collect()
+    };
+    file.get_row_iter(None).expect("rows").map(|found| row(found.expect("a row"))).collect()
+}
+
+#[tokio::test]
+async fn tables_say_the_same_as_lines_and_as_parquet() {
+    let app = TestApp::start().await;
+    let played = play(&app, request("Synchronization")).await;
+    play(&app, request("Foraging")).await;
+    for table in ["acts", "rounds"] {
+        let (lines, rows) = (
+            lines(&app, &format!("{table}.jsonl")).await,
+            rows(&app, &format!("{table}.parquet")).await,
+        );
+        assert_eq!(lines, rows);
+        assert_eq!(lines.len(), if table == "acts" { 2 * 36 } else { 2 * 7 });
+    }
+    let acts = lines(&app, "acts.jsonl?task=Synchronization").await;
+    for (row, (seen, act)) in acts.iter().zip(played.turns.iter().flatten()) {
+        assert_eq!((&row["episode"], &row["round"]), (&json!(played.episode.id), &seen["round"]));
+        assert_eq!(json!(format!("Agent_{}", row["agent"])), seen["agent"]);
+        assert_eq!((&row["i"], &row["j"]), (&seen["position"]["i"], &seen["position"]["j"]));
+        let response = act.get("response").cloned().unwrap_or(Value::Null);
+        assert_eq!(row["response"], response);
+        assert_eq!(row["valid"], response != "I cannot decide.");
+        assert_eq!(row["action"] == Value::Null, row["valid"] == false);
+        assert_eq!(row["latency_ms"], act["usage"]["latency_ms"]);
+        assert_eq!((&row["source"], &row["model"]), (&json!("player"), &json!("exported")));
+        assert_eq!(row["run"], Value::Null);
+    }
+    let rounds = lines(&app, "rounds.jsonl?task=Synchronization").await;
+    assert_eq!(rounds[0]["acts"], Value::Null);
+    for (round, row) in rounds.iter().enumerate().skip(1) {
+        assert_eq!(
+            (&row["round"], &row["acts"], &row["invalid"]),
+            (&json!(round), &json!(6), &json!(2))
+        );
+        assert_eq!(row["alive"], 6);
+    }
+    assert_eq!(rounds.last().expect("a round")["score"], played.score);
+}
+
+#[tokio::test]
+async fn only_what_may_be_read_is_exported() {
+    let app = TestApp::builder().keys().start().await;
+    let (owner, _) = app.key(json!({ "name": "owner" })).await;
+    let (member, _) = app.key(json!({ "name": "member" })).await;
+    let organizer = app.organizer.clone();
+    let settings = |visibility: &str| json!({ "task": "Synchronization", "num_agents": 1, "max_round": 3, "visibility": visibility });
+    let running = app.create_with(&owner, settings("owner")).await;
+    let public = app.create_with(&owner, settings("public")).await;
+    let over = app.create_with(&owner, settings("owner")).await;
+    for episode in [&running, &public, &over] {
+        app.all_act(episode, "SWITCH").await;
+    }
+    app.delete(&over.path("")).token(&owner).ok().await;
+    let ids = |rows: &[u8]| -> Vec<String> {
+        let text = String::from_utf8(rows.to_vec()).expect("UTF-8");
+        let id = |line: &str| {
+            let row: Value = serde_json::from_str(line).expect("a row");
+            row["episode"].as_str().expect("an id").to_owned()
+        };
+        text.lines().map(id).collect()
+    };
+    let asked = async |token: Option<&str>, query: &str| {
+        let call = app.get(&format!("/api/v1/exports/acts.jsonl{query}"));
+        let call = match token {
+            Some(token) => call.token(token),
+            None => call,
+        };
+        call.send().await
+    };
+    // Without a status only what has ended, which everybody may read.
+    for token in
+        [None, Some(owner.as_str()), Some(&member), Some(&organizer), Some(running.seat(0))]
+    {
+        assert_eq!(ids(&asked(token, "").await.body), [over.id.as_str()]);
+    }
+    // A running episode goes to those who may read its journal: it tells the seed.
+    for (token, expected) in [
+        (None, vec![]),
+        (Some(member.as_str()), vec![]),
+        (Some(public.seat(0)), vec![]),
+        (Some(&public.swarm), vec![&public]),
+        (Some(&owner), vec![&running, &public]),
+        (Some(&organizer), vec![&running, &public]),
+    ] {
+        let expected: Vec<&str> = expected.iter().map(|episode| episode.id.as_str()).collect();
+        assert_eq!(ids(&asked(token, "?status=running").await.body), expected);
+    }
+    let one = format!("?status=running&episode={}", running.id);
+    assert_eq!(asked(Some(&member), &one).await.status, 404);
+    assert_eq!(ids(&asked(Some(&owner), &one).await.body), [running.id.as_str()]);
+    let one = format!("?episode={}", running.id);
+    assert_eq!(asked(Some(&owner), &one).await.status, 404);
+    assert_eq!(dataset(&app, "").await["meta_log.json"].as_object().map(Map::len), Some(1));
+}
+
+#[tokio::test]
+async fn filters_choose_and_nonsense_is_refused() {
+    let app = TestApp::start().await;
+    let mut ids = Vec::new();
+    for (task, model) in [("Pursuit", "one"), ("Pursuit", "two"), ("Foraging", "two")] {
+        let request = json!({ "task": task, "model": model, "num_agents": 2, "max_round": 1 });
+        let episode = app.create(request).await;
+        app.all_act(&episode, "STAY").await;
+        ids.push(episode.id);
+    }
+    let aborted = app.create(json!({ "task": "Pursuit", "model": "one" })).await;
+    app.delete(&aborted.path("")).token(&aborted.swarm).ok().await;
+    for (query, expected) in [
+        ("", vec![&ids[0], &ids[1], &ids[2], &aborted.id]),
+        ("?task=Pursuit", vec![&ids[0], &ids[1], &aborted.id]),
+        ("?model=two", vec![&ids[1], &ids[2]]),
+        ("?task=Pursuit&model=two", vec![&ids[1]]),
+        ("?status=aborted", vec![&aborted.id]),
+        ("?status=running", vec![]),
+        ("?model=three", vec![]),
+    ] {
+        let files = dataset(&app, query).await;
+        let mut expected: Vec<&str> = expected.into_iter().map(String::as_str).collect();
+        expected.sort_unstable();
+        assert_eq!(keys(&files["meta_log.json"]), expected, "{query}");
+        assert_eq!(files.len(), 1 + 2 * expected.len());
+    }
+    let files = dataset(&app, &format!("?episode={}", ids[1])).await;
+    assert_eq!(keys(&files["meta_log.json"]), [ids[1].as_str()]);
+    // A game of which no round was played has its layout.
+    let files = dataset(&app, "?status=aborted").await;
+    assert_eq!(list(&files[&format!("game_log_{}.json", aborted.id)]).len(), 1);
+    assert_eq!(files[&format!("agent_log_{}.json", aborted.id)], json!([]));
+    // Tables without rows.
+    assert!(lines(&app, "acts.jsonl?model=three").await.is_empty());
+    assert!(rows(&app, "acts.parquet?model=three").await.is_empty());
+    for (path, status, code) in [
+        ("dataset.tar", 404, "not_found"),
+        ("dataset.zip?run=run_0", 404, "not_found"),
+        ("acts.jsonl?episode=ep_0", 404, "not_found"),
+        ("acts.jsonl?task=Chess", 400, "malformed"),
+        ("acts.jsonl?status=lost", 400, "malformed"),
+        ("acts.jsonl?colour=red", 400, "malformed"),
+    ] {
+        app.get(&format!("/api/v1/exports/{path}")).problem(status, code).await;
+    }
+}
+
+#[tokio::test]
+async fn only_so_many_exports_are_made_at_once() {
+    let app = TestApp::builder().limits(|limits| limits.exports_max = 0).start().await;
+    let problem = app.get("/api/v1/exports/acts.jsonl").problem(503, "overloaded").await;
+    assert_eq!(problem["limit"]["name"], "exports_max");
+    // One turn, taken again and again: a turn ends with its export.
+    let app = TestApp::builder().limits(|limits| limits.exports_max = 1).start().await;
+    for _ in 0..20 {
+        assert_eq!(app.get("/api/v1/exports/acts.jsonl").send().await.status, 200);
+    }
+}
+
+/// An episode whose journal was changed is left out and named; the others are whole.
+#[tokio::test]
+async fn what_does_not_play_again_is_left_out() {
+    let mut app = TestApp::start().await;
+    let sound = play(&app, request("Pursuit")).await;
+    let broken = play(&app, request("Foraging")).await;
+    app.stop().await;
+    let db = app.database().display().to_string();
+    let mut connection = sqlx::SqliteConnection::connect(&db).await.expect("a database");
+    sqlx::query(
+        "UPDATE rounds SET digest = zeroblob(32)
+         WHERE round = 4 AND episode = (SELECT key FROM episodes WHERE id = ?)",
+    )
+    .bind(&broken.episode.id)
+    .execute(&mut connection)
+    .await
+    .expect("a change");
+    connection.close().await.expect("closed");
+    let place = tempfile::tempdir().expect("a folder");
+    let folder = place.path().join("games");
+    let output = swarmbench(args(&["export", &folder.display().to_string(), "--db", &db])).await;
+    let said = text(&output.stderr);
+    assert!(!output.status.success() && said.contains(&broken.episode.id), "{said}");
+    app.start_again().await;
+    let files = dataset(&app, "").await;
+    assert_eq!(files.len(), 3);
+    check_game(&app, &files, &sound).await;
+    assert_eq!(open(&folder), files);
+    assert_eq!(lines(&app, "acts.jsonl").await.len(), 36);
+}
+
+/// Runs the program as its user does.
+async fn swarmbench(args: Vec<String>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+    command.args(args).stdin(Stdio::null());
+    spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn args(args: &[&str]) -> Vec<String> {
+    args.iter().map(|&arg| arg.to_owned()).collect()
+}
+
+/// Plays, exports, imports into a fresh database: the same scores, and the same grids in every round.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn games_go_around() {
+    let app = TestApp::start().await;
+    let mut all = Vec::new();
+    for task in TASKS {
+        all.push(play(&app, request(task)).await);
+    }
+    let place = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let db = app.database().display().to_string();
+
+    // Beside the running server: a folder, an archive, and the server's own archive.
+    let folder = swarmbench(args(&["export", &path("games"), "--db", &db])).await;
+    assert!(folder.status.success(), "{}", text(&folder.stderr));
+    assert!(
+        text(&folder.stdout).contains("5 games, 30 rounds, 180 acts"),
+        "{}",
+        text(&folder.stdout)
+    );
+    let files = open(&place.path().join("games"));
+    assert_eq!(files, dataset(&app, "").await);
+    for args in [
+        args(&["export", &path("games.zip"), "--db", &db]),
+        args(&["export", &path("sent.zip"), "--server", app.base()]),
+    ] {
+        let output = swarmbench(args).await;
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    for name in ["games.zip", "sent.zip"] {
+        assert_eq!(unpack(&std::fs::read(path(name)).expect("an archive")), files);
+    }
+    // Nothing is overwritten.
+    for name in ["games", "games.zip"] {
+        let output = swarmbench(args(&["export", &path(name), "--db", &db])).await;
+        assert!(!output.status.success() && text(&output.stderr).contains("not overwritten"));
+    }
+    let tables =
+        swarmbench(args(&["export", &path("tables"), "--db", &db, "--format", "jsonl"])).await;
+    assert!(tables.status.success(), "{}", text(&tables.stderr));
+    let acts = std::fs::read_to_string(place.path().join("tables/acts.jsonl")).expect("a table");
+    assert_eq!(acts, app.get("/api/v1/exports/acts.jsonl").send().await.text());
+
+    // A server on the database of another organizer.
+    let mut there = TestApp::start().await;
+    let other = there.database().display().to_string();
+    let import = args(&["import", &path("games.zip"), "--db", &other]);
+    let refused = swarmbench(import.clone()).await;
+    assert!(!refused.status.success() && text(&refused.stderr).contains("stop it"));
+    there.stop().await;
+    let output = swarmbench(import.clone()).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stdout).contains("5 games imported with 180 acts"),
+        "{}",
+        text(&output.stdout)
+    );
+    let output = swarmbench(args(&["import", &path("games"), "--db", &other])).await;
+    assert!(text(&output.stdout).contains("5 were there already"), "{}", text(&output.stdout));
+    there.start_again().await;
+
+    let imports = list(&there.get("/api/v1/imports").ok().await["items"]);
+    assert_eq!(imports.len(), 5);
+    for played in &all {
+        let found = imports.iter().find(|import| import["run_id"] == played.episode.id.as_str());
+        let found = found.expect("the game");
+        assert_eq!((&found["score"], &found["verified"]), (&played.score, &json!(false)));
+        assert_eq!((&found["rounds"], &found["seed"]), (&json!(6), &json!(27)));
+        assert_eq!(
+            (&found["settings"]["rules"], &found["settings"]["memory"]),
+            (&json!("paper"), &json!(5))
+        );
+        let id = found["id"].as_str().expect("an id");
+        assert_eq!(&there.get(&format!("/api/v1/imports/{id}")).ok().await, found);
+        for round in 0..=6 {
+            let mut here =
+                app.get(&played.episode.path(&format!("/state?round={round}"))).ok().await;
+            let there = there.get(&format!("/api/v1/imports/{id}/state?round={round}")).ok().await;
+            for name in ["block", "distance"] {
+                // The format does not tell them.
+                here.as_object_mut().expect("an object").remove(name);
+            }
+            assert_eq!(there, here);
+        }
+        there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
+        let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;
+        assert_eq!(last["round"], 6);
+    }
+    // All that the format tells comes out again.
+    let again = args(&["export", &path("again"), "--db", &other, "--imported"]);
+    let output = swarmbench(again).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(open(&place.path().join("again")), files);
+}
+
+/// A database with one imported game, under a server that is started so.
+async fn with_an_import(private: bool) -> (TestApp, String) {
+    let app = TestApp::start().await;
+    let request = json!({ "task": "Pursuit", "num_agents": 2, "max_round": 1 });
+    app.all_act(&app.create(request).await, "STAY").await;
+    let place = tempfile::tempdir().expect("a folder");
+    let archive = place.path().join("games.zip");
+    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
+        .expect("written");
+    let builder = TestApp::builder().keys();
+    let mut there = builder.access(|access| access.private = private).start().await;
+    there.stop().await;
+    let db = there.database().display().to_string();
+    let output = swarmbench(args(&["import", &archive.display().to_string(), "--db", &db])).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    there.start_again().await;
+    let organizer = there.organizer.clone();
+    let listed = there.get("/api/v1/imports").token(&organizer).ok().await;
+    let id = listed["items"][0]["id"].as_str().expect("an id").to_owned();
+    (there, id)
+}
+
+#[tokio::test]
+async fn imported_games_are_as_public_as_what_is_over() {
+    for private in [false, true] {
+        let (app, id) = with_an_import(private).await;
+        let (member, _) = app.key(json!({ "name": "member" })).await;
+        let episode = app.create_with(&member, request("Pursuit")).await;
+        for (token, knows) in [
+            (None, !private),
+            (Some(episode.seat(0)), !private),
+            (Some(episode.swarm.as_str()), !private),
+            (Some(&member), true),
+        ] {
+            let ask = |path: String| {
+                let call = app.get(&path);
+                match token {
+                    Some(token) => call.token(token),
+                    None => call,
+                }
+            };
+            let listed = ask("/api/v1/imports".to_owned()).ok().await;
+            assert_eq!(list(&listed["items"]).len(), usize::from(knows), "{private} {token:?}");
+            for rest in ["", "/state?round=1"] {
+                let answer = ask(format!("/api/v1/imports/{id}{rest}")).send().await;
+                assert_eq!(answer.status, if knows { 200 } else { 404 }, "{private} {token:?}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn imported_games_are_listed_page_by_page() {
+    let app = TestApp::start().await;
+    for task in ["Pursuit", "Foraging", "Pursuit"] {
+        let request = json!({ "task": task, "model": task, "num_agents": 2, "max_round": 1 });
+        let episode = app.create(request).await;
+        app.all_act(&episode, "STAY").await;
+    }
+    let place = tempfile::tempdir().expect("a folder");
+    let archive = place.path().join("games.zip");
+    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
+        .expect("written");
+    let mut there = TestApp::start().await;
+    there.stop().await;
+    let db = there.database().display().to_string();
+    let output = swarmbench(args(&["import", &archive.display().to_string(), "--db", &db])).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    there.start_again().await;
+    let count = async |query: &str| {
+        list(&there.get(&format!("/api/v1/imports?{query}")).ok().await["items"]).len()
+    };
+    assert_eq!(
+        (count("").await, count("task=Pursuit").await, count("model=Foraging").await),
+        (3, 2, 1)
+    );
+    let (mut seen, mut cursor) = (Vec::new(), String::new());
+    loop {
+        let page = there.get(&format!("/api/v1/imports?limit=1{cursor}")).ok().await;
+        seen.extend(list(&page["items"]).iter().map(|item| item["id"].clone()));
+        match page["next_cursor"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    let all = list(&there.get("/api/v1/imports").ok().await["items"]);
+    assert_eq!(seen, all.iter().map(|item| item["id"].clone()).collect::<Vec<_>>());
+    for (query, code) in
+        [("limit=0", 400), ("task=Chess", 400), ("cursor=x", 400), ("colour=red", 400)]
+    {
+        there.get(&format!("/api/v1/imports?{query}")).problem(code, "malformed").await;
+    }
+    for path in ["imp_0", "imp_0/state"] {
+        there.get(&format!("/api/v1/imports/{path}")).problem(404, "not_found").await;
+    }
+    // They are no episodes.
+    assert!(list(&there.get("/api/v1/episodes").ok().await["items"]).is_empty());
+}
