@@ -19,6 +19,7 @@ pub mod clock;
 pub mod dataset;
 pub mod episode;
 pub mod host;
+pub mod house;
 pub mod http;
 pub mod ids;
 pub mod journal;

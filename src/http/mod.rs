@@ -5,6 +5,7 @@ mod answer;
 pub mod auth;
 mod boards;
 mod checks;
+mod claims;
 mod client;
 mod episodes;
 pub mod error;
