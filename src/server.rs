@@ -9,6 +9,7 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
+use crate::competition::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
@@ -170,6 +171,7 @@ impl Server {
         }
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));
+        let competitions = tokio::spawn(close_competitions(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
         let serving = tokio::spawn(serve(listener, router(app.clone()), limits, stop.clone()));
         shutdown.await;
@@ -179,6 +181,7 @@ impl Server {
         drop(serving.await);
         recovery.abort();
         runs.abort();
+        competitions.abort();
         sweeper.abort();
         app.store.clone().close().await;
         Ok(())
@@ -212,6 +215,11 @@ async fn look_after_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
         app.runs.look_after(ended).await;
     }
+}
+
+/// Closes competitions when their time is over.
+async fn close_competitions(app: App) {
+    closing::look_after(&app.store, &app.runs, &*app.clock).await;
 }
 
 /// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what

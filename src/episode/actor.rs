@@ -104,7 +104,7 @@ pub enum ClaimError {
 enum Message {
     Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Told)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
-    Abort { reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { deeds: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
 }
 
@@ -194,7 +194,7 @@ pub struct Running {
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
-    idle_at: Arc<AtomicI64>,
+    ends_at: Arc<AtomicI64>,
     gone: CancellationToken,
 }
 
@@ -314,7 +314,15 @@ impl Handle {
     /// # Errors
     /// Where that could not be kept.
     pub async fn abort(&self) -> Result<(), JournalError> {
-        self.command(|reply| Message::Abort { reply }).await
+        self.abort_with(Vec::new()).await
+    }
+
+    /// Aborts the episode, and keeps what goes with that in the same transaction; nothing where it has ended.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn abort_with(&self, deeds: Vec<Entry>) -> Result<(), JournalError> {
+        self.command(|reply| Message::Abort { deeds, reply }).await
     }
 
     async fn command<T, E: From<JournalError>>(
@@ -339,9 +347,9 @@ impl Handle {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }
 
-    /// When the episode is abandoned unless somebody acts.
-    pub(super) fn idle_at(&self) -> Timestamp {
-        Timestamp::from_millisecond(self.idle_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
+    /// When the episode ends unless somebody asks for something.
+    pub(super) fn ends_at(&self) -> Timestamp {
+        Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
 
     /// Cancelled when the actor has ended and hands nothing more to the journal.
@@ -422,7 +430,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         Some(_) => host.quotas.release(fresh.key),
     }
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
-    let idle_at = Arc::new(AtomicI64::new(fresh.lockstep.idle_at().as_millisecond()));
+    let ends_at = Arc::new(AtomicI64::new(fresh.lockstep.ends_at().as_millisecond()));
     let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
     snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
@@ -447,7 +455,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         lookups: tokio::sync::Mutex::new(()),
         published,
         keyframes: Arc::clone(&keyframes),
-        idle_at: Arc::clone(&idle_at),
+        ends_at: Arc::clone(&ends_at),
         hosted: Arc::clone(&hosted),
         gone: gone.clone(),
     }));
@@ -472,7 +480,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         ahead: Vec::new(),
         hosted,
         keyframes,
-        idle_at,
+        ends_at,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -518,7 +526,7 @@ struct Actor {
     ahead: Vec<Entry>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     keyframes: Arc<Mutex<Keyframes>>,
-    idle_at: Arc<AtomicI64>,
+    ends_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
@@ -605,7 +613,7 @@ impl Actor {
     /// Tells the barrier what happens, and when.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         let effects = self.lockstep.apply(at, event);
-        self.idle_at.store(self.lockstep.idle_at().as_millisecond(), Ordering::Release);
+        self.ends_at.store(self.lockstep.ends_at().as_millisecond(), Ordering::Release);
         effects
     }
 
@@ -645,8 +653,11 @@ impl Actor {
                 effects.extend(self.end_if_solved(at));
                 self.perform_for(at, effects, (), reply).await;
             }
-            Message::Abort { reply } => {
+            Message::Abort { deeds, reply } => {
                 let effects = self.apply(at, Event::Abort);
+                if !effects.is_empty() {
+                    self.ahead.extend(deeds);
+                }
                 self.perform_for(at, effects, (), reply).await;
             }
             Message::Claim { claim, reply } => {
@@ -891,10 +902,11 @@ impl Actor {
             self.world.is_over().then_some(Ending::RoundsPlayed)
         };
         let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
-        self.lockstep.apply(now, Event::Resolved { alive, ending });
-        if let Some(ending) = ending {
-            let entry = self.end_entry(ending);
-            entries.push(entry);
+        for effect in self.lockstep.apply(now, Event::Resolved { alive, ending }) {
+            // The next round is published with whatever else is to be kept.
+            if let Effect::End(ending) = effect {
+                entries.push(self.end_entry(ending));
+            }
         }
         Ok(())
     }

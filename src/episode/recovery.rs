@@ -164,7 +164,12 @@ impl Track {
 
 /// The clocks of an episode.
 pub(super) fn clocks(spec: &Spec) -> Clocks {
-    Clocks { round_deadline: spec.round_deadline, bank: spec.bank, idle_timeout: spec.idle_timeout }
+    Clocks {
+        round_deadline: spec.round_deadline,
+        bank: spec.bank,
+        idle_timeout: spec.idle_timeout,
+        closes_at: spec.closes_at,
+    }
 }
 
 fn outcome(

@@ -52,6 +52,9 @@ pub enum CreateError {
     /// There are as many as there may be.
     #[error(transparent)]
     Full(#[from] Full),
+    /// The time in which its rounds may begin is over.
+    #[error("no round begins here after {0}")]
+    Closed(Timestamp),
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -73,8 +76,8 @@ struct Slot {
     handle: Arc<OnceCell<Handle>>,
     used_at: Timestamp,
     /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
-    /// for it earlier: then it is abandoned.
-    idle_at: Option<Timestamp>,
+    /// for it earlier: then it is abandoned, or closed.
+    ends_at: Option<Timestamp>,
     /// Whether it goes on though nobody asks: then it is taken up whenever it is not in memory.
     clocked: bool,
     /// The actor that was let go of. It may still have something to do, and an episode never has
@@ -84,7 +87,7 @@ struct Slot {
 
 impl Slot {
     fn empty(now: Timestamp) -> Self {
-        Self { handle: Arc::default(), used_at: now, idle_at: None, clocked: false, leaving: None }
+        Self { handle: Arc::default(), used_at: now, ends_at: None, clocked: false, leaving: None }
     }
 
     /// Whether anybody holds the episode, or is about to.
@@ -187,16 +190,19 @@ impl Registry {
         if created.is_err() {
             self.host.quotas.release(key);
         }
-        Ok(created?)
+        created
     }
 
     /// Keeps the opening of an episode and starts its actor.
-    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, JournalError> {
+    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
         let Creation { id, owner, run, spec, tokens, idempotency } = creation;
-        let now = self.host.clock.now();
         let config = Arc::clone(&spec.config);
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
         let world = Arc::new(world);
+        let now = self.host.clock.now();
+        if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
+            return Err(CreateError::Closed(closes_at));
+        }
         let record = RawRecord::write(&spec.opening(&id, now, &world));
         let mut head = Head::START.link(record.as_str().as_bytes());
         let waiting = spec.begins_waiting();
@@ -339,12 +345,12 @@ impl Registry {
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
-        if !handle.snapshot().status.is_over() && handle.idle_at() <= self.host.clock.now() {
-            // It was abandoned while it was not in memory; nobody is to find it running.
+        if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
+            // Its time ended while it was not in memory; nobody is to find it running.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         if let Some(slot) = self.slots().get_mut(id) {
-            slot.idle_at = None;
+            slot.ends_at = None;
         }
         Ok(handle)
     }
@@ -365,7 +371,7 @@ impl Registry {
                 self.host.quotas.note(*episode, *owner);
             }
             let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
-            slot.idle_at = Some(now);
+            slot.ends_at = Some(now);
             slot.clocked = *clocked;
         }
         for Unfinished { id, .. } in all.iter().filter(|episode| episode.clocked) {
@@ -380,7 +386,7 @@ impl Registry {
         }
     }
 
-    /// Takes up the episodes that are not in memory and would have been abandoned by now, or of
+    /// Takes up the episodes that are not in memory and would have ended by now, or of
     /// which that is not known.
     pub async fn look_after_idle(&self) {
         let now = self.host.clock.now();
@@ -388,18 +394,18 @@ impl Registry {
         for (id, slot) in self.slots().iter_mut() {
             if slot.handle.initialized() {
                 // Its actor looks after it.
-                slot.idle_at = None;
-            } else if slot.idle_at.is_some_and(|at| at <= now) {
+                slot.ends_at = None;
+            } else if slot.ends_at.is_some_and(|at| at <= now) {
                 due.push((id.clone(), slot.clocked));
             }
         }
         // The oldest first, and always in the same order.
         due.sort_unstable();
         for (id, clocked) in due {
-            match self.idle_at(&id).await {
+            match self.ends_at(&id).await {
                 Ok(Some(at)) if at > now && !clocked => {
                     if let Some(slot) = self.slots().get_mut(&id) {
-                        slot.idle_at = slot.idle_at.map(|_| at);
+                        slot.ends_at = slot.ends_at.map(|_| at);
                     }
                 }
                 _ => self.look_after(&id).await,
@@ -407,12 +413,14 @@ impl Registry {
         }
     }
 
-    /// When an episode that is not in memory is abandoned unless somebody acts; never, if it has ended.
-    async fn idle_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
+    /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.
+    async fn ends_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
-        let timeout = described(&stored)?.idle_timeout;
-        Ok(Some(after(stored.last_act_at.unwrap_or(stored.created_at), timeout)))
+        let spec = described(&stored)?;
+        let idle = after(stored.last_act_at.unwrap_or(stored.created_at), spec.idle_timeout);
+        let closes_at = spec.closes_at.filter(|_| stored.status == "waiting");
+        Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
     }
 
     /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
@@ -423,17 +431,17 @@ impl Registry {
             if slot.is_held() || after(slot.used_at, UNUSED_STAYS) > now {
                 return true;
             }
-            let Some(handle) = slot.handle.get() else { return slot.idle_at.is_some() };
+            let Some(handle) = slot.handle.get() else { return slot.ends_at.is_some() };
             if handle.snapshot().status.is_over() {
                 return false;
             }
             if handle.gone().is_cancelled() {
                 // Its actor ended though the episode has not; it is taken up again.
-                slot.idle_at = Some(now);
+                slot.ends_at = Some(now);
                 slot.clocked = handle.spec.goes_on_alone();
                 slot.handle = Arc::default();
             } else if !handle.spec.goes_on_alone() {
-                slot.idle_at = Some(handle.idle_at());
+                slot.ends_at = Some(handle.ends_at());
                 slot.leaving = Some(handle.gone());
                 slot.handle = Arc::default();
             }

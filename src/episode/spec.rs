@@ -123,11 +123,11 @@ impl Spec {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 
-    /// The opening record of an episode that is laid out as `world`.
+    /// All settings, as the opening record has them.
     #[must_use]
-    pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
+    pub fn recorded(&self) -> RecordedConfig {
         let settings = self.config.settings();
-        let config = RecordedConfig {
+        RecordedConfig {
             task: settings.task,
             rules: settings.rules,
             control: settings.control,
@@ -152,13 +152,18 @@ impl Spec {
             fill_after_ms: self.fill_after.map(millis),
             fill_with: self.fill_with.clone(),
             player: self.player.clone(),
-        };
+        }
+    }
+
+    /// The opening record of an episode that is laid out as `world`.
+    #[must_use]
+    pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
         record::Record::Opening(Box::new(Opening {
             format: FORMAT,
             episode: id.to_string(),
             rules_revision: RULES_REVISION,
             created_at,
-            config,
+            config: self.recorded(),
             agent_meta: self.agent_meta.clone(),
             prompt_template: self.prompt_template.to_string(),
             digest: world.digest().to_string(),

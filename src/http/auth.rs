@@ -117,6 +117,26 @@ impl Caller {
         matches!(self, Self::Key(key) if key.role == Role::Organizer)
     }
 
+    /// Somebody's key.
+    pub(super) fn needs_key(&self) -> Result<&Key, ApiError> {
+        match self {
+            Self::Key(key) => Ok(key),
+            Self::Anonymous { .. } => Err(needs_token("a key")),
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+                let detail = "a token of an episode is for playing; send the key";
+                Err(ApiError::new(Code::Forbidden, detail))
+            }
+        }
+    }
+
+    /// Whether the caller may read what belongs to no episode: everybody, but on a private server.
+    pub(super) fn may_look_around(&self, access: &Access) -> Result<(), ApiError> {
+        match self {
+            Self::Anonymous { .. } if access.private => Err(needs_token("a key")),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether the caller stands where the creator of the episode does.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         if episode.visibility == Visibility::Sealed {
@@ -273,6 +293,10 @@ impl Caller {
     /// The key of a caller who may take part; `detail` is told to tokens, which may not.
     fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
         match self {
+            Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
+                Code::Forbidden,
+                "this key is for attempts in competitions; ask the organizer for a member's key",
+            )),
             Self::Key(key) => Ok(key.number),
             Self::Anonymous { may_create: true } => Ok(None),
             Self::Anonymous { may_create: false } if app.has_keys => Err(needs_token("a key")),

@@ -39,6 +39,7 @@ pub enum Code {
     EpisodeOver,
     SeatTaken,
     SeatsOpen,
+    Closed,
     TooLarge,
     UnsupportedMediaType,
     Invalid,
@@ -51,7 +52,7 @@ pub enum Code {
 
 impl Code {
     /// All codes, by status.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::Malformed,
         Self::Unauthorized,
         Self::Forbidden,
@@ -63,6 +64,7 @@ impl Code {
         Self::EpisodeOver,
         Self::SeatTaken,
         Self::SeatsOpen,
+        Self::Closed,
         Self::TooLarge,
         Self::UnsupportedMediaType,
         Self::Invalid,
@@ -87,6 +89,7 @@ impl Code {
             Self::EpisodeOver => ("episode_over", 409, "The episode, or the agent's part, is over"),
             Self::SeatTaken => ("seat_taken", 409, "The seat has a holder"),
             Self::SeatsOpen => ("seats_open", 409, "Seats are open still"),
+            Self::Closed => ("closed", 409, "It is not open now"),
             Self::TooLarge => ("too_large", 413, "The request is too large"),
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
             Self::Invalid => ("invalid", 422, "The request is not allowed"),
@@ -360,6 +363,7 @@ impl From<CreateError> for ApiError {
     fn from(error: CreateError) -> Self {
         match error {
             CreateError::Full(full) => full.into(),
+            error @ CreateError::Closed(_) => Self::new(Code::Closed, error.to_string()),
             CreateError::Journal(error) => error.into(),
         }
     }

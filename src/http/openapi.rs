@@ -25,6 +25,7 @@ use super::limits::Limits;
         (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
         (name = "boards", description = "Who did how well."),
         (name = "data", description = "Many episodes in one file, and games that were read from files."),
+        (name = "competitions", description = "Competitions on sealed seeds; what organizers did."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),

@@ -33,6 +33,10 @@ pub struct RunKey(pub i64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EntryKey(pub i64);
 
+/// The number of a competition in the database; short, and never shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CompetitionKey(pub i64);
+
 /// One thing to be kept.
 #[derive(Clone, Debug)]
 pub enum Entry {
@@ -107,8 +111,102 @@ pub enum Entry {
         /// When.
         at: Timestamp,
     },
+    /// The host broke a run: it does not count as an attempt. One that was voided keeps its reason.
+    VoidRun {
+        /// The run.
+        run: RunKey,
+        /// What happened.
+        reason: String,
+        /// When.
+        at: Timestamp,
+    },
+    /// A new competition.
+    AddCompetition(Box<CompetitionRow>),
+    /// A new entrant of a competition.
+    AddEntrant(Box<EntrantRow>),
+    /// What an organizer decided about an entrant.
+    SetEntrant {
+        /// The entrant.
+        entry: EntryKey,
+        /// The name of its status from now on.
+        status: &'static str,
+        /// Why it is so.
+        reason: Option<String>,
+        /// Whether somebody answers for its model.
+        vouched: bool,
+    },
+    /// New invitation codes.
+    AddInvitations {
+        /// The competition.
+        competition: CompetitionKey,
+        /// The hash of each code, and what the organizer calls it.
+        codes: Vec<(TokenHash, String)>,
+        /// When.
+        at: Timestamp,
+    },
+    /// A competition, and all its episodes, are open to all from now on.
+    Reveal {
+        /// The competition.
+        competition: CompetitionKey,
+        /// When.
+        at: Timestamp,
+    },
     /// What an organizer did.
     Audit(Box<AuditRow>),
+}
+
+/// Bytes that `Debug` does not show.
+#[derive(Clone)]
+pub struct Secret(pub Vec<u8>);
+
+impl std::fmt::Debug for Secret {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Secret(…)")
+    }
+}
+
+/// A new competition.
+#[derive(Clone, Debug)]
+pub struct CompetitionRow {
+    /// Its public id.
+    pub id: String,
+    /// JSON: what was decided about it.
+    pub definition: String,
+    /// The salt of its commitment.
+    pub salt: Secret,
+    /// Its sealed seeds, one after the other.
+    pub seeds: Secret,
+    /// What is published of both.
+    pub commitment: [u8; 32],
+    /// When it opens.
+    pub opens_at: Timestamp,
+    /// When it closes.
+    pub closes_at: Timestamp,
+    /// When it was created.
+    pub at: Timestamp,
+}
+
+/// A new entrant of a competition.
+#[derive(Clone, Debug)]
+pub struct EntrantRow {
+    /// Its public id.
+    pub id: String,
+    /// The competition.
+    pub competition: CompetitionKey,
+    /// The public id of the key to which it belongs.
+    pub owner: String,
+    /// The name that is shown.
+    pub name: String,
+    /// The model's name.
+    pub model: String,
+    /// JSON: what it declared of who plays.
+    pub declaration: String,
+    /// Whether somebody answers for its model.
+    pub vouched: bool,
+    /// The hash of the invitation code that it uses up, if any.
+    pub invitation: Option<TokenHash>,
+    /// When it registered.
+    pub at: Timestamp,
 }
 
 /// A new run.

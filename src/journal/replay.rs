@@ -4,10 +4,12 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::value::RawValue;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 
+use super::Tally;
 use super::chain::Head;
 use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Seats, Source};
 
@@ -47,6 +49,8 @@ pub struct Report {
     pub end: Option<End>,
     /// The head of the chain.
     pub head: Head,
+    /// What all its acts were, those of a round that was not resolved too.
+    pub tally: Tally,
 }
 
 /// Plays a journal file again and checks every hash, digest, act and score.
@@ -71,7 +75,7 @@ pub fn verify(
             break;
         }
         let mut at = String::new();
-        let checked = check_line(&line, &mut head).and_then(|record| match record {
+        let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
                 played = Some(Player::new(*opening)?);
                 Ok(())
@@ -108,6 +112,7 @@ pub fn verify(
         seats: player.seats,
         end: player.end,
         head,
+        tally: player.tally,
     })
 }
 
@@ -121,7 +126,7 @@ struct Line<'a> {
 }
 
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
-fn check_line(line: &[u8], head: &mut Head) -> Result<Record, String> {
+pub(crate) fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
     let parsed: Line<'_> =
         serde_json::from_str(text).map_err(|error| format!("not a line of a journal: {error}"))?;
@@ -147,6 +152,7 @@ struct Player {
     world: World,
     seats: Option<Seats>,
     end: Option<End>,
+    tally: Tally,
 }
 
 impl Player {
@@ -163,7 +169,7 @@ impl Player {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = World::new(Arc::clone(&config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        Ok(Self { opening, config, world, seats: None, end: None })
+        Ok(Self { opening, config, world, seats: None, end: None, tally: Tally::default() })
     }
 
     /// Whether a record has to say who holds which seat before the first round.
@@ -234,6 +240,7 @@ impl Player {
         }
         for act in &round.acts {
             check_answer(act, &self.config)?;
+            self.tally.add(act);
         }
         let acts = acts_of(&self.config, &round.acts)?;
         self.world.step_with(&acts, solver).map_err(|error| error.to_string())?;
@@ -264,6 +271,9 @@ impl Player {
         if !fits {
             let (status, reason) = (end.status, end.reason);
             return Err(format!("it does not end here as {status:?} by {reason:?}"));
+        }
+        for act in &end.open_acts {
+            self.tally.add(act);
         }
         self.end = Some(end);
         Ok(())

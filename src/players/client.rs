@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::board::collection::Question;
@@ -276,6 +277,50 @@ impl Client {
     pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
         let path = format!("/api/v1/keys/{id}");
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
+    }
+
+    /// Reads something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.get_with(path, &[]).await
+    }
+
+    /// Reads something, with a query.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get_with<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, &str)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
+    }
+
+    /// Makes something. It is not asked for again: a second try would make a second one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn post<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.once(Method::POST, path, |call| self.signed(call).json(body)).await
+    }
+
+    /// Changes something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn patch<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
     }
 
     /// A whole board, page by page.

@@ -202,14 +202,30 @@ impl Runs {
     /// # Errors
     /// Where that could not be kept.
     pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), JournalError> {
+        self.end_with(run, status, Vec::new()).await.map(|_| ())
+    }
+
+    /// Ends a run, and keeps what goes with its end in the same transaction: see [`Runs::end`]. Returns whether
+    /// it ended now; nothing is kept where it had ended before.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn end_with(
+        &self,
+        run: RunKey,
+        status: RunStatus,
+        deeds: Vec<Entry>,
+    ) -> Result<bool, JournalError> {
         let runs = self.clone();
         self.to_its_end(async move {
             let _turn = runs.turn(run).await;
             let stored = runs.stored(run).await?;
-            if stored.ended_at.is_none() {
-                runs.keep_end(&stored, status).await?;
+            let ends = stored.ended_at.is_none();
+            if ends {
+                runs.keep_end(&stored, status, deeds).await?;
             }
-            runs.settle(run).await
+            runs.settle(run).await?;
+            Ok(ends)
         })
         .await
     }
@@ -293,7 +309,7 @@ impl Runs {
         match due(&definition, &games, clock.now()) {
             Due::Open(games) => self.open(stored, &definition, games).await,
             Due::Nothing => Ok(()),
-            Due::End(status) => self.keep_end(stored, status).await,
+            Due::End(status) => self.keep_end(stored, status, Vec::new()).await,
         }
     }
 
@@ -330,17 +346,24 @@ impl Runs {
                 Ok(_) => {}
                 // The next call finds a place, perhaps.
                 Err(registry::CreateError::Full(_)) => break,
+                // It has closed this moment; the next call ends the run.
+                Err(registry::CreateError::Closed(_)) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }
         Ok(())
     }
 
-    async fn keep_end(&self, stored: &StoredRun, status: RunStatus) -> Result<(), JournalError> {
+    async fn keep_end(
+        &self,
+        stored: &StoredRun,
+        status: RunStatus,
+        deeds: Vec<Entry>,
+    ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
-        store.keep(vec![entry]).await?;
+        store.keep([entry].into_iter().chain(deeds).collect()).await?;
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
         tracing::info!(run = %stored.id, status, "ended");
         Ok(())

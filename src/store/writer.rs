@@ -209,6 +209,22 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             Entry::VoidEpisode { episode, reason, at } => {
                 void(connection, *episode, reason, *at).await?;
             }
+            Entry::VoidRun { run, reason, at } => {
+                super::runs::void(connection, *run, reason, *at).await?;
+            }
+            Entry::AddCompetition(row) => super::competitions::add(connection, row).await?,
+            Entry::AddEntrant(row) => super::competitions::add_entrant(connection, row).await?,
+            Entry::SetEntrant { entry, status, reason, vouched } => {
+                let reason = reason.as_deref();
+                super::competitions::set_entrant(connection, *entry, status, reason, *vouched)
+                    .await?;
+            }
+            Entry::AddInvitations { competition, codes, at } => {
+                super::competitions::add_invitations(connection, *competition, codes, *at).await?;
+            }
+            Entry::Reveal { competition, at } => {
+                super::competitions::reveal(connection, *competition, *at).await?;
+            }
             Entry::Audit(row) => super::audit::add(connection, row).await?,
         }
     }

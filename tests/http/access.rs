@@ -1,10 +1,13 @@
 //! Every route × every kind of token, from the OpenAPI document itself: a new route has to say here
 //! who may use it.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::app::{Answer, DOCUMENT, Episode, TestApp};
+use crate::cup::{Attempt, Cup};
 
 /// A kind of token, with what it stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,16 +33,17 @@ enum Kind {
     Member,
     ExpiredKey,
     RevokedKey,
+    Entrant,
     Organizer,
 }
 
 use Kind::{
-    BadChecksum, ClaimedSeat, ClaimedSwarm, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken,
-    Organizer, OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey, Run,
-    RunElsewhere, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
+    BadChecksum, ClaimedSeat, ClaimedSwarm, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer,
+    NoToken, Organizer, OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey,
+    Run, RunElsewhere, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
 };
 
-const KINDS: [Kind; 22] = [
+const KINDS: [Kind; 23] = [
     Kind::None,
     NoToken,
     BadChecksum,
@@ -61,6 +65,7 @@ const KINDS: [Kind; 22] = [
     Member,
     ExpiredKey,
     RevokedKey,
+    Entrant,
     Organizer,
 ];
 
@@ -89,7 +94,7 @@ impl Kind {
     }
 
     fn is_key(self) -> bool {
-        matches!(self, Owner | Member | Organizer)
+        matches!(self, Owner | Member | Entrant | Organizer)
     }
 
     /// Whether it stands where the creator of the episode does.
@@ -151,7 +156,37 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         },
         "create_episode" | "create_run" => match kind {
             Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
             _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
+            (stage.private && kind == Kind::None).then_some(401)
+        }
+        "register_entrant" => match kind {
+            Kind::None => None,
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "start_attempt" => match kind {
+            Kind::None => Some(401),
+            Entrant => None,
+            _ => Some(403),
+        },
+        "show_entrant" => match kind {
+            Kind::None => Some(401),
+            Entrant | Organizer => None,
+            _ => Some(403),
+        },
+        "list_attempts" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "export_competition" => match kind {
+            Kind::None if stage.private => Some(401),
+            Organizer => None,
             _ => Some(403),
         },
         // What may not be read is left out.
@@ -190,7 +225,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" | "void_episode" => match kind {
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "create_competition"
+        | "create_codes" | "change_entrant" | "void_attempt" | "list_audit" => match kind {
             Kind::None => Some(401),
             Organizer => None,
             _ => Some(403),
@@ -225,6 +261,11 @@ struct World {
     claimed: Value,
     finished: Episode,
     replaced: Episode,
+    cup: Cup,
+    entrant: crate::cup::Entrant,
+    attempt: Attempt,
+    /// Counts names that nobody else has.
+    names: AtomicU64,
     run_elsewhere: String,
     replaced_run: String,
 }
@@ -289,6 +330,14 @@ impl World {
         app.obs(replaced.seat(0)).await;
         app.swarm_obs(&replaced).await;
         create().ok().await;
+        let cup = Cup::with(
+            &app,
+            json!({ "opens_at": "2026-03-01T12:00:00Z", "attempts": 100, "entries_per_key": 100 }),
+        );
+        let cup = cup.await;
+        let entrant = cup.enter(&app, "the entrant").await;
+        let attempt = cup.start(&app, &entrant).await;
+        let names = AtomicU64::new(0);
         let create = || app.post("/api/v1/runs").token(&member).json(&run_request("owner"));
         let token = |run: &Value| run["swarm_token"].as_str().expect("a token").to_owned();
         let run_elsewhere = token(&create().ok().await);
@@ -307,6 +356,10 @@ impl World {
             claimed,
             finished,
             replaced,
+            cup,
+            entrant,
+            attempt,
+            names,
             run_elsewhere,
             replaced_run,
         }
@@ -340,6 +393,7 @@ impl World {
             Member => &self.member,
             ExpiredKey => &self.expired,
             RevokedKey => &self.revoked,
+            Entrant => &self.entrant.key,
             Organizer => &self.app.organizer,
         };
         Some(format!("Bearer {token}"))
@@ -380,12 +434,13 @@ impl World {
         }
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            _ if path.contains("/competitions") => self.cup.id.clone(),
             _ if is_of_run => text(&run["id"]),
             _ => episode.id.clone(),
         };
-        let mut call = self
-            .app
-            .call(method.clone(), &path.replace("{id}", &id).replace("{file}", "acts.jsonl"));
+        let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
+        let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
+        let mut call = self.app.call(method.clone(), &path);
         if let Some(header) = self.header(kind, &episode, &claimed) {
             call = call.header("authorization", &header);
         }
@@ -397,6 +452,15 @@ impl World {
             "create_episode" => call.json(&request("owner")),
             "create_claim" => call.json(&json!({})),
             "create_key" => call.json(&json!({ "name": "somebody" })),
+            "create_competition" => call.json(&crate::cup::request()),
+            "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
+            "register_entrant" => {
+                let number = self.names.fetch_add(1, Ordering::Relaxed);
+                call.json(&json!({ "name": format!("somebody {number}"), "model": "m" }))
+            }
+            "change_entrant" => call.json(&json!({ "vouched": true })),
+            "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
+            "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
             "create_run" => call.json(&run_request("owner")),
             "void_episode" => call.json(&json!({ "reason": "a test" })),
             _ => call,

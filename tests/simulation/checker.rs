@@ -54,6 +54,8 @@ pub(crate) enum Invariant {
     Progress,
     /// An episode is abandoned after its idle time, not before.
     Idle,
+    /// No round begins after the time at which an episode closes, and the one that runs then may end.
+    Closing,
     /// What is counted against a cap is there, and is given back.
     Quotas,
     /// A seat has one holder; an episode starts once, when all have one; the server plays its seats as
@@ -155,6 +157,8 @@ pub(crate) struct Episode {
     acts: Vec<BTreeMap<AgentId, Kept>>,
     last_act_at: Timestamp,
     created_at: Timestamp,
+    /// When the open round began: with the creation, the start, or the end of the round before.
+    began_at: Timestamp,
     /// The journal as a file.
     lines: String,
     /// Which round was published in this run of the server, and when.
@@ -209,6 +213,11 @@ impl Episode {
 
     fn idle_at(&self) -> Timestamp {
         after(self.last_act_at, self.spec.idle_timeout)
+    }
+
+    /// Whether no round may begin at this time.
+    fn is_closed(&self, at: Timestamp) -> bool {
+        self.spec.closes_at.is_some_and(|closes_at| closes_at <= at)
     }
 }
 
@@ -375,6 +384,9 @@ impl Checker {
                         episode.waiting = false;
                         episode.last_act_at = *at;
                         let seated = episode.seated || !episode.spec.is_seated();
+                        episode.began_at = *at;
+                        let is_open = !episode.is_closed(*at);
+                        self.check(Invariant::Closing, is_open, || format!("{id}: a late start"));
                         self.check(Invariant::OneAct, was_waiting, || format!("{id}: two starts"));
                         self.check(Invariant::Seats, seated, || format!("{id}: started too early"));
                     }
@@ -429,6 +441,7 @@ impl Checker {
             acts: vec![BTreeMap::new()],
             last_act_at: row.at,
             created_at: row.at,
+            began_at: row.at,
             lines: row.record.line(head),
             opened: None,
             end_told: false,
@@ -560,6 +573,13 @@ impl Checker {
             let open = episode.world.round();
             return self.broken(Invariant::OneAct, format!("{name} is resolved in round {open}"));
         }
+        if episode.is_closed(episode.began_at) {
+            let began_at = episode.began_at;
+            wrong.push((Invariant::Closing, format!("{name} is played, it began at {began_at}")));
+        } else if episode.is_closed(row.at) {
+            self.stats.count("rounds over the closing time", 1);
+        }
+        episode.began_at = row.at;
         let given = &episode.acts[row.round as usize];
         let missing: Vec<_> =
             living(&episode.world).filter(|agent| !given.contains_key(agent)).collect();
@@ -643,6 +663,15 @@ impl Checker {
         if ending == Ending::Idle && (row.at < idle_at || now < idle_at) {
             let at = row.at;
             wrong.push((Invariant::Idle, format!("{name} is at {at}, {now}, idle at {idle_at}")));
+        }
+        // It ends so where no round may begin, and the last one was not cut off.
+        let cut = end.open_acts.len();
+        let fits = episode.is_closed(row.at)
+            && cut == 0
+            && (episode.waiting || episode.is_closed(episode.began_at));
+        if ending == Ending::Closed && !fits {
+            let at = row.at;
+            wrong.push((Invariant::Closing, format!("{name} closes at {at}, {cut} open acts")));
         }
         self.stats.count(
             match ending {
@@ -837,6 +866,14 @@ impl Checker {
             }
             Answer::Created(Err(CreateError::Full(full))) => {
                 self.full(full, &sent);
+                self.note_held();
+                self.creating.remove(&id);
+                return;
+            }
+            Answer::Created(Err(CreateError::Closed(at))) => {
+                let is_due = at <= self.now;
+                self.check(Invariant::Closing, is_due, || format!("{id} is refused before {at}"));
+                self.stats.count("refused: closed", 1);
                 self.note_held();
                 self.creating.remove(&id);
                 return;

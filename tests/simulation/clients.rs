@@ -5,6 +5,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 use std::time::Duration;
 
 use futures::future::select;
+use jiff::Timestamp;
 use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
@@ -264,7 +265,7 @@ pub(crate) struct Times {
 }
 
 /// Some small episode.
-pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
+pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let rehearsed = dice.below(10) == 0;
     let settings = |dice: &mut Dice| if rehearsed { REHEARSED.0.clone() } else { settings(dice) };
     let config = std::iter::from_fn(|| Some(settings(dice)))
@@ -279,6 +280,8 @@ pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
         .then(|| Duration::from_millis([0, 700, 6_000][dice.below(3)]));
     // The one that draws: what it does shows whether it remembers.
     let player = (open < seats && dice.below(5) == 0).then(|| "random".to_owned());
+    let closes_ms = [20, 3_000, 60_000, 1_500_000][dice.below(4)];
+    let closes_at = (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
     let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
     Spec {
         config: Arc::new(config),
@@ -294,7 +297,7 @@ pub(crate) fn spec(dice: &mut Dice, times: Times) -> Spec {
         custom_template: false,
         run: None,
         salt: None,
-        closes_at: None,
+        closes_at,
         open_seats: (seats - open..seats).map(AgentId).collect(),
         fill_with: fill_after.map(|_| "random".to_owned()),
         fill_after,

@@ -31,7 +31,7 @@ const SEEDS: u64 = 500;
 const SEEDS_OF_A_FLAW: u64 = 200;
 
 /// What the seeds of a test have to reach, all together.
-const REACHED: [&str; 29] = [
+const REACHED: [&str; 32] = [
     "episodes",
     "rounds",
     "clocks run out",
@@ -55,6 +55,9 @@ const REACHED: [&str; 29] = [
     "ended: rounds played",
     "ended: aborted",
     "ended: idle",
+    "ended: closed",
+    "rounds over the closing time",
+    "refused: closed",
     "earlier states",
     "crashes",
     "requests cut off",

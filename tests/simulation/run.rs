@@ -536,7 +536,8 @@ impl Run {
             self.created += 1;
             let id = EpisodeId::from_text(format!("ep_{}", self.created));
             let owner = (dice.below(2) == 0).then_some(OwnerKey(1));
-            return Some((id, Request::Create(Box::new(spec(dice, self.options.times)), owner)));
+            let spec = spec(dice, self.options.times, self.clock.now());
+            return Some((id, Request::Create(Box::new(spec), owner)));
         }
         // Most requests are for episodes that are played.
         let live: Vec<&Episode> = known.iter().copied().filter(|e| e.end.is_none()).collect();

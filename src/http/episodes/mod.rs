@@ -10,15 +10,17 @@ pub(super) mod start;
 pub(super) mod state;
 pub(super) mod void;
 
+use serde_json::json;
+
 use super::App;
 use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::Status;
 use crate::episode::actor::Handle;
-use crate::episode::spec::Spec;
+use crate::episode::spec::{Spec, Visibility};
 use crate::ids::EpisodeId;
-use crate::journal::StoredEpisode;
 use crate::journal::record::Record;
+use crate::journal::{Journal, StoredEpisode};
 use crate::wire::Seconds;
 use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 
@@ -34,7 +36,22 @@ impl App {
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
+        self.note_look(caller, &stored, spec.visibility).await?;
         self.episode(&stored.id).await
+    }
+
+    /// Keeps in mind that an organizer looks into a game whose seed is sealed.
+    pub(super) async fn note_look(
+        &self,
+        caller: &Caller,
+        stored: &StoredEpisode,
+        visibility: Visibility,
+    ) -> Result<(), ApiError> {
+        if visibility == Visibility::Sealed && !stored.revealed {
+            let deed = caller.deed(self, "sealed.read", stored.id.as_str(), json!({}));
+            self.store.keep(deed.into_iter().collect()).await?;
+        }
+        Ok(())
     }
 
     /// An episode that the caller created.
