@@ -179,6 +179,21 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     let revoked = behind(&organizer, &["revoke", id]);
     assert!(text(&revoked.stdout).contains("is revoked"), "{}", text(&revoked.stderr));
 
+    // What was done while the server was stopped is in the audit log, too.
+    let log = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        .args(["audit", "--json", "--server", &server.base])
+        .env("SWARMBENCH_KEY", &organizer)
+        .output()
+        .expect("the binary runs");
+    let log = text(&log.stdout);
+    let deed = |line: &str| {
+        let deed: Value = serde_json::from_str(line).expect("JSON");
+        (deed["who"] == "local", deed["action"].as_str().expect("a text").to_owned())
+    };
+    let deeds: Vec<_> = log.lines().map(deed).collect();
+    let [revoke, create] = ["key.revoke", "key.create"].map(str::to_owned);
+    assert_eq!(deeds, [(false, revoke), (false, create.clone()), (true, create)]);
+
     let play = |key: &str| {
         Command::new(env!("CARGO_BIN_EXE_swarmbench"))
             .args([

@@ -174,6 +174,7 @@ struct EntrantOf {
     entrant: String,
 }
 
+#[expect(clippy::too_many_lines, reason = "one arm a command")]
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let mut client = Client::new(&args.server)?;
     if let Some(key) = args.key {
@@ -409,7 +410,7 @@ fn show(competition: &Competition) -> comfy_table::Table {
     let suite = &competition.suite;
     let tasks = suite.tasks.clone().unwrap_or_default().join(", ");
     let seeds = suite.seeds.unwrap_or_default();
-    let clock = competition.clocks.round_deadline_s.unwrap_or_default();
+    let clock = competition.clocks.round_deadline_s.map_or(0.0, |seconds| seconds.0);
     let time = |at: Option<Timestamp>| at.map_or_else(|| "?".to_owned(), |at| at.to_string());
     let mut row = |what: &str, value: String| {
         shown.add_row([what.to_owned(), value]);

@@ -230,14 +230,18 @@ impl Runs {
         .await
     }
 
-    /// Makes a new token in place of the one that a run had.
+    /// Makes a new token in place of the one that a run had, and keeps what goes with that.
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn replace_token(&self, run: RunKey) -> Result<Token, JournalError> {
+    pub async fn replace_token(
+        &self,
+        run: RunKey,
+        deeds: Vec<Entry>,
+    ) -> Result<Token, JournalError> {
         let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
-        self.0.parts.store.keep(vec![entry]).await?;
+        self.0.parts.store.keep([entry].into_iter().chain(deeds).collect()).await?;
         Ok(token)
     }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
+use super::Seconds;
 use crate::competition::definition::{Definition, Window};
 use crate::competition::phase::Phase;
 use crate::competition::standings::{Entrant, Row, TaskRow};
@@ -114,13 +115,13 @@ pub struct SealedSettings {
 pub struct Clocks {
     /// How long a round lasts for a seat before its bank is touched.
     #[schema(required, minimum = 0.05, maximum = 86400)]
-    pub round_deadline_s: Option<f64>,
+    pub round_deadline_s: Option<Seconds>,
     /// What a seat may overspend in all rounds of a game together.
     #[schema(default = 0, minimum = 0, maximum = 604_800)]
-    pub bank_s: Option<f64>,
+    pub bank_s: Option<Seconds>,
     /// After so long without any act a game ends as abandoned.
     #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
-    pub idle_timeout_s: Option<f64>,
+    pub idle_timeout_s: Option<Seconds>,
 }
 
 /// How many attempts, or when each may be played.
@@ -217,7 +218,7 @@ impl Competition {
             None => (None, None, None),
         };
         let settings = &definition.settings;
-        let seconds = |ms: u64| std::time::Duration::from_millis(ms).as_secs_f64();
+        let seconds = |ms: u64| Seconds::of(std::time::Duration::from_millis(ms));
         let window = |window: &Window| AttemptWindow {
             opens_at: Some(window.opens_at),
             closes_at: Some(window.closes_at),

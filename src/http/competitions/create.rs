@@ -79,10 +79,10 @@ pub(in super::super) async fn create_competition(
 fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
     let mut problems = Problems::default();
     let clocks = request.clocks.unwrap_or_default();
-    let deadline_s = clocks.round_deadline_s;
+    let deadline_s = clocks.round_deadline_s.map(|s| s.0);
     let deadline = problems.seconds("clocks.round_deadline_s", deadline_s, 1.0, 0.05, 86_400.0);
-    let bank = problems.seconds("clocks.bank_s", clocks.bank_s, 0.0, 0.0, 604_800.0);
-    let idle_s = clocks.idle_timeout_s;
+    let bank = problems.seconds("clocks.bank_s", clocks.bank_s.map(|s| s.0), 0.0, 0.0, 604_800.0);
+    let idle_s = clocks.idle_timeout_s.map(|s| s.0);
     let idle = problems.seconds("clocks.idle_timeout_s", idle_s, 86_400.0, 1.0, 31_536_000.0);
     let mut refuse = |field: &str, problem: String| problems.refuse(field, problem);
     let is_missing = || "is missing".to_owned();

@@ -72,7 +72,7 @@ pub(in super::super) async fn start_attempt(
                 return Err(ApiError::other_body());
             }
             let number = run.attempt.map_or(0, |(_, number)| number);
-            let token = app.runs.replace_token(run.run).await?;
+            let token = app.runs.replace_token(run.run, Vec::new()).await?;
             app.forget_tokens(
                 |grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run),
             );

@@ -10,6 +10,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use serde::Deserialize;
+use serde_json::json;
 use swarmbench_engine::TaskName;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
@@ -24,6 +25,7 @@ use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName
 use crate::dataset::files::Archive;
 use crate::episode::Status;
 use crate::ids::EpisodeId;
+use crate::journal::Journal;
 use crate::store::episodes::{Filter, Readable};
 
 /// Bytes that are sent on at once.
@@ -129,6 +131,9 @@ pub(in super::super) async fn download_export(
         return Err(ApiError::limit(Code::Overloaded, "exports_max", most, detail)
             .retry_after(Duration::from_secs(5)));
     };
+    // Organizers find sealed games in it, too.
+    let deed = caller.deed(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
+    app.store.keep(deed.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
     tokio::task::spawn_blocking(move || {

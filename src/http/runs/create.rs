@@ -89,7 +89,7 @@ async fn create_or_repeat(
         Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((stored, _)) => {
             let token = match definition.player {
-                None => Some(app.new_run_token(stored.run).await?),
+                None => Some(app.new_run_token(stored.run, Vec::new()).await?),
                 Some(_) => None,
             };
             Ok((stored, token))
