@@ -23,6 +23,9 @@ enum Kind {
     ReplacedSwarm,
     ClaimedSeat,
     ClaimedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
     Owner,
     Member,
     ExpiredKey,
@@ -32,11 +35,11 @@ enum Kind {
 
 use Kind::{
     BadChecksum, ClaimedSeat, ClaimedSwarm, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken,
-    Organizer, OtherSeat, Owner, ReplacedSeat, ReplacedSwarm, RevokedKey, Seat, SeatElsewhere,
-    Swarm, SwarmElsewhere,
+    Organizer, OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey, Run,
+    RunElsewhere, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
 };
 
-const KINDS: [Kind; 19] = [
+const KINDS: [Kind; 22] = [
     Kind::None,
     NoToken,
     BadChecksum,
@@ -51,6 +54,9 @@ const KINDS: [Kind; 19] = [
     ReplacedSwarm,
     ClaimedSeat,
     ClaimedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
     Owner,
     Member,
     ExpiredKey,
@@ -68,6 +74,7 @@ impl Kind {
                 | NoBearer
                 | ReplacedSeat
                 | ReplacedSwarm
+                | ReplacedRun
                 | ExpiredKey
                 | RevokedKey
         )
@@ -78,7 +85,7 @@ impl Kind {
     }
 
     fn is_swarm(self) -> bool {
-        matches!(self, Swarm | SwarmElsewhere | ClaimedSwarm)
+        matches!(self, Swarm | SwarmElsewhere | ClaimedSwarm | Run | RunElsewhere)
     }
 
     fn is_key(self) -> bool {
@@ -87,7 +94,12 @@ impl Kind {
 
     /// Whether it stands where the creator of the episode does.
     fn owns(self) -> bool {
-        matches!(self, Swarm | Owner | Organizer)
+        matches!(self, Swarm | Run | Owner | Organizer)
+    }
+
+    /// Whether it stands where the creator of the run does.
+    fn owns_run(self) -> bool {
+        matches!(self, Run | Owner | Organizer)
     }
 }
 
@@ -105,16 +117,21 @@ struct Stage {
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     // Whoever claimed a seat elsewhere has nothing here.
     let claimed = stage.mixed && matches!(kind, ClaimedSeat | ClaimedSwarm);
-    // A creator who plays with others sees no more than they do.
-    let oversees = || kind == Organizer || (kind.owns() && !stage.mixed);
+    // A creator who plays with others sees no more than they do. Nobody else holds seats of a run's games.
+    let oversees = || kind == Organizer || kind == Run || (kind.owns() && !stage.mixed);
     let reads = || {
         let anyone = stage.visibility == "public" || stage.ended;
-        let known = kind.is_key() || claimed || matches!(kind, Seat | OtherSeat | Swarm);
+        let known = kind.is_key() || claimed || matches!(kind, Seat | OtherSeat | Swarm | Run);
         oversees() || (anyone && (!stage.private || known))
     };
     let invited = stage.mixed && kind.is_key();
     let knows = || reads() || kind.owns() || claimed || invited || matches!(kind, Seat | OtherSeat);
-    if ["show_health", "show_readiness", "show_metrics"].contains(&operation) {
+    // Whoever knows of a run reads it, too: only an attempt in a competition is known and not read.
+    let reads_run = || {
+        let anyone = stage.visibility == "public" || stage.ended;
+        kind.owns_run() || (anyone && (!stage.private || kind.is_key()))
+    };
+    if ["show_health", "show_readiness", "show_metrics", "list_suites"].contains(&operation) {
         // They ask for no token, and look at none.
         return None;
     }
@@ -132,15 +149,21 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_swarm() => None,
             _ => Some(403),
         },
-        "create_episode" => match kind {
+        "create_episode" | "create_run" => match kind {
             Kind::None => Some(401),
             _ if kind.is_key() => None,
             _ => Some(403),
         },
         // What may not be read is left out.
-        "list_episodes" | "download_export" | "list_imports" => None,
+        "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
         "show_import" | "show_imported_state" => Some(404),
+        "show_run" | "stream_run_events" => (!reads_run()).then_some(404),
+        "abort_run" | "replace_run_token" => match () {
+            () if !reads_run() => Some(404),
+            () if !kind.owns_run() => Some(403),
+            () => None,
+        },
         "show_leaderboard" | "show_cross_play" => match kind {
             _ if !stage.private || kind.is_key() => None,
             Kind::None => Some(401),
@@ -167,7 +190,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" => match kind {
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" => match kind {
             Kind::None => Some(401),
             Organizer => None,
             _ => Some(403),
@@ -202,6 +225,8 @@ struct World {
     claimed: Value,
     finished: Episode,
     replaced: Episode,
+    run_elsewhere: String,
+    replaced_run: String,
 }
 
 fn request(visibility: &str) -> Value {
@@ -223,7 +248,20 @@ async fn claim(app: &TestApp, key: &str, episode: &Episode) -> Value {
     app.post(&episode.path("/claims")).token(key).json(&json!({})).ok().await
 }
 
+/// A run with one game.
+fn run_request(visibility: &str) -> Value {
+    let suite = json!({
+        "name": "one game", "tasks": ["Synchronization"], "seeds": [1], "settings": { "num_agents": 3 },
+    });
+    json!({ "suite": suite, "model": "a model", "visibility": visibility })
+}
+
 impl World {
+    async fn run(&self, visibility: &str) -> Value {
+        let call = self.app.post("/api/v1/runs").token(&self.owner);
+        call.json(&run_request(visibility)).ok().await
+    }
+
     async fn new(private: bool) -> Self {
         let builder = TestApp::builder().manual_clock().keys();
         let app = builder.access(|access| access.private = private).start().await;
@@ -251,7 +289,27 @@ impl World {
         app.obs(replaced.seat(0)).await;
         app.swarm_obs(&replaced).await;
         create().ok().await;
-        Self { app, owner, member, expired, revoked, elsewhere, claimed, finished, replaced }
+        let create = || app.post("/api/v1/runs").token(&member).json(&run_request("owner"));
+        let token = |run: &Value| run["swarm_token"].as_str().expect("a token").to_owned();
+        let run_elsewhere = token(&create().ok().await);
+        let run = create().ok().await;
+        let replaced_run = token(&run);
+        app.get("/swarm/obs").token(&replaced_run).ok().await;
+        let path = format!("/api/v1/runs/{}/token", run["id"].as_str().expect("an id"));
+        app.post(&path).token(&member).ok().await;
+        Self {
+            app,
+            owner,
+            member,
+            expired,
+            revoked,
+            elsewhere,
+            claimed,
+            finished,
+            replaced,
+            run_elsewhere,
+            replaced_run,
+        }
     }
 
     /// The value of the header `Authorization`.
@@ -270,11 +328,14 @@ impl World {
             SeatElsewhere => self.elsewhere.seat(0),
             FinishedSeat => self.finished.seat(0),
             ReplacedSeat => self.replaced.seat(0),
-            Swarm => &episode.swarm,
+            // Of a game of a run it is the run's.
+            Swarm | Run => &episode.swarm,
             SwarmElsewhere => &self.elsewhere.swarm,
             ReplacedSwarm => &self.replaced.swarm,
             ClaimedSeat => claimed["seats"][0]["token"].as_str().expect("a token"),
             ClaimedSwarm => claimed["swarm_token"].as_str().expect("a token"),
+            RunElsewhere => &self.run_elsewhere,
+            ReplacedRun => &self.replaced_run,
             Owner => &self.owner,
             Member => &self.member,
             ExpiredKey => &self.expired,
@@ -293,19 +354,33 @@ impl World {
         kind: Kind,
         stage: Stage,
     ) -> Answer {
+        let is_of_run = path.starts_with("/api/v1/runs/{id}");
+        let run =
+            if is_of_run || kind == Run { self.run(stage.visibility).await } else { json!(null) };
+        let text = |value: &Value| value.as_str().expect("a text").to_owned();
         let request = if stage.mixed { mixed } else { request };
         let created = create(&self.app, &self.owner, &request(stage.visibility)).await;
-        let episode = Episode::of(&created);
+        let mut episode = Episode::of(&created);
         let claimed = if stage.mixed {
             claim(&self.app, &self.member, &episode).await
         } else {
             self.claimed.clone()
         };
+        if kind == Run {
+            episode.id = text(&run["games"][0]["episode"]);
+            episode.swarm = text(&run["swarm_token"]);
+        }
         if stage.ended {
             self.app.delete(&episode.path("")).token(&self.owner).ok().await;
+            if is_of_run {
+                let path = format!("/api/v1/runs/{}", text(&run["id"]));
+                let ended = self.app.delete(&path).token(&self.owner).send().await;
+                assert!([200, 409].contains(&ended.status), "{}", ended.text());
+            }
         }
         let id = match operation {
             "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            _ if is_of_run => text(&run["id"]),
             _ => episode.id.clone(),
         };
         let mut call = self
@@ -322,16 +397,19 @@ impl World {
             "create_episode" => call.json(&request("owner")),
             "create_claim" => call.json(&json!({})),
             "create_key" => call.json(&json!({ "name": "somebody" })),
+            "create_run" => call.json(&run_request("owner")),
+            "void_episode" => call.json(&json!({ "reason": "a test" })),
             _ => call,
         };
-        if operation == "stream_events" {
+        if ["stream_events", "stream_run_events"].contains(&operation) {
             // What is streamed does not end before the episode.
             return Answer::without_body(&call.open().await);
         }
         let answer = call.send().await;
-        let elsewhere = kind == SwarmElsewhere || (kind == ClaimedSwarm && !stage.mixed);
+        let elsewhere = [SwarmElsewhere, RunElsewhere].contains(&kind)
+            || (kind == ClaimedSwarm && !stage.mixed);
         if operation == "post_swarm_act" && elsewhere {
-            // It is good for its own episode only.
+            // It is good for its own episodes only.
             assert_eq!(answer.json()["receipts"][0]["code"], "not_found");
         }
         answer
@@ -392,7 +470,7 @@ async fn a_private_server() {
 async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
     let world = World::new(false).await;
     let episode = world.app.create_with(&world.owner, request("owner")).await;
-    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless()) {
+    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless() && *kind != Run) {
         let ask = |path: &str| {
             let call = world.app.get(path);
             match world.header(kind, &episode, &world.claimed) {
