@@ -222,7 +222,6 @@ fn seat(spec: &Spec, agent: AgentId) -> Seat {
     hash.update(agent.0.to_be_bytes());
     hash.update(spec.salt.as_deref().unwrap_or_default());
     let hash: [u8; 32] = hash.finalize().into();
-    let [a, b, c, d, e, f, g, h, ..] = hash;
     Seat {
         agent,
         num_agents: spec.config.num_agents(),
@@ -230,6 +229,6 @@ fn seat(spec: &Spec, agent: AgentId) -> Seat {
         height: size(settings.height),
         task: spec.config.task(),
         rules: spec.config.rules(),
-        seed: u64::from_be_bytes([a, b, c, d, e, f, g, h]),
+        seed: u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes")),
     }
 }

@@ -8,8 +8,8 @@ use swarmbench_engine::AgentId;
 
 use super::spec::Spec;
 use crate::clock::after;
-use crate::journal::Holder;
 use crate::journal::record::{HeldSeat, Record, SeatHolder, Seats};
+use crate::journal::{Held, Holder};
 
 /// What is wanted of the open seats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,11 +51,7 @@ impl Seating {
     /// Takes a seating up where it stands; none where the creator simply holds all seats. `holders` are
     /// all holders with their seats, from the creator on.
     #[must_use]
-    pub fn new(
-        spec: &Spec,
-        created_at: Timestamp,
-        holders: Vec<(Holder, Vec<AgentId>)>,
-    ) -> Option<Self> {
+    pub fn new(spec: &Spec, created_at: Timestamp, holders: Vec<Held>) -> Option<Self> {
         if !spec.is_seated() {
             return None;
         }

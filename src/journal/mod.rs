@@ -338,6 +338,9 @@ pub struct Holder {
     pub at: Timestamp,
 }
 
+/// A holder, and the seats.
+pub type Held = (Holder, Vec<AgentId>);
+
 /// Seats that have a holder now.
 #[derive(Clone, Debug)]
 pub struct ClaimRow {
@@ -586,10 +589,7 @@ pub trait Journal: Send + Sync + 'static {
 
     /// Everybody who holds seats of an episode, in order of their numbers, with the seats; nobody where
     /// the creator simply holds all.
-    fn holders(
-        &self,
-        episode: EpisodeKey,
-    ) -> BoxFuture<'_, Result<Vec<(Holder, Vec<AgentId>)>, JournalError>>;
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>>;
 
     /// The public id of a key.
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;

@@ -11,8 +11,8 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Committed, Entry, EpisodeKey, Holder, Journal, JournalError, RoundActs, StoredAct,
-    StoredEpisode, StoredRound, Unfinished,
+    Committed, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
+    StoredRound, Unfinished,
 };
 use crate::keys::OwnerKey;
 
@@ -115,10 +115,7 @@ impl Journal for Store {
         self.unfinished_episodes().boxed()
     }
 
-    fn holders(
-        &self,
-        episode: EpisodeKey,
-    ) -> BoxFuture<'_, Result<Vec<(Holder, Vec<AgentId>)>, JournalError>> {
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
         self.read_holders(episode).boxed()
     }
 

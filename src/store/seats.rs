@@ -7,7 +7,7 @@ use swarmbench_engine::AgentId;
 
 use super::episodes::time;
 use super::{Store, failure};
-use crate::journal::{ClaimRow, EpisodeKey, Holder, JournalError, SeatingRow};
+use crate::journal::{ClaimRow, EpisodeKey, Held, Holder, JournalError, SeatingRow};
 use crate::keys::OwnerKey;
 
 /// A seat that has a holder, as it is shown.
@@ -94,7 +94,7 @@ impl Store {
     pub(super) async fn read_holders(
         &self,
         episode: EpisodeKey,
-    ) -> Result<Vec<(Holder, Vec<AgentId>)>, JournalError> {
+    ) -> Result<Vec<Held>, JournalError> {
         let rows = sqlx::query("SELECT * FROM claims WHERE episode = ? ORDER BY holder")
             .bind(episode.0)
             .fetch_all(&self.readers)

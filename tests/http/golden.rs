@@ -283,7 +283,7 @@ impl Game {
     async fn record(&self, app: &TestApp) -> Episode {
         let created = app.post("/api/v1/episodes").json(&self.config).ok().await;
         let episode = Episode::of(&created);
-        let mut players = Players { dice: Dice(episode.config["seed"].as_u64().expect("a seed")) };
+        let mut players = Players { dice: Dice(self.config["seed"].as_u64().expect("a seed")) };
         match self.how {
             How::BuiltIn => {
                 let created = serde_json::from_value(created).expect("an episode");

@@ -46,7 +46,7 @@ struct Receipts<'a> {
 }
 
 impl Played {
-    async fn new(app: &TestApp, dice: &mut Dice) -> [Self; 2] {
+    async fn new(app: &TestApp, seed: u64, dice: &mut Dice) -> [Self; 2] {
         let settings = oracle::settings(dice);
         let request = json!({
             "task": settings.task, "rules": settings.rules, "control": settings.control,
@@ -56,6 +56,8 @@ impl Played {
         });
         let game = Game { settings, states: Vec::new(), deeds: Vec::new() };
         let mut claims = Vec::new();
+        // Who holds what is drawn apart: the games of a seed are the same, whoever plays them.
+        let mut dice = Dice(!seed);
         if dice.below(3) == 0 {
             let agents = usize::try_from(game.settings.num_agents).expect("a few");
             let mut open = dice.below(agents + 1);
@@ -237,7 +239,7 @@ async fn compare(app: &TestApp, seeds: Range<u64>, blind: Blind) -> Count {
 async fn compare_pair(app: &TestApp, seed: u64, blind: Blind) -> Count {
     let mut count = Count::default();
     let mut dice = Dice(seed);
-    let [mut one, mut other] = Played::new(app, &mut dice).await;
+    let [mut one, mut other] = Played::new(app, seed, &mut dice).await;
     let alike = dice.below(4);
     let observer = dice.below(one.game.state().agents.len());
     for round in 0..alike + 1 + dice.below(4) {

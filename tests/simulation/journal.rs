@@ -9,7 +9,7 @@ use swarmbench::episode::Status;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench::journal::{
-    ActRow, ClaimRow, Committed, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError,
+    ActRow, ClaimRow, Committed, EndRow, Entry, EpisodeKey, Held, Journal, JournalError,
     OpeningRow, RoundActs, RoundRow, SeatingRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench::keys::OwnerKey;
@@ -347,10 +347,7 @@ impl Journal for MemoryJournal {
         }))
     }
 
-    fn holders(
-        &self,
-        episode: EpisodeKey,
-    ) -> BoxFuture<'_, Result<Vec<(Holder, Vec<AgentId>)>, JournalError>> {
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
         let forgets = self.flaw == Some(Flaw::ForgetsClaims);
         Box::pin(self.read(move |state| {
             let claims = state.claims(episode).filter(|row| !forgets || row.holder.number == 0);

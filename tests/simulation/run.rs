@@ -727,10 +727,11 @@ impl Run {
                 .filter(|(agent, act)| receipts.contains(&(id.clone(), act.round, *agent)));
             let acts: Acts = known.collect();
             if !acts.is_empty() {
+                // One after the other: of those that come at once a seat gets some refused.
                 self.ask(id, Request::Send(acts));
+                self.settle();
             }
         }
-        self.settle();
     }
 
     /// What has ended leaves the memory and is counted no more.
