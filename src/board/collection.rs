@@ -112,7 +112,7 @@ struct Home {
 /// All boards.
 #[derive(Clone, Debug, Default)]
 pub struct Boards {
-    boards: BTreeMap<BoardId, Arc<Board>>,
+    by_id: BTreeMap<BoardId, Arc<Board>>,
     /// Where each run is, by its number in the database.
     homes: BTreeMap<i64, Home>,
     imported: Arc<[Imported]>,
@@ -173,7 +173,7 @@ impl Boards {
         let board = |(id, suite)| {
             (id, Arc::new(Board { suite, players: BTreeMap::new(), is_built_in: true }))
         };
-        Self { boards: built_in.into_iter().map(board).collect(), ..Self::default() }
+        Self { by_id: built_in.into_iter().map(board).collect(), ..Self::default() }
     }
 
     /// Takes games that were read from files, instead of those that it had.
@@ -186,7 +186,7 @@ impl Boards {
         let OverRun { key, board: id, suite, result } = run;
         self.remove(key);
         let (row, run) = (result.row, result.run.id.as_str().into());
-        let board = self.boards.entry(id.clone()).or_default();
+        let board = self.by_id.entry(id.clone()).or_default();
         let board = Arc::make_mut(board);
         board.suite = suite;
         let player = board.players.entry(row).or_default();
@@ -197,7 +197,7 @@ impl Boards {
     /// Takes a run away, if it is there.
     pub fn remove(&mut self, key: i64) {
         let Some(Home { board: id, row, run }) = self.homes.remove(&key) else { return };
-        let Some(board) = self.boards.get_mut(&id) else { return };
+        let Some(board) = self.by_id.get_mut(&id) else { return };
         let board = Arc::make_mut(board);
         if let Some(player) = board.players.get_mut(&row) {
             let player = Arc::make_mut(player);
@@ -207,7 +207,7 @@ impl Boards {
             }
         }
         if board.players.is_empty() && !board.is_built_in {
-            self.boards.remove(&*id);
+            self.by_id.remove(&*id);
         }
     }
 
@@ -278,7 +278,7 @@ impl Boards {
             return Err(Unknown { field: "rules", allowed: one_of(RULES) });
         }
         let asked = question.suite.as_deref().unwrap_or(reference::SUITE);
-        let of_rules = || self.boards.iter().filter(|(id, _)| id.rules == rules);
+        let of_rules = || self.by_id.iter().filter(|(id, _)| id.rules == rules);
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
