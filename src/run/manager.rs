@@ -348,10 +348,8 @@ impl Runs {
             };
             match registry.create(creation).await {
                 Ok(_) => {}
-                // The next call finds a place, perhaps.
-                Err(registry::CreateError::Full(_)) => break,
-                // It has closed this moment; the next call ends the run.
-                Err(registry::CreateError::Closed(_)) => break,
+                // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
+                Err(registry::CreateError::Full(_) | registry::CreateError::Closed(_)) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }
