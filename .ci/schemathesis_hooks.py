@@ -11,6 +11,8 @@ BASE = os.environ["SWARMBENCH_BASE"]
 RUNNING = os.environ["SWARMBENCH_RUNNING"]
 ENDED = os.environ["SWARMBENCH_ENDED"]
 WAITING = os.environ["SWARMBENCH_WAITING"]
+RUN = os.environ["SWARMBENCH_RUN"]
+ENDED_RUN = os.environ["SWARMBENCH_ENDED_RUN"]
 WAIT_S_MAX = 0.05
 ACTIONS = ["UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH"]
 
@@ -44,10 +46,12 @@ def before_call(context, case, kwargs):
     # that it found in answers.
     if "{id}" in path and case.path_parameters:
         is_stream = path.endswith("/events")
-        found = str(case.path_parameters.get("id")).startswith("ep_")
+        found = str(case.path_parameters.get("id")).startswith(("ep_", "run_"))
         if dice.random() < 0.5 or (found and (is_stream or method == "DELETE")):
             ids = [] if is_stream else [WAITING] if method == "DELETE" else [WAITING, RUNNING]
-            case.path_parameters["id"] = dice.choice([ENDED, *ids])
+            of_runs = [ENDED_RUN] if is_stream else [RUN, ENDED_RUN]
+            is_run = path.startswith("/api/v1/runs/")
+            case.path_parameters["id"] = dice.choice(of_runs if is_run else [ENDED, *ids])
     # Half of the acts that are objects answer the open round with an action that exists.
     body = case.body
     if path == "/act" and isinstance(body, dict) and dice.random() < 0.5:

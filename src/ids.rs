@@ -53,10 +53,12 @@ pub enum TokenKind {
     Swarm,
     /// A person.
     Key,
+    /// Whoever is invited to a competition; good for nothing else.
+    Invitation,
 }
 
 impl TokenKind {
-    const ALL: [Self; 3] = [Self::Seat, Self::Swarm, Self::Key];
+    const ALL: [Self; 4] = [Self::Seat, Self::Swarm, Self::Key, Self::Invitation];
 
     /// How its tokens begin.
     #[must_use]
@@ -65,6 +67,7 @@ impl TokenKind {
             Self::Seat => "seat_",
             Self::Swarm => "swarm_",
             Self::Key => "secret_",
+            Self::Invitation => "invite_",
         }
     }
 }

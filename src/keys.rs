@@ -13,6 +13,8 @@ pub struct OwnerKey(pub i64);
 /// What the holder of a key may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Role {
+    /// Start attempts in a competition and see what came of them; nothing else.
+    Entrant,
     /// Create episodes, and do with them what their creator may.
     Member,
     /// Everything: read and end all episodes, make and revoke keys.
@@ -21,12 +23,13 @@ pub enum Role {
 
 impl Role {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::Member, Self::Organizer];
+    pub const ALL: [Self; 3] = [Self::Entrant, Self::Member, Self::Organizer];
 
     /// Its name on the wire and in the database.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Entrant => "entrant",
             Self::Member => "member",
             Self::Organizer => "organizer",
         }

@@ -7,7 +7,7 @@
 //! - [`episode`]: the barrier, the actor that steps the engine, and what readers share.
 //! - [`journal`]: what is kept of an episode, and how it is played again.
 //! - [`store`]: where it is kept; the only place that names sqlx.
-//! - [`run`]: suites of games for one model.
+//! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that nobody knows before the end.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
@@ -16,9 +16,11 @@
 pub mod board;
 pub mod cli;
 pub mod clock;
+pub mod competition;
 pub mod dataset;
 pub mod episode;
 pub mod host;
+pub mod house;
 pub mod http;
 pub mod ids;
 pub mod journal;

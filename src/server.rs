@@ -9,10 +9,12 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
+use crate::competition::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::host::{Disk, HostDisk, raise_open_files};
+use crate::house;
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
@@ -58,7 +60,7 @@ const FILES_RESERVED: u64 = 256;
 #[must_use]
 pub fn fit_open_files(limits: Limits) -> Limits {
     let files = raise_open_files();
-    let fitting = within_files(limits, files);
+    let fitting = within_files(&limits, files);
     if fitting.connections_max < limits.connections_max {
         tracing::warn!(
             open_files = files,
@@ -71,10 +73,10 @@ pub fn fit_open_files(limits: Limits) -> Limits {
 }
 
 /// The limits where so many files may be open; none means any number.
-fn within_files(limits: Limits, files: Option<u64>) -> Limits {
+fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
     let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
     let fit = usize::try_from(fit).unwrap_or(usize::MAX);
-    Limits { connections_max: limits.connections_max.min(fit), ..limits }
+    Limits { connections_max: limits.connections_max.min(fit), ..*limits }
 }
 
 /// A server could not be started.
@@ -163,8 +165,13 @@ impl Server {
     ) -> Result<(), StartError> {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
+        if let Some(hosted) = app.registry.take_hosted() {
+            let journal = std::sync::Arc::clone(app.registry.journal());
+            tokio::spawn(house::run(hosted, journal, stop.clone()));
+        }
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));
+        let competitions = tokio::spawn(close_competitions(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
         let serving = tokio::spawn(serve(listener, router(app.clone()), limits, stop.clone()));
         shutdown.await;
@@ -174,6 +181,7 @@ impl Server {
         drop(serving.await);
         recovery.abort();
         runs.abort();
+        competitions.abort();
         sweeper.abort();
         app.store.clone().close().await;
         Ok(())
@@ -209,6 +217,11 @@ async fn look_after_runs(app: App) {
     }
 }
 
+/// Closes competitions when their time is over.
+async fn close_competitions(app: App) {
+    closing::look_after(&app.store, &app.runs, &*app.clock).await;
+}
+
 /// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what
 /// nobody asks for.
 async fn sweep(app: App) {
@@ -229,7 +242,7 @@ mod tests {
     #[test]
     fn there_are_no_more_connections_than_open_files() {
         let limits = Limits::default();
-        let most = |files| within_files(limits, files).connections_max;
+        let most = |files| within_files(&limits, files).connections_max;
         assert_eq!(most(None), limits.connections_max);
         assert_eq!(most(Some(1_048_576)), limits.connections_max);
         assert_eq!(most(Some(4096)), 3840);

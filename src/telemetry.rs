@@ -68,6 +68,8 @@ fn describe() {
     process().describe();
     describe_counter!("swarmbench_episodes_created_total", "Episodes created.");
     describe_counter!("swarmbench_episodes_ended_total", "Episodes ended, by status.");
+    describe_counter!("swarmbench_runs_created_total", "Runs created.");
+    describe_counter!("swarmbench_runs_ended_total", "Runs ended, by status.");
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
     describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
     describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");

@@ -179,6 +179,21 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     let revoked = behind(&organizer, &["revoke", id]);
     assert!(text(&revoked.stdout).contains("is revoked"), "{}", text(&revoked.stderr));
 
+    // What was done while the server was stopped is in the audit log, too.
+    let log = Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+        .args(["audit", "--json", "--server", &server.base])
+        .env("SWARMBENCH_KEY", &organizer)
+        .output()
+        .expect("the binary runs");
+    let log = text(&log.stdout);
+    let deed = |line: &str| {
+        let deed: Value = serde_json::from_str(line).expect("JSON");
+        (deed["who"] == "local", deed["action"].as_str().expect("a text").to_owned())
+    };
+    let deeds: Vec<_> = log.lines().map(deed).collect();
+    let [revoke, create] = ["key.revoke", "key.create"].map(str::to_owned);
+    assert_eq!(deeds, [(false, revoke), (false, create.clone()), (true, create)]);
+
     let play = |key: &str| {
         Command::new(env!("CARGO_BIN_EXE_swarmbench"))
             .args([
@@ -197,6 +212,61 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     assert!(!play(&member).status.success());
     let played = play(&organizer);
     assert!(played.status.success(), "{}", text(&played.stderr));
+}
+
+#[tokio::test]
+async fn a_run_is_played_and_one_that_was_left_is_played_to_its_end() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let server = Serving::start(&folder.path().join("runs.db"), &[]);
+    let play = |args: &[&str], token: Option<&str>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        command.arg("play").args(args).args(["--server", &server.base]);
+        if let Some(token) = token {
+            command.env("SWARMBENCH_RUN_TOKEN", token);
+        }
+        command.output().expect("the binary runs")
+    };
+    let played = play(&["--suite", "quick", "--rules", "reference", "--parallel", "2"], None);
+    let said = text(&played.stdout);
+    assert!(played.status.success(), "{}", text(&played.stderr));
+    let id = said.split_whitespace().find(|word| word.starts_with("run_")).expect("an id");
+    assert!(said.contains("finished: ") && said.contains("5/5"), "{said}");
+
+    // The table is what the server says, and the games are those that `play --task` plays.
+    let client = reqwest::Client::new();
+    let get = async |path: String| -> serde_json::Value {
+        let call = client.get(format!("{}/api/v1/{path}", server.base));
+        call.send().await.expect("an answer").json().await.expect("JSON")
+    };
+    let run = get(format!("runs/{}", id.trim_end_matches(';'))).await;
+    assert_eq!(
+        (&run["model"], &run["suite"]["rules"]),
+        (&"built-in/default".into(), &"reference".into())
+    );
+    let total = run["total"].as_f64().expect("a total");
+    assert!(said.contains(&format!("{total:.2}")), "{said}");
+    let alone = ["--task", "Foraging", "--seed", "27", "--max-round", "20", "--rules", "reference"];
+    assert!(play(&alone, None).status.success());
+    let episode = &get("episodes?task=Foraging&limit=1".to_owned()).await["items"][0];
+    let task = &run["tasks"][3];
+    assert_eq!((&task["task"], &task["mean"]), (&"Foraging".into(), &episode["score"]));
+
+    // Somebody else began a run; its client has gone. First with its token, then with a new one.
+    let suite = serde_json::json!({ "name": "x", "seeds": [1], "settings": { "max_round": 2 } });
+    let request = serde_json::json!({ "suite": suite, "model": "m" });
+    for with_token in [true, false] {
+        let call = client.post(format!("{}/api/v1/runs", server.base)).json(&request);
+        let left: serde_json::Value =
+            call.send().await.expect("an answer").json().await.expect("JSON");
+        let id = left["id"].as_str().expect("an id");
+        let token = left["swarm_token"].as_str().filter(|_| with_token);
+        let played = play(&["--run", id, "--player", "random"], token);
+        assert!(played.status.success(), "{}", text(&played.stderr));
+        assert!(text(&played.stdout).contains("5/5"), "{}", text(&played.stdout));
+        assert_eq!(get(format!("runs/{id}")).await["status"], "finished");
+    }
+    let wrong = play(&["--suite", "chess"], None);
+    assert!(!wrong.status.success() && text(&wrong.stderr).contains("standard, quick"));
 }
 
 /// Whoever reads logs, errors, pages or the database finds no token in them.

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, bail};
 use jiff::{Span, SpanRelativeTo, Timestamp};
+use serde_json::json;
 
 use super::play::table;
 use crate::clock::{Clock, SystemClock, SystemEntropy};
-use crate::journal::{Entry, Journal};
+use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::players::client::Client;
 use crate::store::{OpenError, Store};
@@ -104,8 +105,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     let (key, token) = Key::new(role, &name, expires, now, &SystemEntropy)
                         .map_err(|problem| anyhow!("the name {problem}"))?;
                     let shown = KeySummary::of(&key, now);
+                    let detail = json!({ "name": key.name, "role": key.role.name() });
+                    let deed = deed("key.create", &key.id, detail);
                     let row = KeyRow { key, hash: token.hash() };
-                    store.keep(vec![Entry::AddKey(Box::new(row))]).await?;
+                    store.keep(vec![Entry::AddKey(Box::new(row)), deed]).await?;
                     store.close().await;
                     (shown, token.reveal().to_owned())
                 }
@@ -151,20 +154,36 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                 Opened::Server(client) => client.revoke_key(&id).await?,
                 Opened::Database(store) => {
                     let now = SystemClock.now();
-                    store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
-                    let keys = store.keys().await?;
+                    let find = async || {
+                        let keys = store.keys().await?;
+                        keys.into_iter().find(|key| key.id == id).ok_or_else(|| {
+                            anyhow!("there is no key {id}; `swarmbench key list` shows all")
+                        })
+                    };
+                    if find().await?.revoked_at.is_none() {
+                        let revoke = Entry::RevokeKey { id: id.clone(), at: now };
+                        store.keep(vec![revoke, deed("key.revoke", &id, json!({}))]).await?;
+                    }
+                    let key = find().await?;
                     store.close().await;
-                    let key = keys.iter().find(|key| key.id == id);
-                    let key = key.ok_or_else(|| {
-                        anyhow!("there is no key {id}; `swarmbench key list` shows all")
-                    })?;
-                    KeySummary::of(key, now)
+                    KeySummary::of(&key, now)
                 }
             };
             println!("{} ({:?}) is revoked.", key.id, key.name);
         }
     }
     Ok(())
+}
+
+/// What is done on the server's own machine, for the audit log.
+fn deed(action: &'static str, subject: &str, detail: serde_json::Value) -> Entry {
+    Entry::Audit(Box::new(AuditRow {
+        at: SystemClock.now(),
+        who: "local".to_owned(),
+        action,
+        subject: subject.to_owned(),
+        detail,
+    }))
 }
 
 enum Opened {

@@ -1,7 +1,9 @@
 //! The command line, one file a command.
 
+mod audit;
 mod backup;
 mod board;
+mod competition;
 mod demo;
 mod export;
 mod healthcheck;
@@ -42,9 +44,13 @@ enum Command {
     Serve(serve::Args),
     /// Make, list and revoke the keys of people.
     Key(key::Args),
-    /// Create an episode on a server and play it with a built-in player.
+    /// Create competitions, look after them, and publish what came of them.
+    Competition(Box<competition::Args>),
+    /// Show what organizers did.
+    Audit(audit::Args),
+    /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
-    /// Play a journal file again and check every hash, digest, act and score.
+    /// Play a journal file, or all of a competition, again and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Show who did how well in a suite.
     Leaderboard(leaderboard::Args),
@@ -74,6 +80,8 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
+        Command::Competition(args) => with_runtime(competition::run(*args)),
+        Command::Audit(args) => with_runtime(audit::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => verify::run(&args),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),

@@ -1,18 +1,25 @@
 //! `swarmbench play`
 
+use std::collections::BTreeMap;
+
+use anyhow::Context;
 use comfy_table::{Table, presets};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
 use crate::players::client::Client;
-use crate::players::play::play;
+use crate::players::play::{play, play_run};
 use crate::wire::episode::{EpisodeRequest, EpisodeSummary};
+use crate::wire::observation::Sight;
+use crate::wire::run::{RunDetail, RunRequest, SuiteRequest};
 
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Built-in players: `random` plays every task; each task has one of its own, \
-    which is used where none is named."
+    which is used where none is named.\n\nWith --suite a whole run is played, and with --run what is left of one: \
+    its token is taken from SWARMBENCH_RUN_TOKEN, or else its creator gets a new one, and the earlier token is \
+    worth nothing any more."
 )]
 pub(super) struct Args {
     /// The address of the server.
@@ -22,8 +29,23 @@ pub(super) struct Args {
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
-    #[arg(long, value_parser = task)]
-    task: TaskName,
+    #[arg(long, value_parser = task, required_unless_present_any = ["suite", "run"])]
+    task: Option<TaskName>,
+    /// Play all games of a suite instead: standard or quick.
+    #[arg(long, conflicts_with_all = ["task", "run", "seed", "num_agents", "width", "height", "view_size", "max_round"])]
+    suite: Option<String>,
+    /// Play what is left of the run with this id.
+    #[arg(long, conflicts_with_all = ["task", "seed", "rules", "num_agents", "width", "height", "view_size", "max_round"])]
+    run: Option<String>,
+    /// The token of that run.
+    #[arg(long, env = "SWARMBENCH_RUN_TOKEN", hide_env_values = true, hide = true)]
+    run_token: Option<String>,
+    /// With --suite: how many games are open at a time (4).
+    #[arg(long, requires = "suite")]
+    parallel: Option<u32>,
+    /// What stands for who plays; built-in/PLAYER where it is left out.
+    #[arg(long, conflicts_with = "run")]
+    model: Option<String>,
     /// The seed of the layout; drawn at random where it is left out.
     #[arg(long)]
     seed: Option<i64>,
@@ -61,14 +83,27 @@ pub(super) fn task(name: &str) -> Result<TaskName, String> {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let player = player(args.player.as_deref(), args.task)?;
+    let plays = |task: &TaskName| args.suite.is_some() || args.task == Some(*task);
+    for task in TaskName::ALL.into_iter().filter(plays) {
+        player(args.player.as_deref(), task)?;
+    }
     let mut client = Client::new(&args.server)?;
-    if let Some(key) = args.key {
+    if let Some(key) = args.key.clone() {
         client = client.with_key(key);
     }
     // Once a game goes on, a server that is away for a moment is waited for; here it is not.
     client.health().await?;
+    match args.task {
+        Some(task) => play_episode(&client, args, task).await,
+        None => play_suite(&client, args).await,
+    }
+}
+
+async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Result<()> {
+    let player = player(args.player.as_deref(), task)?;
+    let usual = request(task, player);
     let request = EpisodeRequest {
+        model: args.model.or(usual.model.clone()),
         seed: args.seed,
         rules: args.rules,
         num_agents: args.num_agents,
@@ -76,15 +111,122 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         height: args.height,
         view_size: args.view_size,
         max_round: args.max_round,
-        ..request(args.task, player)
+        ..usual
     };
-    let bar = bar(args.task.name(), player.name);
-    let (summary, _) = play_one(&client, &request, player, args.player_seed, &bar).await?;
+    let bar = bar(task.name(), player.name);
+    let (summary, _) = play_one(client, &request, player, args.player_seed, &bar).await?;
     bar.finish();
     println!("\n{}", scores([(player.name, &summary)].into_iter()));
     let base = client.base();
     println!("journal: curl -s {base}api/v1/episodes/{}/journal", summary.id);
     Ok(())
+}
+
+/// Plays a run, or what is left of one, and shows what it came to.
+async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
+    let name = args.player.as_deref();
+    let (run, token) = match args.run {
+        None => {
+            let created = client
+                .create_run(&RunRequest {
+                    suite: args.suite.map(SuiteRequest::Named),
+                    rules: args.rules,
+                    model: args.model.or(Some(format!("built-in/{}", name.unwrap_or("default")))),
+                    parallel: args.parallel,
+                    ..RunRequest::default()
+                })
+                .await?;
+            let token = created.swarm_token.context("the server did not give a token")?;
+            println!(
+                "{0}; to go on after an interruption: swarmbench play --run {0}\n",
+                created.run.run.id
+            );
+            (created.run, token)
+        }
+        Some(id) => {
+            let token = match args.run_token {
+                Some(token) => token,
+                None => client.replace_run_token(&id).await?.swarm_token,
+            };
+            (client.run(&id, Some(&token)).await?, token)
+        }
+    };
+    for task in run.run.suite.tasks.iter().filter_map(|task| TaskName::parse(task)) {
+        player(name, task)?;
+    }
+    let mut bars = RunBars::new(&run, name.unwrap_or("its own player"));
+    let choose = |task| player(name, task).ok();
+    let played =
+        play_run(client, &run, &token, choose, args.player_seed, |sight| bars.note(sight)).await?;
+    bars.finish();
+    println!("\n{}", results(&played));
+    let (base, id) = (client.base(), &played.run.id);
+    println!("{}: {base}api/v1/runs/{id}", played.run.status);
+    Ok(())
+}
+
+/// A progress bar for each game that is open, and one for all.
+struct RunBars {
+    all: MultiProgress,
+    games: BTreeMap<String, ProgressBar>,
+    whole: ProgressBar,
+    player: String,
+}
+
+impl RunBars {
+    fn new(run: &RunDetail, player: &str) -> Self {
+        let all = MultiProgress::new();
+        let style = "{prefix:38} {bar:30} {pos}/{len} games opened";
+        let planned = run.games.len() as u64;
+        let whole = ProgressBar::new(planned)
+            .with_style(ProgressStyle::with_template(style).expect("a valid template"))
+            .with_prefix(format!("{} ({})", run.run.suite.name, run.run.suite.rules));
+        let ended =
+            run.games.iter().filter(|game| !["planned", "running"].contains(&&*game.status));
+        let whole = all.add(whole);
+        whole.set_position(ended.count() as u64);
+        Self { all, games: BTreeMap::new(), whole, player: player.to_owned() }
+    }
+
+    fn note(&mut self, sight: &Sight) {
+        let bar = self.games.entry(sight.episode.clone()).or_insert_with(|| {
+            self.whole.inc(1);
+            let bar = bar(&sight.task.name, &self.player);
+            bar.set_length(sight.max_round.into());
+            self.all.insert_before(&self.whole, bar)
+        });
+        let is_news = bar.position() != u64::from(sight.round) || sight.round == 0;
+        bar.set_position(sight.round.into());
+        bar.set_message(format!("score {:.2}", sight.score));
+        // Where there is no terminal a bar shows nothing, so a line does, once a game.
+        if bar.is_hidden() && is_news && sight.round == 0 && sight.agent == "Agent_0" {
+            eprintln!("{} is opened: {}", sight.task.name, sight.episode);
+        }
+        if sight.round + 1 == sight.max_round {
+            bar.finish();
+        }
+    }
+
+    fn finish(&self) {
+        for bar in self.games.values().chain([&self.whole]) {
+            bar.finish();
+        }
+    }
+}
+
+/// What a run came to as a table.
+fn results(run: &RunDetail) -> Table {
+    let mut table = table(&["task", "mean ± deviation", "games"]);
+    for task in &run.run.tasks {
+        let score = match (task.mean, task.deviation) {
+            (Some(mean), Some(deviation)) => format!("{mean:.2} ± {deviation:.2}"),
+            _ => String::new(),
+        };
+        table.add_row([&task.task, &score, &format!("{}/{}", task.played, task.planned)]);
+    }
+    let total = run.run.total.map_or_else(String::new, |total| format!("{total:.2}"));
+    table.add_row(["total", &total, &format!("{}/{}", run.run.played, run.run.planned)]);
+    table
 }
 
 /// The player of this name, or the one that a task has of its own.

@@ -167,6 +167,8 @@ pub struct Clocks {
     pub bank: Duration,
     /// After how long without any act the episode is abandoned.
     pub idle_timeout: Duration,
+    /// From this moment on no round begins: the round that is running may end, and the episode with it.
+    pub closes_at: Option<Timestamp>,
 }
 
 /// The state of the barrier.
@@ -274,6 +276,22 @@ impl Lockstep {
         after(self.last_act_at, self.clocks.idle_timeout)
     }
 
+    /// When the episode ends unless somebody asks for something: one that waits for its start ends when it
+    /// closes, too.
+    #[must_use]
+    pub fn ends_at(&self) -> Timestamp {
+        let idle = self.idle_at();
+        match (self.phase, self.clocks.closes_at) {
+            (Phase::Waiting, Some(closes_at)) => idle.min(closes_at),
+            _ => idle,
+        }
+    }
+
+    /// Whether no round begins any more.
+    fn is_closed(&self, now: Timestamp) -> bool {
+        self.clocks.closes_at.is_some_and(|at| at <= now)
+    }
+
     /// Where the episode stands.
     #[must_use]
     pub const fn status(&self) -> Status {
@@ -298,7 +316,7 @@ impl Lockstep {
     pub fn wakes_at(&self) -> Option<Timestamp> {
         let idle = self.idle_at();
         match self.phase {
-            Phase::Waiting => Some(idle),
+            Phase::Waiting => Some(self.ends_at()),
             Phase::Open => {
                 let pending = self.seats.iter().filter(|seat| seat.alive && seat.given.is_none());
                 let deadlines = pending.filter_map(|seat| self.deadline(seat));
@@ -330,6 +348,9 @@ impl Lockstep {
     fn start(&mut self, now: Timestamp) -> Vec<Effect> {
         if self.phase != Phase::Waiting {
             return Vec::new();
+        }
+        if self.is_closed(now) {
+            return self.end(now, Ending::Closed);
         }
         self.phase = Phase::Open;
         self.opened_at = None;
@@ -408,7 +429,13 @@ impl Lockstep {
             Phase::Waiting | Phase::Open => {}
             Phase::Closed | Phase::Over(_) => return effects,
         }
-        if is_due(self.idle_at()) {
+        let idle = self.idle_at();
+        if self.phase == Phase::Waiting
+            && self.clocks.closes_at.is_some_and(|at| at <= now && at <= idle)
+        {
+            return self.end(now, Ending::Closed);
+        }
+        if is_due(idle) {
             return self.end(now, Ending::Idle);
         }
         if self.phase == Phase::Open {
@@ -441,7 +468,8 @@ impl Lockstep {
         }
         self.round += 1;
         self.opened_at = None;
-        if let Some(ending) = ending {
+        // What the task or its rounds end has not been cut short.
+        if let Some(ending) = ending.or_else(|| self.is_closed(now).then_some(Ending::Closed)) {
             self.end(now, ending)
         } else {
             self.phase = Phase::Open;
@@ -508,6 +536,7 @@ mod tests {
             round_deadline: round_s.map(Duration::from_secs),
             bank: Duration::from_secs(bank_s),
             idle_timeout: Duration::from_secs(1000),
+            closes_at: None,
         }
     }
 
@@ -668,6 +697,70 @@ mod tests {
         let effects = submit(&mut machine, at(22), 1, 1, "UP");
         assert!(matches!(effects[0], Effect::KeepAct { agent: AgentId(0), .. }));
         assert_eq!(answer(&effects).expect("just in time").given.record.bank_spent_ms, 1000);
+    }
+
+    /// To the millisecond: what happens at the closing time happens after it.
+    #[test]
+    fn the_round_that_runs_at_the_closing_time_is_the_last() {
+        let closing = Clocks { closes_at: Some(at(20)), ..clocks(Some(10), 0) };
+        let just_before = at(20).saturating_sub(Duration::from_millis(1)).expect("a time");
+        let resolved = || Event::Resolved { alive: vec![true; 2], ending: None };
+        for (resolved_at, expected) in [
+            (just_before, Effect::Publish),
+            (at(20), Effect::End(Ending::Closed)),
+            (at(21), Effect::End(Ending::Closed)),
+        ] {
+            let mut machine = fresh(2, closing);
+            submit(&mut machine, at(1), 0, 0, "UP");
+            submit(&mut machine, at(2), 1, 0, "UP");
+            assert_eq!(machine.apply(resolved_at, resolved()), [expected], "{resolved_at}");
+        }
+        // The last one has its whole clock, and a bank that goes beyond the closing time.
+        let mut machine = fresh(2, Clocks { bank: Duration::from_secs(30), ..closing });
+        submit(&mut machine, at(1), 0, 0, "UP");
+        assert_eq!(machine.wakes_at(), Some(at(40)), "not at the closing time");
+        assert_eq!(machine.apply(at(39), Event::Tick), []);
+        let last = submit(&mut machine, at(40), 1, 0, "UP");
+        assert_eq!(answer(&last).expect("in time").given.waiting_for, 0);
+        assert_eq!(machine.apply(at(40), resolved()), [Effect::End(Ending::Closed)]);
+        assert_eq!(machine.status(), Status::Aborted);
+        // What ends by itself was not cut short.
+        let mut machine = fresh(1, closing);
+        submit(&mut machine, at(25), 0, 0, "UP");
+        let ending = Some(Ending::TaskDone);
+        let effects = machine.apply(at(25), Event::Resolved { alive: vec![true], ending });
+        assert_eq!(effects, [Effect::End(Ending::TaskDone)]);
+    }
+
+    #[test]
+    fn what_waits_for_its_start_ends_at_the_closing_time() {
+        let waiting = |idle_s: u64| {
+            let closing = Clocks {
+                closes_at: Some(at(20)),
+                idle_timeout: Duration::from_secs(idle_s),
+                ..clocks(Some(10), 0)
+            };
+            let standing = Standing {
+                waiting: true,
+                outcome: None,
+                round: 0,
+                alive: vec![true; 2],
+                bank_spent: vec![Duration::ZERO; 2],
+                given: Vec::new(),
+                last_act_at: START,
+            };
+            Lockstep::new(closing, standing, START)
+        };
+        let mut machine = waiting(1000);
+        assert_eq!((machine.wakes_at(), machine.ends_at()), (Some(at(20)), at(20)));
+        assert_eq!(machine.apply(at(19), Event::Tick), []);
+        assert_eq!(machine.apply(at(20), Event::Tick), [Effect::End(Ending::Closed)]);
+        assert_eq!(waiting(1000).apply(at(20), Event::Start), [Effect::End(Ending::Closed)]);
+        assert_eq!(waiting(1000).apply(at(19), Event::Start).len(), 2);
+        // Whichever came first, also where nobody was there to see it.
+        assert_eq!(waiting(10).apply(at(30), Event::Tick), [Effect::End(Ending::Idle)]);
+        let mut machine = waiting(20);
+        assert_eq!(machine.apply(at(30), Event::Tick), [Effect::End(Ending::Closed)]);
     }
 
     #[test]

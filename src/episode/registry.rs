@@ -11,17 +11,19 @@ use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, spawn};
+use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, seated, spawn};
 use super::lockstep::{Lockstep, Standing};
 use super::quota::{Full, Quotas};
 use super::recovery::{RecoveryError, clocks, described, off_thread, recover};
+use super::seating::Seating;
 use super::spec::Spec;
 use crate::clock::{Clock, after};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Entry, EpisodeKey, Journal, JournalError, OpeningRow, RunKey, Tally, TokenRow, Unfinished,
+    ClaimRow, Entry, EpisodeKey, Holder, Journal, JournalError, OpeningRow, RunKey, SeatingRow,
+    Tally, TokenRow, Unfinished,
 };
 use crate::keys::OwnerKey;
 
@@ -50,6 +52,9 @@ pub enum CreateError {
     /// There are as many as there may be.
     #[error(transparent)]
     Full(#[from] Full),
+    /// The time in which its rounds may begin is over.
+    #[error("no round begins here after {0}")]
+    Closed(Timestamp),
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -62,6 +67,7 @@ pub struct Registry {
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
+    hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
 
 /// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
@@ -70,9 +76,9 @@ struct Slot {
     handle: Arc<OnceCell<Handle>>,
     used_at: Timestamp,
     /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
-    /// for it earlier: then it is abandoned.
-    idle_at: Option<Timestamp>,
-    /// Whether its rounds have a deadline: then it is taken up whenever it is not in memory.
+    /// for it earlier: then it is abandoned, or closed.
+    ends_at: Option<Timestamp>,
+    /// Whether it goes on though nobody asks: then it is taken up whenever it is not in memory.
     clocked: bool,
     /// The actor that was let go of. It may still have something to do, and an episode never has
     /// two of them.
@@ -81,7 +87,7 @@ struct Slot {
 
 impl Slot {
     fn empty(now: Timestamp) -> Self {
-        Self { handle: Arc::default(), used_at: now, idle_at: None, clocked: false, leaving: None }
+        Self { handle: Arc::default(), used_at: now, ends_at: None, clocked: false, leaving: None }
     }
 
     /// Whether anybody holds the episode, or is about to.
@@ -101,11 +107,13 @@ impl Registry {
         last_key: i64,
     ) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
+        let (host, hosted) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, ended: tell },
+            host: Host { journal, clock, spawn, quotas, ended: tell, hosted: host },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),
+            hosted: Arc::new(Mutex::new(Some(hosted))),
         }
     }
 
@@ -113,6 +121,13 @@ impl Registry {
     #[must_use]
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
+    }
+
+    /// Where every episode comes that is taken up and of which the server may play seats; whoever comes
+    /// first plays them. Until then such episodes are held.
+    #[must_use]
+    pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
+        self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
     /// The journal from which states of earlier rounds are recomputed.
@@ -175,18 +190,23 @@ impl Registry {
         if created.is_err() {
             self.host.quotas.release(key);
         }
-        Ok(created?)
+        created
     }
 
     /// Keeps the opening of an episode and starts its actor.
-    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, JournalError> {
+    async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
         let Creation { id, owner, run, spec, tokens, idempotency } = creation;
-        let now = self.host.clock.now();
         let config = Arc::clone(&spec.config);
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
         let world = Arc::new(world);
+        let now = self.host.clock.now();
+        if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
+            return Err(CreateError::Closed(closes_at));
+        }
         let record = RawRecord::write(&spec.opening(&id, now, &world));
-        let head = Head::START.link(record.as_str().as_bytes());
+        let mut head = Head::START.link(record.as_str().as_bytes());
+        let waiting = spec.begins_waiting();
+        let (seating, entries) = self.seat(key, owner, &spec, now).await?;
         let row = OpeningRow {
             episode: key,
             id: id.clone(),
@@ -197,16 +217,23 @@ impl Registry {
             task: spec.config.task().name(),
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
-            waiting: spec.manual_start,
-            clocked: spec.round_deadline.is_some(),
+            waiting,
+            clocked: spec.goes_on_alone(),
             at: now,
             idempotency,
             tokens,
         };
-        self.host.journal.keep(vec![Entry::Open(Box::new(row))]).await?;
+        let mut entries: Vec<Entry> =
+            [Entry::Open(Box::new(row))].into_iter().chain(entries).collect();
+        if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
+            let record;
+            (record, head) = seated(seating, head);
+            entries.push(Entry::Seat(SeatingRow { episode: key, record, head }));
+        }
+        self.host.journal.keep(entries).await?;
         let agents = usize::from(spec.config.num_agents());
         let standing = Standing {
-            waiting: spec.manual_start,
+            waiting,
             outcome: None,
             round: 0,
             alive: vec![true; agents],
@@ -229,15 +256,48 @@ impl Registry {
             head,
             bytes: 0,
             tally: Tally::default(),
+            seating,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let handle = spawn(self.host.clone(), fresh);
-        if !handle.spec.manual_start && handle.snapshot().world.is_over() {
+        if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; whoever created the episode is to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         Ok(handle)
+    }
+
+    /// The seating of a new episode, and what is to be kept of its creator.
+    async fn seat(
+        &self,
+        episode: EpisodeKey,
+        owner: Option<OwnerKey>,
+        spec: &Spec,
+        now: Timestamp,
+    ) -> Result<(Option<Seating>, Option<Entry>), JournalError> {
+        if !spec.is_seated() {
+            return Ok((None, None));
+        }
+        let key = match owner {
+            Some(owner) => self.host.journal.key_id(owner).await?,
+            None => None,
+        };
+        let holder = Holder {
+            number: 0,
+            owner,
+            key,
+            model: spec.model.clone(),
+            agent_meta: spec.agent_meta.clone(),
+            player: spec.player.clone(),
+            at: now,
+        };
+        let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
+        let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
+        let seating = Seating::new(spec, now, vec![(holder.clone(), agents.clone())]);
+        let tokens = Vec::new();
+        let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
+        Ok((seating, Some(Entry::Claim(Box::new(row)))))
     }
 
     /// Finds an episode, taking it up from the journal where it is not in memory.
@@ -285,17 +345,17 @@ impl Registry {
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
-        if !handle.snapshot().status.is_over() && handle.idle_at() <= self.host.clock.now() {
-            // It was abandoned while it was not in memory; nobody is to find it running.
+        if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
+            // Its time ended while it was not in memory; nobody is to find it running.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         if let Some(slot) = self.slots().get_mut(id) {
-            slot.idle_at = None;
+            slot.ends_at = None;
         }
         Ok(handle)
     }
 
-    /// After a start: takes up the unfinished episodes that have clocks, so that these go on, and
+    /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
     /// gives all others a place. Returns how many there are.
     ///
     /// # Errors
@@ -311,7 +371,7 @@ impl Registry {
                 self.host.quotas.note(*episode, *owner);
             }
             let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
-            slot.idle_at = Some(now);
+            slot.ends_at = Some(now);
             slot.clocked = *clocked;
         }
         for Unfinished { id, .. } in all.iter().filter(|episode| episode.clocked) {
@@ -326,7 +386,7 @@ impl Registry {
         }
     }
 
-    /// Takes up the episodes that are not in memory and would have been abandoned by now, or of
+    /// Takes up the episodes that are not in memory and would have ended by now, or of
     /// which that is not known.
     pub async fn look_after_idle(&self) {
         let now = self.host.clock.now();
@@ -334,18 +394,18 @@ impl Registry {
         for (id, slot) in self.slots().iter_mut() {
             if slot.handle.initialized() {
                 // Its actor looks after it.
-                slot.idle_at = None;
-            } else if slot.idle_at.is_some_and(|at| at <= now) {
+                slot.ends_at = None;
+            } else if slot.ends_at.is_some_and(|at| at <= now) {
                 due.push((id.clone(), slot.clocked));
             }
         }
         // The oldest first, and always in the same order.
         due.sort_unstable();
         for (id, clocked) in due {
-            match self.idle_at(&id).await {
+            match self.ends_at(&id).await {
                 Ok(Some(at)) if at > now && !clocked => {
                     if let Some(slot) = self.slots().get_mut(&id) {
-                        slot.idle_at = slot.idle_at.map(|_| at);
+                        slot.ends_at = slot.ends_at.map(|_| at);
                     }
                 }
                 _ => self.look_after(&id).await,
@@ -353,12 +413,14 @@ impl Registry {
         }
     }
 
-    /// When an episode that is not in memory is abandoned unless somebody acts; never, if it has ended.
-    async fn idle_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
+    /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.
+    async fn ends_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
-        let timeout = described(&stored)?.idle_timeout;
-        Ok(Some(after(stored.last_act_at.unwrap_or(stored.created_at), timeout)))
+        let spec = described(&stored)?;
+        let idle = after(stored.last_act_at.unwrap_or(stored.created_at), spec.idle_timeout);
+        let closes_at = spec.closes_at.filter(|_| stored.status == "waiting");
+        Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
     }
 
     /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
@@ -369,17 +431,17 @@ impl Registry {
             if slot.is_held() || after(slot.used_at, UNUSED_STAYS) > now {
                 return true;
             }
-            let Some(handle) = slot.handle.get() else { return slot.idle_at.is_some() };
+            let Some(handle) = slot.handle.get() else { return slot.ends_at.is_some() };
             if handle.snapshot().status.is_over() {
                 return false;
             }
             if handle.gone().is_cancelled() {
                 // Its actor ended though the episode has not; it is taken up again.
-                slot.idle_at = Some(now);
-                slot.clocked = handle.spec.round_deadline.is_some();
+                slot.ends_at = Some(now);
+                slot.clocked = handle.spec.goes_on_alone();
                 slot.handle = Arc::default();
-            } else if handle.spec.round_deadline.is_none() {
-                slot.idle_at = Some(handle.idle_at());
+            } else if !handle.spec.goes_on_alone() {
+                slot.ends_at = Some(handle.ends_at());
                 slot.leaving = Some(handle.gone());
                 slot.handle = Arc::default();
             }

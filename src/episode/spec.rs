@@ -79,14 +79,55 @@ impl Spec {
     /// Whether boards count the episode: it belongs to a run, or several holders play it.
     #[must_use]
     pub fn counts(&self) -> bool {
-        self.run.is_some() || !self.open_seats.is_empty()
+        self.run.is_some() || self.is_mixed()
     }
 
-    /// The opening record of an episode that is laid out as `world`.
+    /// All agents.
+    pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
+        (0..self.config.num_agents()).map(AgentId)
+    }
+
+    /// Whether its creator plays for this agent: its seat was not open, and the server does not play it.
     #[must_use]
-    pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
+    pub fn is_creators(&self, agent: AgentId) -> bool {
+        self.player.is_none() && !self.open_seats.contains(&agent)
+    }
+
+    /// Whether its seats belong to several holders.
+    #[must_use]
+    pub fn is_mixed(&self) -> bool {
+        !self.open_seats.is_empty()
+    }
+
+    /// Whether the server may play seats of it.
+    #[must_use]
+    pub fn may_be_hosted(&self) -> bool {
+        self.player.is_some() || self.fill_after.is_some()
+    }
+
+    /// Whether its journal says who holds which seat.
+    #[must_use]
+    pub fn is_seated(&self) -> bool {
+        self.is_mixed() || self.player.is_some()
+    }
+
+    /// Whether it waits for something before its first round.
+    #[must_use]
+    pub fn begins_waiting(&self) -> bool {
+        self.manual_start || self.is_mixed()
+    }
+
+    /// Whether something happens in it though nobody asks: a clock runs, or the server plays.
+    #[must_use]
+    pub fn goes_on_alone(&self) -> bool {
+        self.round_deadline.is_some() || self.may_be_hosted()
+    }
+
+    /// All settings, as the opening record has them.
+    #[must_use]
+    pub fn recorded(&self) -> RecordedConfig {
         let settings = self.config.settings();
-        let config = RecordedConfig {
+        RecordedConfig {
             task: settings.task,
             rules: settings.rules,
             control: settings.control,
@@ -111,13 +152,18 @@ impl Spec {
             fill_after_ms: self.fill_after.map(millis),
             fill_with: self.fill_with.clone(),
             player: self.player.clone(),
-        };
+        }
+    }
+
+    /// The opening record of an episode that is laid out as `world`.
+    #[must_use]
+    pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
         record::Record::Opening(Box::new(Opening {
             format: FORMAT,
             episode: id.to_string(),
             rules_revision: RULES_REVISION,
             created_at,
-            config,
+            config: self.recorded(),
             agent_meta: self.agent_meta.clone(),
             prompt_template: self.prompt_template.to_string(),
             digest: world.digest().to_string(),

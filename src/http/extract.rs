@@ -16,6 +16,10 @@ use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::claim::ClaimRequest;
+use crate::wire::competition::{
+    AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest,
+};
 use crate::wire::episode::{EpisodeRequest, VoidRequest};
 use crate::wire::key::KeyRequest;
 use crate::wire::problem::FieldProblem;
@@ -36,6 +40,30 @@ impl Named for SwarmAct {
 }
 
 impl Named for KeyRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for ClaimRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for CompetitionRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for CodesRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for EntrantRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for EntrantChange {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for AttemptRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
@@ -230,6 +258,18 @@ impl<S: Sync + Send> FromRequestParts<S> for Id {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let id = Path::<String>::from_request_parts(parts, state).await;
         id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the id"))
+    }
+}
+
+/// The two ids in a path.
+pub(super) struct Ids(pub(super) String, pub(super) String);
+
+impl<S: Sync + Send> FromRequestParts<S> for Ids {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let ids = Path::<(String, String)>::from_request_parts(parts, state).await;
+        ids.map(|Path((of, id))| Self(of, id)).map_err(|_| ApiError::not_found("the id"))
     }
 }
 

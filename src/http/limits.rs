@@ -81,6 +81,8 @@ pub struct Limits {
     pub exports_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
+    /// Entrants of a competition.
+    pub entrants_max: usize,
 }
 
 impl Default for Limits {
@@ -123,6 +125,7 @@ impl Default for Limits {
             journals_max: 32,
             exports_max: 2,
             events_pending_max: 64,
+            entrants_max: 10_000,
         }
     }
 }
@@ -141,7 +144,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 37] {
+    pub fn table(&self) -> [(&'static str, u64); 38] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -180,6 +183,7 @@ impl Limits {
             ("journals_max", self.journals_max as u64),
             ("exports_max", self.exports_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
+            ("entrants_max", self.entrants_max as u64),
         ]
     }
 }

@@ -2,10 +2,13 @@
 
 mod agent;
 mod answer;
+mod audit;
 pub mod auth;
 mod boards;
 mod checks;
+mod claims;
 mod client;
+mod competitions;
 mod episodes;
 pub mod error;
 mod exports;
@@ -199,6 +202,7 @@ impl App {
         let grant = match token.kind() {
             TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
             TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
+            TokenKind::Invitation => None,
         };
         let Some(grant) = grant else { return Ok(None) };
         self.tokens.insert(hash, grant.clone());

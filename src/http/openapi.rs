@@ -25,6 +25,7 @@ use super::limits::Limits;
         (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
         (name = "boards", description = "Who did how well."),
         (name = "data", description = "Many episodes in one file, and games that were read from files."),
+        (name = "competitions", description = "Competitions on sealed seeds; what organizers did."),
         (name = "keys", description = "Keys for people, made by organizers."),
         (name = "host", description = "How the server does."),
     ),
@@ -50,7 +51,7 @@ impl Modify for Rest {
             ("seat", "A seat token: one agent of one episode."),
             (
                 "swarm",
-                "A swarm token: all seats of an episode, or of all episodes of a run; its holder stands where the creator does.",
+                "A swarm token: all seats of the creator of an episode, or of a run, and its holder stands where the creator does; or the seats of one claim.",
             ),
             (
                 "key",

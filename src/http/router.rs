@@ -23,7 +23,8 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
 use super::{
-    App, agent, boards, client, episodes, exports, host, imports, keys, openapi, runs, swarm,
+    App, agent, audit, boards, claims, client, competitions, episodes, exports, host, imports,
+    keys, openapi, runs, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -39,12 +40,29 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(claims::create::create_claim, claims::list::list_claims))
         .routes(routes!(episodes::void::void_episode))
         .routes(routes!(runs::create::create_run, runs::list::list_runs))
         .routes(routes!(runs::show::show_run, runs::abort::abort_run))
         .routes(routes!(runs::token::replace_run_token))
         .routes(routes!(runs::events::stream_run_events))
         .routes(routes!(runs::suites::list_suites))
+        .routes(routes!(
+            competitions::create::create_competition,
+            competitions::list::list_competitions
+        ))
+        .routes(routes!(competitions::show::show_competition))
+        .routes(routes!(competitions::codes::create_codes))
+        .routes(routes!(
+            competitions::register::register_entrant,
+            competitions::entrants::list_entrants
+        ))
+        .routes(routes!(competitions::entrants::show_entrant, competitions::change::change_entrant))
+        .routes(routes!(competitions::start::start_attempt, competitions::attempts::list_attempts))
+        .routes(routes!(competitions::void::void_attempt))
+        .routes(routes!(competitions::board::show_board))
+        .routes(routes!(competitions::export::export_competition))
+        .routes(routes!(audit::list_audit))
         .routes(routes!(exports::download::download_export))
         .routes(routes!(imports::list::list_imports))
         .routes(routes!(imports::show::show_import))
@@ -163,7 +181,12 @@ async fn measure(path: Option<MatchedPath>, request: Request, next: Next) -> Res
 
 /// The name of a method that some route has.
 fn known(method: &Method) -> &'static str {
-    let all = [(Method::GET, "GET"), (Method::POST, "POST"), (Method::DELETE, "DELETE")];
+    let all = [
+        (Method::GET, "GET"),
+        (Method::POST, "POST"),
+        (Method::PATCH, "PATCH"),
+        (Method::DELETE, "DELETE"),
+    ];
     let found = all.into_iter().find(|(known, _)| known == method);
     found.map_or("other", |(_, name)| name)
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
 use reqwest::{Method, RequestBuilder, StatusCode, Url};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::board::collection::Question;
@@ -12,6 +13,7 @@ use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
+use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
 /// How long one request may take beyond what it asked to wait.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -79,12 +81,11 @@ impl ClientError {
 
 /// What a server said that does not do what was asked.
 fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
-    match serde_json::from_slice(body) {
-        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
-        Err(_) => {
-            let what = String::from_utf8_lossy(body).chars().take(200).collect();
-            ClientError::Strange { url, status, what }
-        }
+    if let Ok(problem) = serde_json::from_slice(body) {
+        ClientError::Refused { url, status, problem: Box::new(problem) }
+    } else {
+        let what = String::from_utf8_lossy(body).chars().take(200).collect();
+        ClientError::Strange { url, status, what }
     }
 }
 
@@ -186,6 +187,40 @@ impl Client {
         self.ask(Method::GET, &path, |call| self.signed(call)).await
     }
 
+    /// Starts a run. A repeat after a lost answer gives the same one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
+        let key = uuid_text();
+        self.ask(Method::POST, "/api/v1/runs", |call| {
+            self.signed(call).header("Idempotency-Key", &key).json(request)
+        })
+        .await
+    }
+
+    /// Shows a run: with its own token, or else with the key.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn run(&self, id: &str, token: Option<&str>) -> Result<RunDetail, ClientError> {
+        let path = format!("/api/v1/runs/{id}");
+        self.ask(Method::GET, &path, |call| match token {
+            Some(token) => call.bearer_auth(token),
+            None => self.signed(call),
+        })
+        .await
+    }
+
+    /// A new token of a run, in place of the one that it had.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
+        let path = format!("/api/v1/runs/{id}/token");
+        self.ask(Method::POST, &path, |call| self.signed(call)).await
+    }
+
     /// The observations that wait for an act and were opened since `after`.
     ///
     /// # Errors
@@ -242,6 +277,50 @@ impl Client {
     pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
         let path = format!("/api/v1/keys/{id}");
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
+    }
+
+    /// Reads something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
+        self.get_with(path, &[]).await
+    }
+
+    /// Reads something, with a query.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn get_with<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &[(&str, &str)],
+    ) -> Result<T, ClientError> {
+        self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
+    }
+
+    /// Makes something. It is not asked for again: a second try would make a second one.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn post<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.once(Method::POST, path, |call| self.signed(call).json(body)).await
+    }
+
+    /// Changes something.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn patch<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &(impl Serialize + Sync),
+    ) -> Result<T, ClientError> {
+        self.ask(Method::PATCH, path, |call| self.signed(call).json(body)).await
     }
 
     /// A whole board, page by page.

@@ -114,9 +114,14 @@ impl Definition {
     /// built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
-        let text = self.prompt_template.as_ref()?;
-        Some(data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6]))
+        self.prompt_template.as_deref().map(digest_of_template)
     }
+}
+
+/// The first 12 hexadecimal digits of SHA-256 of the text of a prompt template.
+#[must_use]
+pub fn digest_of_template(text: &str) -> String {
+    data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6])
 }
 
 /// The name of the built-in player that plays a task under this name.

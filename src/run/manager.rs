@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use futures::StreamExt;
+use futures::future::join_all;
 use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
@@ -201,26 +202,46 @@ impl Runs {
     /// # Errors
     /// Where that could not be kept.
     pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), JournalError> {
+        self.end_with(run, status, Vec::new()).await.map(|_| ())
+    }
+
+    /// Ends a run, and keeps what goes with its end in the same transaction: see [`Runs::end`]. Returns whether
+    /// it ended now; nothing is kept where it had ended before.
+    ///
+    /// # Errors
+    /// Where that could not be kept.
+    pub async fn end_with(
+        &self,
+        run: RunKey,
+        status: RunStatus,
+        deeds: Vec<Entry>,
+    ) -> Result<bool, JournalError> {
         let runs = self.clone();
         self.to_its_end(async move {
             let _turn = runs.turn(run).await;
             let stored = runs.stored(run).await?;
-            if stored.ended_at.is_none() {
-                runs.keep_end(&stored, status).await?;
+            let ends = stored.ended_at.is_none();
+            if ends {
+                runs.keep_end(&stored, status, deeds).await?;
             }
-            runs.settle(run).await
+            runs.settle(run).await?;
+            Ok(ends)
         })
         .await
     }
 
-    /// Makes a new token in place of the one that a run had.
+    /// Makes a new token in place of the one that a run had, and keeps what goes with that.
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn replace_token(&self, run: RunKey) -> Result<Token, JournalError> {
+    pub async fn replace_token(
+        &self,
+        run: RunKey,
+        deeds: Vec<Entry>,
+    ) -> Result<Token, JournalError> {
         let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
-        self.0.parts.store.keep(vec![entry]).await?;
+        self.0.parts.store.keep([entry].into_iter().chain(deeds).collect()).await?;
         Ok(token)
     }
 
@@ -292,7 +313,7 @@ impl Runs {
         match due(&definition, &games, clock.now()) {
             Due::Open(games) => self.open(stored, &definition, games).await,
             Due::Nothing => Ok(()),
-            Due::End(status) => self.keep_end(stored, status).await,
+            Due::End(status) => self.keep_end(stored, status, Vec::new()).await,
         }
     }
 
@@ -327,19 +348,24 @@ impl Runs {
             };
             match registry.create(creation).await {
                 Ok(_) => {}
-                // The next call finds a place, perhaps.
-                Err(registry::CreateError::Full(_)) => break,
+                // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
+                Err(registry::CreateError::Full(_) | registry::CreateError::Closed(_)) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }
         Ok(())
     }
 
-    async fn keep_end(&self, stored: &StoredRun, status: RunStatus) -> Result<(), JournalError> {
+    async fn keep_end(
+        &self,
+        stored: &StoredRun,
+        status: RunStatus,
+        deeds: Vec<Entry>,
+    ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
-        store.keep(vec![entry]).await?;
+        store.keep([entry].into_iter().chain(deeds).collect()).await?;
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
         tracing::info!(run = %stored.id, status, "ended");
         Ok(())
@@ -356,7 +382,7 @@ impl Runs {
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
         let mut games = store.games_of(run).await?;
         games.retain(|game| !game.is_over() && (is_aborted || !game.counts()));
-        for game in games {
+        let ended = games.iter().map(async |game| {
             let ended = match registry.find(&game.id).await {
                 Ok(Some(handle)) => handle.abort().await.map_err(|error| error.to_string()),
                 Ok(None) => Ok(()),
@@ -366,7 +392,8 @@ impl Runs {
                 // The others go on.
                 tracing::error!(episode = %game.id, error, "a game cannot be ended");
             }
-        }
+        });
+        join_all(ended).await;
         if !self.tables().contains_key(&run) {
             return Ok(());
         }

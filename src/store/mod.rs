@@ -5,6 +5,7 @@
 
 pub mod audit;
 pub mod backup;
+pub mod competitions;
 pub mod episodes;
 mod exports;
 pub mod imports;
@@ -13,6 +14,7 @@ pub mod rebuild;
 pub mod records;
 pub mod results;
 pub mod runs;
+pub mod seats;
 pub mod tokens;
 mod writer;
 

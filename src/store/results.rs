@@ -78,7 +78,11 @@ impl Changes {
             match entry {
                 Entry::End(row) if row.counts => self.add(Change::Episode(row.episode)),
                 Entry::VoidEpisode { episode, .. } => self.add(Change::Episode(*episode)),
-                Entry::EndRun { run, .. } => self.add(Change::Run(*run)),
+                Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => {
+                    self.add(Change::Run(*run));
+                }
+                // Which runs these were is not told.
+                Entry::SetEntrant { .. } | Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
                 // Boards show what is over.
                 Entry::Open(_)
@@ -86,14 +90,24 @@ impl Changes {
                 | Entry::Act(_)
                 | Entry::Round(_)
                 | Entry::End(_)
+                | Entry::Claim(_)
+                | Entry::Seat(_)
                 | Entry::ReplaceTokens { .. }
                 | Entry::AddKey(_)
                 | Entry::RevokeKey { .. }
                 | Entry::OpenRun(_)
                 | Entry::ReplaceRunToken { .. }
+                | Entry::AddCompetition(_)
+                | Entry::AddEntrant(_)
+                | Entry::AddInvitations { .. }
                 | Entry::Audit(_) => {}
             }
         }
+    }
+
+    /// Notes that anything may have changed.
+    fn add_all(&self) {
+        *self.0.lock().expect("nothing panics while it holds this") = None;
     }
 
     fn add(&self, change: Change) {

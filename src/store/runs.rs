@@ -289,7 +289,7 @@ fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
 }
 
 /// Why something was voided, if it was.
-fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
+pub(super) fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
     let voided: Option<i64> = row.try_get("voided_at")?;
     let reason: Option<String> = row.try_get("void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))
@@ -337,6 +337,24 @@ pub(super) async fn end(
         .bind(run.0)
         .execute(connection)
         .await?;
+    Ok(())
+}
+
+/// The host broke a run; one that was voided keeps its reason.
+pub(super) async fn void(
+    connection: &mut SqliteConnection,
+    run: RunKey,
+    reason: &str,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE runs SET voided_at = ?, void_reason = ? WHERE key = ? AND voided_at IS NULL",
+    )
+    .bind(at.as_millisecond())
+    .bind(reason)
+    .bind(run.0)
+    .execute(connection)
+    .await?;
     Ok(())
 }
 

@@ -183,9 +183,15 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             Entry::Act(row) => acts.push(row),
             Entry::Round(row) => rounds.push(row),
             Entry::End(row) => end(connection, row).await?,
-            Entry::ReplaceTokens { episode, tokens } => {
-                sqlx::query("DELETE FROM tokens WHERE episode = ?")
+            Entry::Claim(row) => {
+                super::seats::claim(connection, row).await?;
+                insert_tokens(connection, row.episode, &row.tokens).await?;
+            }
+            Entry::Seat(row) => super::seats::seat(connection, row).await?,
+            Entry::ReplaceTokens { episode, holder, tokens } => {
+                sqlx::query("DELETE FROM tokens WHERE episode = ? AND holder IS ?")
                     .bind(episode.0)
+                    .bind(holder)
                     .execute(&mut *connection)
                     .await?;
                 insert_tokens(connection, *episode, tokens).await?;
@@ -202,6 +208,22 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             }
             Entry::VoidEpisode { episode, reason, at } => {
                 void(connection, *episode, reason, *at).await?;
+            }
+            Entry::VoidRun { run, reason, at } => {
+                super::runs::void(connection, *run, reason, *at).await?;
+            }
+            Entry::AddCompetition(row) => super::competitions::add(connection, row).await?,
+            Entry::AddEntrant(row) => super::competitions::add_entrant(connection, row).await?,
+            Entry::SetEntrant { entry, status, reason, vouched } => {
+                let reason = reason.as_deref();
+                super::competitions::set_entrant(connection, *entry, status, reason, *vouched)
+                    .await?;
+            }
+            Entry::AddInvitations { competition, codes, at } => {
+                super::competitions::add_invitations(connection, *competition, codes, *at).await?;
+            }
+            Entry::Reveal { competition, at } => {
+                super::competitions::reveal(connection, *competition, *at).await?;
             }
             Entry::Audit(row) => super::audit::add(connection, row).await?,
         }

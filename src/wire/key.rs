@@ -11,7 +11,7 @@ pub struct KeyRequest {
     /// Whose it is: 1 to 100 characters.
     #[schema(example = "team blue", min_length = 1, max_length = 100)]
     pub name: String,
-    /// `member` (the default) or `organizer`.
+    /// `entrant`, `member` (the default) or `organizer`.
     #[schema(example = "member")]
     pub role: Option<String>,
     /// From when on it is worth nothing; never where it is left out.
@@ -32,7 +32,7 @@ pub struct KeySummary {
     pub id: String,
     /// Whose it is.
     pub name: String,
-    /// `member` or `organizer`.
+    /// `entrant`, `member` or `organizer`.
     pub role: String,
     /// `good`, `expired` or `revoked`.
     pub state: String,

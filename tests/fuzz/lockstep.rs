@@ -61,6 +61,8 @@ struct Setting {
     /// In which round which agent escapes.
     escapes: [u8; 4],
     last_round: u8,
+    /// Most games never close.
+    closes_tenths: Option<u8>,
 }
 
 /// The machine, and what is known of it from the outside.
@@ -71,6 +73,9 @@ struct Table {
     alive: Vec<bool>,
     kept: BTreeMap<(u32, AgentId), Given>,
     banks: Vec<Duration>,
+    /// When the open round began.
+    began_at: Timestamp,
+    closes_at: Option<Timestamp>,
     setting: Setting,
 }
 
@@ -89,7 +94,9 @@ impl Table {
                 0..128 => Duration::from_secs(5 + u64::from(setting.idle_s)),
                 128.. => NEVER,
             },
+            closes_at: setting.closes_tenths.map(|count| after(now, tenths(count.max(1)))),
         };
+        let closes_at = clocks.closes_at;
         let standing = Standing {
             waiting: setting.waiting,
             outcome: None,
@@ -101,7 +108,13 @@ impl Table {
         };
         let machine = Lockstep::new(clocks, standing, now);
         let (banks, alive) = (machine.banks(), vec![true; AGENTS.into()]);
-        Self { machine, now, round: 0, alive, kept: BTreeMap::new(), banks, setting }
+        let kept = BTreeMap::new();
+        Self { machine, now, round: 0, alive, kept, banks, began_at: now, closes_at, setting }
+    }
+
+    /// Whether no round may begin at this time.
+    fn is_closed(&self, at: Timestamp) -> bool {
+        self.closes_at.is_some_and(|closes_at| closes_at <= at)
     }
 
     fn submit(&mut self, agent: AgentId, round: u32, action: &str) {
@@ -140,13 +153,24 @@ impl Table {
                     assert!(!late || given.record.source == Source::Clock, "it came too late");
                 }
                 Effect::Answer(answer) => self.check_answer(event, answer.as_ref()),
-                Effect::Resolve => assert_eq!(self.missing(), 0, "it closes when all are in"),
+                Effect::Resolve => {
+                    assert_eq!(self.missing(), 0, "it closes when all are in");
+                    assert!(!self.is_closed(self.began_at), "it began too late");
+                }
                 Effect::KeepStart => assert_eq!(was, Status::Waiting),
                 Effect::End(ending) => {
+                    // A round that runs is not cut off; one that would begin now does not.
+                    let is_between =
+                        was == Status::Waiting || matches!(event, Event::Resolved { .. });
+                    let may_close = is_between && self.is_closed(self.now);
+                    assert!(*ending != Ending::Closed || may_close, "{event:?}");
                     assert!(!was.is_over(), "it ends once");
                     assert_eq!(self.machine.status(), ending.status());
                 }
-                Effect::Publish => {}
+                Effect::Publish => {
+                    assert!(!self.is_closed(self.now), "a round begins after the closing time");
+                    self.began_at = self.now;
+                }
             }
         }
         assert!(!was.is_over() || self.machine.status() == was, "what is over stays so");

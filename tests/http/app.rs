@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use reqwest::{Client, Method, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
-use swarmbench::clock::{ManualClock, SeededEntropy, SystemClock};
+use swarmbench::clock::{Clock, ManualClock, SeededEntropy, SystemClock};
 use swarmbench::host::ManualDisk;
 use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
@@ -223,6 +223,11 @@ impl TestApp {
 
     pub(crate) fn base(&self) -> &str {
         &self.running.as_ref().expect("it runs").base
+    }
+
+    /// The time by the clock that is moved by hand.
+    pub(crate) fn now(&self) -> jiff::Timestamp {
+        self.clock.as_ref().expect("a manual clock").now()
     }
 
     /// Lets time pass.

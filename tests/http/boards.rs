@@ -511,19 +511,10 @@ async fn cross_play_tells_who_did_how_well_together() {
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     app.stop().await;
     let mut offline = Offline::open(&app).await;
-    for score in [3, 5] {
-        offline.mixed(score, 0.0).await;
-    }
-    offline.mixed(9, 0.25).await;
+    offline.mixed(3, 0.0, Some("theirs")).await;
+    offline.mixed(5, 0.0, None).await;
+    offline.mixed(9, 0.25, Some("theirs")).await;
     offline.close().await;
-    execute(
-        &app,
-        "INSERT INTO seats (episode, agent, holder, owner, model, player, claimed_at) VALUES
-             (1, 0, 0, 1, '=ours', NULL, 0), (1, 1, 1, NULL, 'theirs', NULL, 0),
-             (2, 0, 0, 1, '=ours', NULL, 0), (2, 1, 1, NULL, 'built-in/random', 'random', 0),
-             (3, 0, 0, 1, '=ours', NULL, 0), (3, 1, 1, NULL, 'theirs', NULL, 0);",
-    )
-    .await;
     app.start_again().await;
     let found = app.get("/api/v1/cross-play").ok().await;
     assert_eq!(

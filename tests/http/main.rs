@@ -4,6 +4,7 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
+mod cup;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
@@ -14,18 +15,25 @@ mod agent;
 mod backup;
 mod bad_input;
 mod boards;
+mod claims;
 mod clocks;
+mod competitions;
 mod concurrency;
 mod connections;
 mod episode;
 mod episodes;
 mod exports;
+mod fairness;
 mod golden;
 mod host;
+mod house;
 mod keys;
 mod limits;
+mod organizer;
 mod privacy;
+mod published;
 mod restart;
 mod runs;
+mod sealed;
 mod swarm;
 mod vectors;

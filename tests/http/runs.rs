@@ -213,7 +213,7 @@ mod playing {
                 assert_eq!(game["score"], episode["score"]);
                 scores.push(episode["score"].as_f64().expect("a number"));
             }
-            let mean = (scores[0] + scores[1]) / 2.0;
+            let mean = f64::midpoint(scores[0], scores[1]);
             assert_eq!(task["mean"], mean);
             let deviation = task["deviation"].as_f64().expect("a number");
             assert!((deviation - ((scores[0] - scores[1]) / 2.0).abs()).abs() < 1e-12, "{task}");
@@ -473,17 +473,17 @@ mod ending {
         let app = TestApp::with_manual_clock().await;
         let request = with(small(), &json!({ "parallel": 2, "idle_timeout_s": 100 }));
         let run = create(&app, request).await;
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         // One of the two games goes on a little.
         let act = json!({
             "episode": run.created["games"][1]["episode"], "agent": "Agent_0", "round": 0, "action": "UP",
         });
         send(&app, &run, &[act]).await;
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         let shown = until(&app, &run, |shown| !slots(shown, "abandoned").is_empty()).await;
         assert_eq!((slots(&shown, "abandoned"), slots(&shown, "running")), (vec![0], vec![1]));
         assert_eq!(shown["status"], "running", "the game that is open may be played to its end");
-        app.pass(Duration::from_secs(60));
+        app.pass(Duration::from_mins(1));
         let shown = until(&app, &run, |shown| shown["status"] != "running").await;
         assert_eq!(shown["status"], "abandoned");
         assert_eq!(slots(&shown, "planned"), [2, 3]);
@@ -984,15 +984,73 @@ mod seeing {
     }
 
     #[tokio::test]
+    async fn of_a_sealed_run_its_player_sees_only_that_it_is_there_and_how_far_it_is() {
+        let mut app = TestApp::builder().keys().start().await;
+        let (owner, _) = app.key(json!({ "name": "owner" })).await;
+        let mut request = with(small(), &json!({ "parallel": 2 }));
+        request["suite"]["seeds"] = json!([707_070_707, 808_080_808]);
+        let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
+        // Only competitions seal runs.
+        app.stop().await;
+        let path = format!("sqlite://{}", app.database().display());
+        let pool = sqlx::SqlitePool::connect(&path).await.expect("the database");
+        let seal = "
+            UPDATE runs SET visibility = 'sealed', definition = json_set(definition, '$.visibility', 'sealed');
+            UPDATE episodes SET visibility = 'sealed',
+                                opening = json_set(opening, '$.config.visibility', 'sealed')";
+        sqlx::raw_sql(seal).execute(&pool).await.expect("a change");
+        pool.close().await;
+        app.start_again().await;
+
+        let check = async |app: &TestApp, run: &Run, played: u64| {
+            for token in [&owner, &run.token] {
+                let shown = app.get(&run.path("")).token(token).ok().await;
+                assert_eq!(number(&shown["played"]), played);
+                for field in ["digest", "seeds"] {
+                    assert_eq!(shown["suite"][field], Value::Null);
+                }
+                for task in list(&shown["tasks"]).iter().chain([&shown]) {
+                    let told = ["mean", "deviation", "total"].map(|field| task[field].is_number());
+                    assert_eq!(told, [false; 3], "{task}");
+                }
+                for game in list(&shown["games"]) {
+                    let told = ["seed", "score", "reason"].map(|field| &game[field]);
+                    assert_eq!(told, [&Value::Null; 3], "{game}");
+                }
+                let listed = app.get("/api/v1/runs").token(token).ok().await;
+                assert_eq!(list(&listed["items"]).len(), 1);
+                for answer in [shown, listed] {
+                    let text = answer.to_string();
+                    assert!(!text.contains("707070707") && !text.contains("808080808"), "{text}");
+                }
+                app.delete(&run.path("")).token(token).problem(403, "forbidden").await;
+            }
+            app.get(&run.path("")).problem(404, "not_found").await;
+            assert_eq!(app.get("/api/v1/runs").ok().await["items"], json!([]));
+            let all = app.get(&run.path("")).token(&app.organizer).ok().await;
+            assert_eq!(all["suite"]["seeds"], json!([707_070_707, 808_080_808]));
+        };
+        check(&app, &run, 0).await;
+        // Its player gets a new token, and plays.
+        let fresh = app.post(&run.path("/token")).token(&owner).ok().await;
+        let run = Run { token: text(&fresh, "swarm_token").to_owned(), ..run };
+        play(&app, &run).await;
+        check(&app, &run, 4).await;
+        let events = app.get(&run.path("/events")).token(&owner).send().await.text();
+        assert!(events.contains("event: finished"), "{events}");
+        assert!(!events.contains("707070707") && !events.contains("808080808"), "{events}");
+    }
+
+    #[tokio::test]
     async fn a_token_of_a_run_reads_its_episodes_and_creates_nothing() {
         let app = TestApp::builder().keys().start().await;
         let (owner, _) = app.key(json!({ "name": "owner" })).await;
         let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&small()).ok().await);
         let episode = text(&run.created["games"][0], "episode").to_owned();
         for path in ["", "/state", "/journal"] {
-            app.get(&format!("/api/v1/episodes/{episode}{path}")).token(&run.token).send().await;
+            let call = app.get(&format!("/api/v1/episodes/{episode}{path}")).token(&run.token);
+            assert_eq!(call.send().await.status, 200, "{path}");
         }
-        app.get(&format!("/api/v1/episodes/{episode}/state")).token(&run.token).ok().await;
         app.post("/api/v1/runs").token(&run.token).json(&small()).problem(403, "forbidden").await;
         app.get("/obs").token(&run.token).problem(403, "forbidden").await;
         let listed = app.get("/api/v1/episodes").token(&run.token).ok().await;

@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use serde_json::json;
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -9,6 +10,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::Status;
+use crate::episode::spec::Visibility;
 use crate::wire::episode::EpisodeSummary;
 use crate::wire::problem::Problem;
 
@@ -38,7 +40,10 @@ pub(in super::super) async fn abort_episode(
     _: Params<Nothing>,
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
-    handle.abort().await?;
+    let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
+    let now = app.clock.now();
+    let deed = caller.audit(owner, now, "episode.abort", handle.id.as_str(), json!({}));
+    handle.abort_with(deed.into_iter().collect()).await?;
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {
         let detail = format!("the episode has ended already, as {}", snapshot.status.name());

@@ -16,9 +16,8 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::chain::Head;
-use crate::journal::record::{RawRecord, round_record};
-use crate::journal::{JournalError, StoredEpisode};
+use crate::journal::record::{RawRecord, first_lines, round_record};
+use crate::journal::{Journal, JournalError, StoredEpisode};
 use crate::wire::problem::Problem;
 
 /// Rounds that are read at once.
@@ -50,36 +49,46 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, _) = app.known(&caller, id).await?;
+    let (stored, spec) = app.known(&caller, id).await?;
     if !app.may_read_journal(&caller, &stored) {
-        let detail = "a journal holds the seed: until the end only the creator may read it";
+        let detail = if spec.is_mixed() {
+            "a journal holds the seed and what all holders of seats answer: it is shown after the end"
+        } else {
+            "a journal holds the seed: until the end only the creator may read it"
+        };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let most = app.limits.journals_max;
-    let Ok(turn) = Arc::clone(&app.journals).try_acquire_owned() else {
-        let detail = format!("{most} journals are being read already; come again later");
-        return Err(ApiError::limit(Code::Overloaded, "journals_max", most, detail)
-            .retry_after(Duration::from_secs(1)));
-    };
+    let turn = app.journal_turn()?;
+    app.note_look(&caller, &stored, spec.visibility).await?;
     // Its last record, too, and all as it stands now.
     let stored = app.store.find_episode(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
-    let reader = Reader { app, stored, at: Place::Opening, _turn: turn };
-    let lines = stream::try_unfold(reader, |mut reader| async move {
+    let reader = JournalReader::new(Arc::clone(app.registry.journal()), stored);
+    let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
         let lines = reader.next().await?;
-        Ok::<_, JournalError>(lines.map(|lines| (lines, reader)))
+        Ok::<_, JournalError>(lines.map(|lines| (lines, (reader, turn))))
     });
     let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
     Ok((kind, Body::from_stream(lines)).into_response())
 }
 
+impl App {
+    /// A turn to read a journal: it is to be held until the journal was sent, or its reader is gone.
+    pub(in super::super) fn journal_turn(&self) -> Result<OwnedSemaphorePermit, ApiError> {
+        let most = self.limits.journals_max;
+        Arc::clone(&self.journals).try_acquire_owned().map_err(|_| {
+            let detail = format!("{most} journals are being read already; come again later");
+            ApiError::limit(Code::Overloaded, "journals_max", most, detail)
+                .retry_after(Duration::from_secs(1))
+        })
+    }
+}
+
 /// Reads a journal from the store piece by piece, in constant memory.
-struct Reader {
-    app: App,
+pub(in super::super) struct JournalReader {
+    journal: Arc<dyn Journal>,
     stored: StoredEpisode,
     at: Place,
-    /// Held until the journal was sent, or its reader is gone.
-    _turn: OwnedSemaphorePermit,
 }
 
 enum Place {
@@ -89,15 +98,20 @@ enum Place {
     Done,
 }
 
-impl Reader {
-    async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
+impl JournalReader {
+    /// Reads the journal of an episode that was read with its last record.
+    pub(in super::super) fn new(journal: Arc<dyn Journal>, stored: StoredEpisode) -> Self {
+        Self { journal, stored, at: Place::Opening }
+    }
+
+    /// The next lines; none at the end.
+    pub(in super::super) async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
         loop {
             match self.at {
                 Place::Opening => {
                     self.at = Place::Round(0);
-                    let opening = &self.stored.opening;
-                    let head = Head::START.link(opening.as_str().as_bytes());
-                    return Ok(Some(opening.line(head).into()));
+                    let StoredEpisode { opening, seating, .. } = &self.stored;
+                    return Ok(Some(first_lines(opening, seating.as_ref()).into()));
                 }
                 Place::Round(round) if round < self.stored.rounds => {
                     let to = self.stored.rounds.min(round + CHUNK);
@@ -117,9 +131,8 @@ impl Reader {
     }
 
     async fn rounds(&self, from: u32, to: u32) -> Result<Bytes, JournalError> {
-        let journal = self.app.registry.journal();
-        let acts = journal.acts(self.stored.episode, from, to).await?;
-        let rounds = journal.rounds(self.stored.episode, from, to).await?;
+        let acts = self.journal.acts(self.stored.episode, from, to).await?;
+        let rounds = self.journal.rounds(self.stored.episode, from, to).await?;
         let mut lines = String::new();
         for round in rounds {
             let given = acts.iter().find(|(number, _)| *number == round.round);

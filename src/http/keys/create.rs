@@ -3,6 +3,7 @@
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
+use serde_json::json;
 
 use super::super::App;
 use super::super::answer::with_tokens;
@@ -36,7 +37,7 @@ use crate::wire::problem::Problem;
 )]
 pub(in super::super) async fn create_key(
     State(app): State<App>,
-    _: Organizer,
+    organizer: Organizer,
     _: Params<Nothing>,
     Json(request, _): Json<KeyRequest>,
 ) -> Result<Response, ApiError> {
@@ -52,7 +53,9 @@ pub(in super::super) async fn create_key(
     let (key, token) = Key::new(role, &request.name, request.expires_at, now, &*app.entropy)
         .map_err(|problem| ApiError::field("name", problem))?;
     let created = CreatedKey { key: KeySummary::of(&key, now), secret: token.reveal().to_owned() };
+    let detail = json!({ "name": key.name, "role": key.role.name() });
+    let deed = organizer.deed(&app, "key.create", &key.id, detail);
     let row = KeyRow { key, hash: token.hash() };
-    app.store.keep(vec![Entry::AddKey(Box::new(row))]).await?;
+    app.store.keep(vec![Entry::AddKey(Box::new(row)), deed]).await?;
     Ok(with_tokens(StatusCode::CREATED, created))
 }

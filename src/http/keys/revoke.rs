@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use serde_json::json;
 
 use super::super::App;
 use super::super::auth::Organizer;
@@ -34,19 +35,24 @@ use crate::wire::problem::Problem;
 )]
 pub(in super::super) async fn revoke_key(
     State(app): State<App>,
-    _: Organizer,
+    organizer: Organizer,
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
     // What is revoked must be forgotten, too, whoever has hung up meanwhile.
     App::to_its_end(async move {
         let now = app.clock.now();
-        app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }]).await?;
+        let find = async || {
+            let key = app.store.keys().await?.into_iter().find(|key| key.id == id);
+            key.ok_or_else(|| ApiError::not_found("the key"))
+        };
+        if find().await?.revoked_at.is_none() {
+            let deed = organizer.deed(&app, "key.revoke", &id, json!({}));
+            app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, deed]).await?;
+        }
         app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
-        let keys = app.store.keys().await?;
-        let key = keys.iter().find(|key| key.id == id);
-        let key = key.ok_or_else(|| ApiError::not_found("the key"))?;
-        Ok(Json(KeySummary::of(key, now)))
+        let key = find().await?;
+        Ok(Json(KeySummary::of(&key, now)))
     })
     .await
 }

@@ -9,7 +9,6 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::Journal;
 use crate::run::RunStatus;
 use crate::wire::problem::Problem;
 use crate::wire::run::RunDetail;
@@ -51,12 +50,9 @@ pub(in super::super) async fn abort_run(
     }
     App::to_its_end(async move {
         let run = known.stored.run;
-        if known.stored.ended_at.is_none() {
-            let at = app.clock.now();
-            let audit = caller.audit(known.stored.owner, at, "run.abort", &id, json!({}));
-            app.store.keep(audit.into_iter().collect()).await?;
-        }
-        app.runs.end(run, RunStatus::Aborted).await?;
+        let at = app.clock.now();
+        let deed = caller.audit(known.stored.owner, at, "run.abort", &id, json!({}));
+        app.runs.end_with(run, RunStatus::Aborted, deed.into_iter().collect()).await?;
         let known = app.known_run(&caller, &id).await?;
         if known.stored.status != RunStatus::Aborted.name() {
             let detail = format!("the run has ended already, as {}", known.stored.status);

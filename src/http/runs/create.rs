@@ -89,7 +89,7 @@ async fn create_or_repeat(
         Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((stored, _)) => {
             let token = match definition.player {
-                None => Some(app.new_run_token(stored.run).await?),
+                None => Some(app.new_run_token(stored.run, Vec::new()).await?),
                 Some(_) => None,
             };
             Ok((stored, token))
@@ -134,16 +134,8 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     if let (Some(suite), true) = (&suite, has_rules) {
         check_games(suite, request.player.as_deref(), &mut problems);
     }
-    let model = match request.model {
-        Some(model) => {
-            problems.model(limits, &model);
-            model
-        }
-        None => {
-            problems.refuse("model", "is missing");
-            String::new()
-        }
-    };
+    let model = request.model.unwrap_or_default();
+    problems.model(limits, &model);
     for (field, value, most) in
         [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
     {

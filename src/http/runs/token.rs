@@ -12,7 +12,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::Token;
-use crate::journal::{Journal, RunKey};
+use crate::journal::{Entry, RunKey};
 use crate::store::tokens::Grant;
 use crate::wire::problem::Problem;
 use crate::wire::run::RunToken;
@@ -54,9 +54,8 @@ pub(in super::super) async fn replace_run_token(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     App::to_its_end(async move {
-        let audit = caller.audit(owner, app.clock.now(), "run.token", &id, json!({}));
-        app.store.keep(audit.into_iter().collect()).await?;
-        let token = app.new_run_token(run).await?;
+        let deed = caller.audit(owner, app.clock.now(), "run.token", &id, json!({}));
+        let token = app.new_run_token(run, deed.into_iter().collect()).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))
     })
@@ -65,8 +64,12 @@ pub(in super::super) async fn replace_run_token(
 
 impl App {
     /// A new token in place of the one that a run had, which is worth nothing from now on.
-    pub(super) async fn new_run_token(&self, run: RunKey) -> Result<Token, ApiError> {
-        let token = self.runs.replace_token(run).await?;
+    pub(super) async fn new_run_token(
+        &self,
+        run: RunKey,
+        deeds: Vec<Entry>,
+    ) -> Result<Token, ApiError> {
+        let token = self.runs.replace_token(run, deeds).await?;
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
         self.forget_tokens(is_old);
         Ok(token)

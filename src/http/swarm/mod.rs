@@ -28,7 +28,7 @@ impl Seated {
     /// Whether this seat is one of them.
     fn holds(&self, agent: AgentId) -> bool {
         match &self.seats {
-            Seats::Creators => !self.handle.spec.open_seats.contains(&agent),
+            Seats::Creators => self.handle.spec.is_creators(agent),
             Seats::Claimed(seats) => seats.contains(&agent),
         }
     }
@@ -84,14 +84,11 @@ impl Source {
                 let id = EpisodeId::from_text(episode.to_owned());
                 let is_open = table.borrow().open.contains(&id);
                 if !is_open {
-                    let games = match games {
-                        Some(games) => games,
-                        None => {
-                            let all = app.store.games_of(*run).await?.into_iter();
-                            games.insert(all.map(|game| game.id).collect())
-                        }
-                    };
-                    if !games.contains(&id) {
+                    if games.is_none() {
+                        let all = app.store.games_of(*run).await?.into_iter();
+                        *games = Some(all.map(|game| game.id).collect());
+                    }
+                    if !games.as_ref().is_some_and(|games| games.contains(&id)) {
                         return Ok(None);
                     }
                 }

@@ -1,0 +1,454 @@
+//! What an organizer decides when a competition is created. Nothing of it changes later.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use swarmbench_engine::{Config, Settings, TaskName};
+
+use super::standings::Declaration;
+use crate::episode::spec::Visibility;
+use crate::run::definition as run;
+use crate::run::suite::{Suite, SuiteSettings};
+
+/// Characters of a competition's name.
+pub const NAME_CHARS_MAX: usize = 100;
+
+/// Characters of its description.
+pub const DESCRIPTION_CHARS_MAX: usize = 10_000;
+
+/// Attempts of an entrant.
+pub const ATTEMPTS_MAX: usize = 100;
+
+/// Sealed seeds of an attempt.
+pub const SEEDS_MAX: u32 = 100;
+
+/// Games of an attempt that are open at a time.
+pub const PARALLEL_MAX: u32 = 100;
+
+/// Entrants of one key.
+pub const ENTRIES_PER_KEY_MAX: u32 = 100;
+
+/// All that was decided about a competition; stored as JSON, and a part of its export.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Definition {
+    /// Its name.
+    pub name: String,
+    /// What entrants should know.
+    pub description: String,
+    /// Names of the tasks that are played, in this order.
+    pub tasks: Vec<String>,
+    /// How many sealed seeds an attempt has; every task is played once on each.
+    pub seeds: u32,
+    /// The rule set.
+    pub rules: String,
+    /// The settings of all games, clocks too.
+    pub settings: SuiteSettings,
+    /// After so long without any act a game ends as abandoned.
+    pub idle_timeout_ms: u64,
+    /// From then on attempts may be started, each in its own window.
+    pub opens_at: Timestamp,
+    /// From then on no round begins.
+    pub closes_at: Timestamp,
+    /// Who may enter.
+    pub entry: Admission,
+    /// When each attempt may be played: the first one has the number 1.
+    pub attempts: Vec<Window>,
+    /// How many games of an attempt are open at a time, at most.
+    pub parallel: u32,
+    /// Which attempt counts.
+    pub counts: Counts,
+    /// What is shown of the board before the end.
+    pub board: BoardRule,
+    /// From when on a frozen board does not change any more.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board_freezes_at: Option<Timestamp>,
+    /// How many entrants one key may have.
+    pub entries_per_key: u32,
+}
+
+/// Who may enter a competition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Admission {
+    /// Anybody.
+    Anybody,
+    /// Whoever has an invitation code.
+    Codes,
+}
+
+impl Admission {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Anybody, Self::Codes];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Anybody => "anybody",
+            Self::Codes => "codes",
+        }
+    }
+}
+
+/// When an attempt may be played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// From then on it may be started.
+    pub opens_at: Timestamp,
+    /// From then on none of its rounds begins.
+    pub closes_at: Timestamp,
+}
+
+/// Which attempt of an entrant counts, of those that are over and that the host did not break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Counts {
+    /// The one with the highest total; of equal ones that which was started first.
+    Best,
+    /// The one that was started last.
+    Last,
+    /// The one that was started first.
+    First,
+}
+
+impl Counts {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Best, Self::Last, Self::First];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Last => "last",
+            Self::First => "first",
+        }
+    }
+}
+
+/// What is shown of the board before the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BoardRule {
+    /// Ranks and totals.
+    Public,
+    /// Nothing.
+    Hidden,
+    /// Ranks and totals of what was over at some time.
+    Frozen,
+}
+
+impl BoardRule {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Public, Self::Hidden, Self::Frozen];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Public => "public",
+            Self::Hidden => "hidden",
+            Self::Frozen => "frozen",
+        }
+    }
+}
+
+/// A field that is not allowed, and why.
+pub type Problem = (String, String);
+
+impl Definition {
+    /// What is not allowed of it at a time; nothing where all is well.
+    #[must_use]
+    pub fn problems(&self, now: Timestamp) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut refuse = |field: &str, problem: String| problems.push((field.to_owned(), problem));
+        let chars = self.name.chars().count();
+        if !(1..=NAME_CHARS_MAX).contains(&chars) || self.name.chars().any(char::is_control) {
+            refuse(
+                "name",
+                format!("must be 1 to {NAME_CHARS_MAX} characters without control characters"),
+            );
+        }
+        let is_odd = |c: char| c.is_control() && c != '\n' && c != '\t';
+        if self.description.chars().count() > DESCRIPTION_CHARS_MAX
+            || self.description.chars().any(is_odd)
+        {
+            let most = DESCRIPTION_CHARS_MAX;
+            refuse("description", format!("must be at most {most} characters of plain text"));
+        }
+        if self.closes_at <= self.opens_at {
+            refuse("closes_at", format!("must be after opens_at, which is {}", self.opens_at));
+        } else if self.closes_at <= now {
+            refuse("closes_at", format!("must be in the future; it is {now}"));
+        }
+        if !(1..=PARALLEL_MAX).contains(&self.parallel) {
+            let is = self.parallel;
+            refuse("parallel", format!("must be from 1 to {PARALLEL_MAX}, is {is}"));
+        }
+        if !(1..=ENTRIES_PER_KEY_MAX).contains(&self.entries_per_key) {
+            let (most, is) = (ENTRIES_PER_KEY_MAX, self.entries_per_key);
+            refuse("entries_per_key", format!("must be from 1 to {most}, is {is}"));
+        }
+        self.check_board(&mut refuse);
+        self.check_attempts(&mut refuse);
+        self.check_suite(&mut refuse);
+        problems
+    }
+
+    fn check_board(&self, refuse: &mut impl FnMut(&str, String)) {
+        let inside = |at: Timestamp| self.opens_at <= at && at <= self.closes_at;
+        match (self.board, self.board_freezes_at) {
+            (BoardRule::Frozen, None) => {
+                refuse("board_freezes_at", "is missing: when does the board freeze?".to_owned());
+            }
+            (BoardRule::Frozen, Some(at)) if !inside(at) => {
+                refuse("board_freezes_at", "must lie from opens_at to closes_at".to_owned());
+            }
+            (BoardRule::Public | BoardRule::Hidden, Some(_)) => {
+                refuse("board_freezes_at", "belongs to board = \"frozen\" only".to_owned());
+            }
+            _ => {}
+        }
+        if self.board != BoardRule::Hidden && self.games() < 2 {
+            refuse(
+                "board",
+                "must be hidden where an attempt has one game: its total would be the score of a sealed game"
+                    .to_owned(),
+            );
+        }
+    }
+
+    fn check_attempts(&self, refuse: &mut impl FnMut(&str, String)) {
+        if !(1..=ATTEMPTS_MAX).contains(&self.attempts.len()) {
+            let is = self.attempts.len();
+            refuse("attempts", format!("must be from 1 to {ATTEMPTS_MAX}, is {is}"));
+        }
+        for (place, window) in self.attempts.iter().enumerate() {
+            if window.opens_at < self.opens_at {
+                refuse(
+                    &format!("attempts[{place}].opens_at"),
+                    "must not be before opens_at of the competition".to_owned(),
+                );
+            }
+            if window.closes_at > self.closes_at {
+                refuse(
+                    &format!("attempts[{place}].closes_at"),
+                    "must not be after closes_at of the competition".to_owned(),
+                );
+            }
+            // Where the competition itself ends before it opens, that was said.
+            if window.closes_at <= window.opens_at && self.opens_at < self.closes_at {
+                refuse(
+                    &format!("attempts[{place}].closes_at"),
+                    "must be after its opens_at".to_owned(),
+                );
+            }
+        }
+    }
+
+    fn check_suite(&self, refuse: &mut impl FnMut(&str, String)) {
+        if !(1..=SEEDS_MAX).contains(&self.seeds) {
+            refuse("suite.seeds", format!("must be from 1 to {SEEDS_MAX}, is {}", self.seeds));
+        }
+        let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
+        let unknown = self.tasks.iter().find(|task| TaskName::parse(task).is_none());
+        let is_repeated =
+            (1..self.tasks.len()).any(|place| self.tasks[..place].contains(&self.tasks[place]));
+        if self.tasks.is_empty() || is_repeated || unknown.is_some() {
+            let names = names.join(", ");
+            refuse("suite.tasks", format!("must name some of {names}, each at most once"));
+            return;
+        }
+        let mut told: Vec<Problem> = Vec::new();
+        for task in &self.tasks {
+            let Err(errors) = Config::check(&self.settings_of(task)) else { continue };
+            for error in errors.0 {
+                let field = match error.field {
+                    "rules" => "suite.rules".to_owned(),
+                    field => format!("suite.settings.{field}"),
+                };
+                let problem = (field, error.problem);
+                if !told.contains(&problem) {
+                    refuse(&problem.0, problem.1.clone());
+                    told.push(problem);
+                }
+            }
+        }
+    }
+
+    /// The settings of a game of a task, but for its seed.
+    fn settings_of(&self, task: &str) -> Settings {
+        let settings = &self.settings;
+        Settings {
+            task: task.to_owned(),
+            rules: self.rules.clone(),
+            control: settings.control.clone(),
+            seed: 0,
+            num_agents: settings.num_agents,
+            width: settings.width,
+            height: settings.height,
+            view_size: settings.view_size,
+            memory: settings.memory,
+            max_round: settings.max_round,
+            noise: settings.noise,
+            max_delay: settings.max_delay,
+        }
+    }
+
+    /// How many games an attempt has.
+    #[must_use]
+    pub fn games(&self) -> usize {
+        self.tasks.len() * self.seeds as usize
+    }
+
+    /// How many sealed seeds it takes.
+    #[must_use]
+    pub fn sealed_seeds(&self) -> usize {
+        self.attempts.len() * self.seeds as usize
+    }
+
+    /// The window of an attempt, counted from 1.
+    #[must_use]
+    pub fn window(&self, attempt: u32) -> Option<Window> {
+        self.attempts.get((attempt as usize).checked_sub(1)?).copied()
+    }
+
+    /// What is played in an attempt of the competition with this id, on these seeds.
+    #[must_use]
+    pub fn suite(&self, id: &str, seeds: Vec<u64>) -> Suite {
+        Suite {
+            name: id.to_owned(),
+            tasks: self.tasks.clone(),
+            seeds,
+            rules: self.rules.clone(),
+            settings: self.settings.clone(),
+        }
+    }
+
+    /// The run of an attempt, counted from 1, of whoever declared this, on these seeds. None where there is no such
+    /// attempt.
+    #[must_use]
+    pub fn run(
+        &self,
+        id: &str,
+        declaration: &Declaration,
+        attempt: u32,
+        seeds: Vec<u64>,
+    ) -> Option<run::Definition> {
+        let window = self.window(attempt)?;
+        Some(run::Definition {
+            suite: self.suite(id, seeds),
+            model: declaration.model.clone(),
+            temperature: declaration.temperature,
+            top_p: declaration.top_p,
+            meta: declaration.agent_meta.clone(),
+            prompt_template: declaration.prompt_template.clone(),
+            player: None,
+            parallel: self.parallel,
+            visibility: Visibility::Sealed.name().to_owned(),
+            idle_timeout_ms: self.idle_timeout_ms,
+            closes_at: Some(window.closes_at),
+        })
+    }
+
+    /// The tasks, in the order of the board.
+    #[must_use]
+    pub fn tasks(&self) -> Vec<TaskName> {
+        TaskName::ALL
+            .into_iter()
+            .filter(|task| self.tasks.iter().any(|t| t == task.name()))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn at(minute: i64) -> Timestamp {
+        Timestamp::from_second(60 * minute).expect("a time")
+    }
+
+    /// Opens at minute 10 and closes at minute 100; two attempts of four games.
+    pub(crate) fn definition() -> Definition {
+        let window = Window { opens_at: at(10), closes_at: at(100) };
+        Definition {
+            name: "a cup".to_owned(),
+            description: String::new(),
+            tasks: vec!["Synchronization".to_owned(), "Foraging".to_owned()],
+            seeds: 2,
+            rules: "paper".to_owned(),
+            settings: SuiteSettings {
+                round_deadline_ms: Some(10_000),
+                num_agents: 2,
+                max_round: 3,
+                ..SuiteSettings::default()
+            },
+            idle_timeout_ms: 3_600_000,
+            opens_at: at(10),
+            closes_at: at(100),
+            entry: Admission::Anybody,
+            attempts: vec![window; 2],
+            parallel: 2,
+            counts: Counts::Best,
+            board: BoardRule::Public,
+            board_freezes_at: None,
+            entries_per_key: 1,
+        }
+    }
+
+    #[test]
+    fn whatever_is_wrong_is_named_and_all_of_it_at_once() {
+        assert_eq!(definition().problems(at(0)), []);
+        let fields = |change: &dyn Fn(&mut Definition)| {
+            let mut changed = definition();
+            change(&mut changed);
+            changed.problems(at(0)).into_iter().map(|(field, _)| field).collect::<Vec<_>>()
+        };
+        let one: [(&dyn Fn(&mut Definition), &str); 20] = [
+            (&|d| d.name = String::new(), "name"),
+            (&|d| d.name = "a\u{7}".to_owned(), "name"),
+            (&|d| d.description = "\u{1b}[31m".to_owned(), "description"),
+            (&|d| d.parallel = 0, "parallel"),
+            (&|d| d.entries_per_key = 0, "entries_per_key"),
+            (&|d| d.board = BoardRule::Frozen, "board_freezes_at"),
+            (&|d| d.board_freezes_at = Some(at(20)), "board_freezes_at"),
+            (&|d| d.attempts = Vec::new(), "attempts"),
+            (&|d| d.attempts[1].opens_at = at(9), "attempts[1].opens_at"),
+            (&|d| d.attempts[1].closes_at = at(101), "attempts[1].closes_at"),
+            (&|d| d.attempts[0].closes_at = at(10), "attempts[0].closes_at"),
+            (&|d| d.seeds = 0, "suite.seeds"),
+            (&|d| d.seeds = 101, "suite.seeds"),
+            (&|d| d.tasks = Vec::new(), "suite.tasks"),
+            (&|d| d.tasks[1] = d.tasks[0].clone(), "suite.tasks"),
+            (&|d| d.tasks[1] = "Chess".to_owned(), "suite.tasks"),
+            (&|d| d.rules = "mine".to_owned(), "suite.rules"),
+            (&|d| d.settings.width = 3, "suite.settings.width"),
+            (&|d| d.settings.noise = 2.0, "suite.settings.noise"),
+            (&|d| d.settings.num_agents = 0, "suite.settings.num_agents"),
+        ];
+        for (change, field) in one {
+            assert!(fields(change).contains(&field.to_owned()), "{field}: {:?}", fields(change));
+        }
+        let late = |d: &mut Definition| {
+            d.closes_at = at(5);
+            d.opens_at = at(5);
+        };
+        assert!(fields(&late).contains(&"closes_at".to_owned()));
+        assert_eq!(definition().problems(at(100))[0].0, "closes_at", "it has closed");
+        assert_eq!(definition().problems(at(99)), [], "it may be open already");
+        // The score of a single game would be on the board.
+        let single = |d: &mut Definition| {
+            d.seeds = 1;
+            d.tasks.truncate(1);
+        };
+        assert_eq!(fields(&single), ["board"]);
+        let many = |d: &mut Definition| {
+            d.name = String::new();
+            d.seeds = 0;
+            d.settings.width = 0;
+        };
+        assert_eq!(fields(&many), ["name", "board", "suite.seeds", "suite.settings.width"]);
+    }
+}

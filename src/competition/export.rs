@@ -1,0 +1,146 @@
+//! A whole competition in one file of JSON Lines: enough to check all of it without the server.
+//!
+//! Every line is `{"hash":"…","record":{…}}`, with a chain of hashes over the records as in a journal
+//! ([`crate::journal::chain`]). The record `episode` is followed by the lines of that episode's journal, which
+//! have their own chain and end with the head that the record names; so every byte of the file belongs to a chain.
+//!
+//! The order: the competition; its entrants; each attempt, followed by its episodes; the board; the end.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::definition::Definition;
+use super::standings::{Entrant, Row};
+use crate::journal::chain::Head;
+use crate::journal::record::RawRecord;
+
+/// The version of this format.
+pub const FORMAT: u32 = 1;
+
+/// A record of the file, told by its field `kind`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Line {
+    /// The first record.
+    Competition(Box<Competition>),
+    /// Who takes part.
+    Entrant(Entrant),
+    /// An attempt; its games follow.
+    Attempt(Attempt),
+    /// A game; its journal follows.
+    Episode(Episode),
+    /// The board.
+    Board(Board),
+    /// The last record.
+    End(End),
+}
+
+/// What was played.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Competition {
+    /// The version of the format.
+    pub format: u32,
+    /// The public id.
+    pub id: String,
+    /// What was decided about it.
+    pub definition: Definition,
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When everything was opened to all; none where an organizer looks at it earlier.
+    pub revealed_at: Option<Timestamp>,
+    /// What was published when it was created, in hexadecimal.
+    pub commitment: String,
+    /// The salt, in hexadecimal.
+    pub salt: String,
+    /// The sealed seeds, in hexadecimal, attempt by attempt.
+    pub seeds: Vec<String>,
+}
+
+/// An attempt of an entrant.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Attempt {
+    /// The entrant's id.
+    pub entrant: String,
+    /// Its number, from 1.
+    pub attempt: u32,
+    /// The id of its run.
+    pub run: String,
+    /// The run's status.
+    pub status: String,
+    /// When it was started.
+    pub created_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+    /// Why it does not count, where the host broke it. Then its games are left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voided: Option<String>,
+    /// The games that have ended, in the order of the plan.
+    pub games: Vec<Game>,
+}
+
+/// A game of an attempt.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Game {
+    /// Its place in the plan: task by task, and for each task seed by seed; from 0.
+    pub slot: u32,
+    /// The id of its episode.
+    pub episode: String,
+    /// Why it does not count, where the host broke it. Then its journal is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voided: Option<String>,
+}
+
+/// The header of a journal.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Episode {
+    /// Its place in the plan.
+    pub slot: u32,
+    /// The id of the episode.
+    pub episode: String,
+    /// How many lines follow.
+    pub lines: usize,
+    /// The head of its journal's chain.
+    pub head: String,
+}
+
+/// The board.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Board {
+    /// Its rows in order.
+    pub rows: Vec<Row>,
+}
+
+/// The end of the file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct End {
+    /// How many journals the file has.
+    pub episodes: usize,
+}
+
+/// Writes the lines, each with the head of the chain after it.
+#[derive(Debug)]
+pub struct Writer {
+    head: Head,
+}
+
+impl Default for Writer {
+    fn default() -> Self {
+        Self { head: Head::START }
+    }
+}
+
+impl Writer {
+    /// The next line.
+    #[must_use]
+    pub fn line(&mut self, record: &Line) -> String {
+        let raw = RawRecord::write(record);
+        self.head = self.head.link(raw.as_str().as_bytes());
+        raw.line(self.head)
+    }
+}

@@ -1,0 +1,393 @@
+//! Which attempt of each entrant counts, and who is ahead.
+//!
+//! Attempts count once they are over, however they ended; one that the host broke does not. What an attempt is
+//! worth, and when two totals are the same, is decided in [`crate::board`].
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use swarmbench_engine::TaskName;
+
+use super::EntrantStatus;
+use super::definition::{Counts, Definition};
+use crate::board::rank::{Pick, Row as Ranked, View, rank};
+use crate::board::result::RunResult;
+use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
+
+/// Who takes part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entrant {
+    /// Its public id.
+    pub id: String,
+    /// The name that is shown.
+    pub name: String,
+    /// What was declared of who plays.
+    #[serde(flatten)]
+    pub declaration: Declaration,
+    /// Whether it takes part.
+    pub status: EntrantStatus,
+    /// Why it does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Whether an organizer answers for it that this is the model.
+    pub vouched: bool,
+    /// When it registered.
+    pub registered_at: Timestamp,
+}
+
+/// What an entrant declared of who plays. It never changes: another model is another entrant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Declaration {
+    /// The model's name.
+    pub model: String,
+    /// The sampling temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<f64>,
+    /// The nucleus of sampling.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub top_p: Option<f64>,
+    /// What else was told.
+    #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// A prompt template of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<String>,
+}
+
+impl Declaration {
+    /// Tells prompt templates apart; none for the built-in one.
+    #[must_use]
+    pub fn template_digest(&self) -> Option<String> {
+        self.prompt_template.as_deref().map(crate::run::definition::digest_of_template)
+    }
+}
+
+/// An attempt, with the games that have ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attempt {
+    /// Whose it is.
+    pub entrant: String,
+    /// Its number, from 1.
+    pub number: u32,
+    /// The public id of its run.
+    pub run: String,
+    /// The name of the run's status.
+    pub status: String,
+    /// Whether it, and every game of it, has ended.
+    pub is_over: bool,
+    /// Whether the host broke all of it.
+    pub voided: bool,
+    /// When it was started.
+    pub created_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+    /// What was to be played.
+    pub plan: Vec<Slot>,
+    /// What has ended.
+    pub games: Vec<Game>,
+}
+
+/// A row of the board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Row {
+    /// 1, 2, 2, 4; none where nothing counts yet, or the entrant takes no part.
+    pub rank: Option<u32>,
+    /// The entrant's id.
+    pub entrant: String,
+    /// The number of the attempt that counts; none where none is over.
+    pub attempt: Option<u32>,
+    /// Its run.
+    pub run: Option<String>,
+    /// How the run ended.
+    pub run_status: Option<String>,
+    /// Every task of the competition.
+    pub tasks: Vec<TaskRow>,
+    /// The sum of the means; none where nothing counts.
+    pub total: Option<f64>,
+    /// Answers that players gave in the games that count.
+    pub answers: u64,
+    /// Those of them that were none.
+    pub invalid: u64,
+    /// Moves for which the clock ran out.
+    pub clock_outs: u64,
+    /// Games of the attempt that the host broke.
+    pub voided_games: u32,
+    /// Attempts that are over and that the host did not break.
+    pub attempts: u32,
+    /// Attempts that the host broke.
+    pub voided_attempts: u32,
+    /// `declared` or `enforced`; none under centralized control.
+    pub decentralization: Option<String>,
+}
+
+/// What an attempt came to in a task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskRow {
+    /// The task.
+    pub task: String,
+    /// The mean of the scores.
+    pub mean: Option<f64>,
+    /// Their population standard deviation.
+    pub deviation: Option<f64>,
+    /// Games that were played and count.
+    pub games: u32,
+    /// Games that were to be played, without those that the host broke.
+    pub planned: u32,
+    /// Games that the host broke.
+    pub voided: u32,
+}
+
+/// What boards say of whether each seat decided for itself: one entrant holds all seats of its games, so it can
+/// pool what they see.
+#[must_use]
+pub fn decentralization(control: &str) -> Option<Decentralization> {
+    (control == "decentralized").then_some(Decentralization::Declared)
+}
+
+/// What an attempt is worth.
+#[must_use]
+pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> RunResult {
+    let declaration = &entrant.declaration;
+    let run = Run {
+        id: attempt.run.clone(),
+        player: Player {
+            owner: Some(Owner { id: entrant.id.clone(), name: entrant.name.clone() }),
+            model: declaration.model.clone(),
+            temperature: declaration.temperature,
+            top_p: declaration.top_p,
+            template: declaration.template_digest(),
+        },
+        status: attempt.status.clone(),
+        created_at: attempt.created_at,
+        vouched: entrant.vouched,
+        decentralization: decentralization(&definition.settings.control),
+    };
+    RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
+}
+
+/// What an attempt came to in each task of the competition.
+#[must_use]
+pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
+    let rows = definition.tasks().into_iter().filter_map(|task| result.task(task));
+    rows.map(|of| TaskRow {
+        task: of.task.name().to_owned(),
+        mean: of.mean(),
+        deviation: of.mean_and_deviation.map(|(_, deviation)| deviation),
+        games: of.games,
+        planned: of.planned,
+        voided: of.voided,
+    })
+    .collect()
+}
+
+/// The board of a competition: entrants with a rank in its order, then those of whom nothing counts yet, then those
+/// who take no part any more.
+#[must_use]
+pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
+    let pick = match definition.counts {
+        Counts::Best => Pick::Best,
+        // Where the first counts there is one only.
+        Counts::First | Counts::Last => Pick::Last,
+    };
+    let view = View { tasks: definition.tasks(), sort: None, pick };
+    let counting = |entrant: &Entrant| -> Vec<Arc<RunResult>> {
+        let mut own: Vec<&Attempt> = attempts
+            .iter()
+            .filter(|attempt| attempt.entrant == entrant.id && attempt.is_over && !attempt.voided)
+            .collect();
+        own.sort_by_key(|attempt| (attempt.created_at, &attempt.run));
+        if definition.counts == Counts::First {
+            own.truncate(1);
+        }
+        own.iter().map(|attempt| Arc::new(result(definition, entrant, attempt))).collect()
+    };
+    let is_active = |entrant: &&Entrant| entrant.status == EntrantStatus::Active;
+    let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
+    let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
+    let ranked = rank(&runs, [], &view);
+    let row = |entrant: &Entrant, of: Option<&Ranked>| {
+        row(entrant, of, attempts, &view.tasks, definition)
+    };
+    let mut rows: Vec<Row> = Vec::with_capacity(entrants.len());
+    for of in &ranked {
+        let id = of.shown().and_then(|shown| shown.run.player.owner.as_ref()).map(|o| &o.id);
+        rows.extend(active.iter().find(|e| Some(&e.id) == id).map(|e| row(e, Some(of))));
+    }
+    for entrant in &active {
+        if rows.iter().all(|row| row.entrant != entrant.id) {
+            rows.push(row(entrant, None));
+        }
+    }
+    for entrant in gone {
+        let mut alone = rank(&counting(entrant), [], &view);
+        for of in &mut alone {
+            of.rank = None;
+        }
+        rows.push(row(entrant, alone.first()));
+    }
+    rows
+}
+
+fn row(
+    entrant: &Entrant,
+    ranked: Option<&Ranked>,
+    attempts: &[Attempt],
+    tasks: &[TaskName],
+    definition: &Definition,
+) -> Row {
+    let own = || attempts.iter().filter(|attempt| attempt.entrant == entrant.id);
+    let shown = ranked.and_then(Ranked::shown);
+    let count = |of: &dyn Fn(&&Attempt) -> bool| {
+        u32::try_from(own().filter(of).count()).unwrap_or(u32::MAX)
+    };
+    let sum = |of: fn(&crate::board::result::TaskResult) -> u64| {
+        shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
+    };
+    let run = shown.map(|shown| shown.run.id.clone());
+    Row {
+        rank: ranked.and_then(|ranked| ranked.rank),
+        entrant: entrant.id.clone(),
+        attempt: own().find(|attempt| Some(&attempt.run) == run.as_ref()).map(|a| a.number),
+        run,
+        run_status: shown.map(|shown| shown.run.status.clone()),
+        tasks: shown.map_or(Vec::new(), |shown| tasks_of(definition, shown)),
+        total: shown.and_then(|shown| shown.total(tasks)),
+        answers: sum(|task| task.answers),
+        invalid: sum(|task| task.invalid),
+        clock_outs: sum(|task| task.clock_outs),
+        voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
+        attempts: count(&|attempt| attempt.is_over && !attempt.voided),
+        voided_attempts: count(&|attempt| attempt.voided),
+        decentralization: decentralization(&definition.settings.control)
+            .map(|how| how.name().to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::definition::tests::{at, definition};
+    use super::*;
+
+    fn entrant(id: &str) -> Entrant {
+        Entrant {
+            id: id.to_owned(),
+            name: format!("team {id}"),
+            declaration: Declaration {
+                model: "m".to_owned(),
+                temperature: None,
+                top_p: None,
+                agent_meta: serde_json::Map::new(),
+                prompt_template: None,
+            },
+            status: EntrantStatus::Active,
+            reason: None,
+            vouched: false,
+            registered_at: at(0),
+        }
+    }
+
+    /// An attempt with the same score in all its games.
+    fn attempt(entrant: &str, number: u32, minute: i64, score: f64) -> Attempt {
+        let slot = |task, seed| Slot { task, seed };
+        let plan = [TaskName::Synchronization, TaskName::Foraging]
+            .into_iter()
+            .flat_map(|task| [slot(task, 1), slot(task, 2)])
+            .collect::<Vec<_>>();
+        let game = |slot: &Slot| Game {
+            slot: *slot,
+            score,
+            answers: 10,
+            invalid: 1,
+            clock_outs: 2,
+            voided: false,
+        };
+        Attempt {
+            entrant: entrant.to_owned(),
+            number,
+            run: format!("run_{entrant}{number}"),
+            status: "finished".to_owned(),
+            is_over: true,
+            voided: false,
+            created_at: at(minute),
+            ended_at: Some(at(minute + 1)),
+            games: plan.iter().map(game).collect(),
+            plan,
+        }
+    }
+
+    fn order(rows: &[Row]) -> Vec<(Option<u32>, &str, Option<u32>)> {
+        rows.iter().map(|row| (row.rank, row.entrant.as_str(), row.attempt)).collect()
+    }
+
+    #[test]
+    fn the_attempt_that_counts_is_the_best_the_last_or_the_first() {
+        let entrants = ["a", "b"].map(entrant);
+        // The second attempt of b was started before its first one; a's are equal.
+        let attempts = [
+            attempt("a", 1, 10, 2.0),
+            attempt("a", 2, 20, 2.0),
+            attempt("b", 1, 30, 1.0),
+            attempt("b", 2, 25, 3.0),
+        ];
+        let of = |counts| {
+            let definition = Definition { counts, ..definition() };
+            standings(&definition, &entrants, &attempts)
+        };
+        let best = of(Counts::Best);
+        assert_eq!(order(&best), [(Some(1), "b", Some(2)), (Some(2), "a", Some(1))]);
+        assert_eq!((best[0].total, best[0].answers), (Some(6.0), 40));
+        assert_eq!(order(&of(Counts::Last)), [(Some(1), "a", Some(2)), (Some(2), "b", Some(1))]);
+        assert_eq!(order(&of(Counts::First)), [(Some(1), "b", Some(2)), (Some(2), "a", Some(1))]);
+    }
+
+    #[test]
+    fn ranks_are_shared_and_whoever_takes_no_part_has_none() {
+        let mut entrants = ["a", "b", "c", "d", "e", "f"].map(entrant);
+        entrants[4].status = EntrantStatus::Disqualified;
+        entrants[4].reason = Some("two accounts".to_owned());
+        let attempts = [
+            attempt("a", 1, 10, 1.0),
+            attempt("b", 1, 10, 2.0),
+            attempt("c", 1, 10, 2.0),
+            attempt("d", 1, 10, 3.0),
+            attempt("e", 1, 10, 9.0),
+        ];
+        let rows = standings(&definition(), &entrants, &attempts);
+        assert_eq!(
+            order(&rows),
+            [
+                (Some(1), "d", Some(1)),
+                (Some(2), "b", Some(1)),
+                (Some(2), "c", Some(1)),
+                (Some(4), "a", Some(1)),
+                (None, "f", None),
+                (None, "e", Some(1)),
+            ]
+        );
+        assert_eq!(rows[5].total, Some(18.0), "it is shown");
+    }
+
+    #[test]
+    fn what_is_abandoned_counts_as_it_stands_and_what_the_host_broke_does_not() {
+        let entrants = [entrant("a")];
+        let mut abandoned = attempt("a", 1, 10, 4.0);
+        abandoned.status = "abandoned".to_owned();
+        abandoned.games.truncate(1);
+        let rows = standings(&definition(), &entrants, &[abandoned.clone()]);
+        // One of two games of the first task, none of the second.
+        assert_eq!((rows[0].total, rows[0].run_status.as_deref()), (Some(2.0), Some("abandoned")));
+        let voided = Attempt { voided: true, ..attempt("a", 2, 20, 9.0) };
+        let running = Attempt { is_over: false, ..attempt("a", 2, 30, 9.0) };
+        let rows = standings(&definition(), &entrants, &[abandoned.clone(), voided, running]);
+        assert_eq!((rows[0].total, rows[0].attempts, rows[0].voided_attempts), (Some(2.0), 1, 1));
+        // A single game that the host broke is left out of its mean.
+        abandoned.games[0].voided = true;
+        let rows = standings(&definition(), &entrants, &[abandoned]);
+        assert_eq!((rows[0].total, rows[0].voided_games), (Some(0.0), 1));
+        assert_eq!(rows[0].tasks[0].planned, 1);
+    }
+}

@@ -1,0 +1,497 @@
+//! Whether the file of a competition is true: the commitment fits the seeds, every game that counts was played on
+//! the seed, by the settings and in the time that its place demands, every journal plays again to its score, and the
+//! board is what follows from them.
+//!
+//! What a file alone cannot show is that it is the one that was published: compare its commitment with the one of
+//! the day on which the competition was announced, and its head with that of others.
+
+use std::io::{BufRead, Read};
+
+use jiff::Timestamp;
+use serde_json::Value;
+use swarmbench_engine::TaskName;
+use swarmbench_engine::physics::Solver;
+
+use super::definition::{Definition, Window};
+use super::export::{self, FORMAT, Line};
+use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
+use super::standings::{Attempt, Entrant, Row, standings};
+use crate::board::{Game, Slot};
+use crate::journal::chain::Head;
+use crate::journal::replay::{self, Report as Played, check_line};
+use crate::run::definition::Definition as Run;
+use crate::run::suite::Game as Planned;
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// It cannot be read at all.
+    #[error("it cannot be read: {0}")]
+    Io(#[from] std::io::Error),
+    /// A line is not what belongs there.
+    #[error("line {line} ({place}): {problem}")]
+    Line {
+        /// The line, counted from 1.
+        line: usize,
+        /// What it is about.
+        place: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The whole is not what was promised.
+    #[error("{0}")]
+    Whole(String),
+}
+
+/// What a file proves.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// What was played.
+    pub competition: export::Competition,
+    /// Who took part.
+    pub entrants: Vec<Entrant>,
+    /// How many attempts were started.
+    pub attempts: usize,
+    /// How many games were played again.
+    pub episodes: usize,
+    /// How many rounds that were.
+    pub rounds: u64,
+    /// The board, recomputed.
+    pub rows: Vec<Row>,
+    /// The head of the file's chain.
+    pub head: Head,
+}
+
+/// What is known from elsewhere of the file that is checked.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Expected {
+    /// The commitment that was published when the competition was announced.
+    pub commitment: Option<[u8; 32]>,
+    /// The head of the file's chain, as the organizer published it.
+    pub head: Option<Head>,
+}
+
+/// Checks the file of a competition; `progress` is told how many lines were read.
+///
+/// # Errors
+/// The first fault, with its line.
+pub fn verify(
+    file: impl BufRead,
+    expected: Expected,
+    solver: Solver,
+    progress: impl FnMut(usize),
+) -> Result<Report, Fault> {
+    let mut reader =
+        Reader { file, head: Head::START, number: 0, place: "the beginning".to_owned(), progress };
+    let competition = match reader.next()? {
+        Some(Line::Competition(competition)) => *competition,
+        Some(_) => return Err(reader.wrong("the first record is not a competition")),
+        None => return Err(Fault::Whole("the file is empty".to_owned())),
+    };
+    "the competition".clone_into(&mut reader.place);
+    let sealed = check_competition(&competition, expected).map_err(|what| reader.wrong(what))?;
+    let mut checker = Checker {
+        sealed,
+        competition,
+        entrants: Vec::new(),
+        attempts: Vec::new(),
+        episodes: 0,
+        rounds: 0,
+    };
+    let rows = loop {
+        match reader.next()? {
+            Some(Line::Entrant(entrant)) => {
+                reader.place = format!("the entrant {}", entrant.id);
+                checker.entrant(entrant).map_err(|what| reader.wrong(what))?;
+            }
+            Some(Line::Attempt(attempt)) => checker.attempt(&mut reader, attempt, solver)?,
+            Some(Line::Board(board)) => {
+                "the board".clone_into(&mut reader.place);
+                break checker.board(board.rows).map_err(|what| reader.wrong(what))?;
+            }
+            Some(Line::Competition(_) | Line::Episode(_) | Line::End(_)) => {
+                return Err(reader.wrong("this record does not belong here"));
+            }
+            None => return Err(reader.wrong("the file ends here: the board is missing")),
+        }
+    };
+    "the end".clone_into(&mut reader.place);
+    match reader.next()? {
+        Some(Line::End(end)) if end.episodes == checker.episodes => {}
+        Some(Line::End(_)) => return Err(reader.wrong("it counts other games than the file has")),
+        Some(_) => return Err(reader.wrong("after the board comes the end only")),
+        None => return Err(reader.wrong("the file ends here: its end is missing")),
+    }
+    let head = reader.head;
+    if reader.next()?.is_some() {
+        return Err(reader.wrong("there is something after the end"));
+    }
+    if let Some(expected) = expected.head.filter(|&expected| expected != head) {
+        return Err(Fault::Whole(format!(
+            "its head is {head}, not {expected}: it is consistent, but not the file that was published"
+        )));
+    }
+    let Checker { competition, entrants, attempts, episodes, rounds, .. } = checker;
+    Ok(Report { competition, entrants, attempts: attempts.len(), episodes, rounds, rows, head })
+}
+
+/// Reads records off the file and follows their chain.
+struct Reader<R, P> {
+    file: R,
+    head: Head,
+    /// The line that was read last.
+    number: usize,
+    /// What it is about.
+    place: String,
+    progress: P,
+}
+
+impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
+    fn next(&mut self) -> Result<Option<Line>, Fault> {
+        let mut line = Vec::new();
+        if self.file.read_until(b'\n', &mut line)? == 0 {
+            return Ok(None);
+        }
+        self.number += 1;
+        (self.progress)(self.number);
+        let after = format!("after {}", self.place);
+        check_line(&line, &mut self.head).map(Some).map_err(|problem| Fault::Line {
+            line: self.number,
+            place: after,
+            problem,
+        })
+    }
+
+    fn wrong(&self, problem: impl Into<String>) -> Fault {
+        Fault::Line { line: self.number, place: self.place.clone(), problem: problem.into() }
+    }
+
+    /// Plays the journal that follows, of so many lines.
+    fn journal(&mut self, lines: usize, head: Head, solver: Solver) -> Result<Played, Fault> {
+        let mut section = Section { file: &mut self.file, left: lines };
+        let played = replay::verify(&mut section, Some(head), solver, |_, _| {});
+        let left = section.left;
+        let first = self.number;
+        self.number += lines - left;
+        (self.progress)(self.number);
+        let played = played.map_err(|fault| match fault {
+            replay::Fault::Io(error) => Fault::Io(error),
+            replay::Fault::Line { line, at, problem } => Fault::Line {
+                line: first + line,
+                place: format!("{}, its journal{at}", self.place),
+                problem,
+            },
+            replay::Fault::Whole(problem) => self.wrong(problem),
+        })?;
+        if left > 0 {
+            return Err(self.wrong(format!("the file ends here: {left} lines are missing")));
+        }
+        Ok(played)
+    }
+}
+
+/// The next so many lines of a file.
+struct Section<'a, R> {
+    file: &'a mut R,
+    left: usize,
+}
+
+impl<R: BufRead> BufRead for Section<'_, R> {
+    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        if self.left == 0 {
+            return Ok(&[]);
+        }
+        let bytes = self.file.fill_buf()?;
+        let ends = bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+        let end = ends.map(|(place, _)| place + 1).nth(self.left - 1).unwrap_or(bytes.len());
+        Ok(&bytes[..end])
+    }
+
+    fn consume(&mut self, count: usize) {
+        // What is consumed was shown before, so it is there still.
+        let ends = self
+            .file
+            .fill_buf()
+            .map_or(0, |bytes| bytes.iter().take(count).filter(|byte| **byte == b'\n').count());
+        self.left = self.left.saturating_sub(ends);
+        self.file.consume(count);
+    }
+}
+
+impl<R: BufRead> Read for Section<'_, R> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let bytes = self.fill_buf()?;
+        let count = bytes.len().min(into.len());
+        into[..count].copy_from_slice(&bytes[..count]);
+        self.consume(count);
+        Ok(count)
+    }
+}
+
+fn check_competition(
+    competition: &export::Competition,
+    expected: Expected,
+) -> Result<Sealed, String> {
+    let export::Competition { format, definition, commitment, salt, seeds, .. } = competition;
+    if *format != FORMAT {
+        return Err(format!("format {format} is not known, only {FORMAT}"));
+    }
+    let problems = definition.problems(competition.created_at);
+    if let Some((field, problem)) = problems.first() {
+        return Err(format!("{field} {problem}"));
+    }
+    let hex = |text: &String| data_encoding::HEXLOWER.decode(text.as_bytes()).ok();
+    let salt: Option<[u8; SALT_BYTES]> = hex(salt).and_then(|bytes| bytes.try_into().ok());
+    let salt = salt.ok_or("the salt is not 32 bytes in hexadecimal")?;
+    let seed = |text| -> Option<[u8; SEED_BYTES]> { hex(text)?.try_into().ok() };
+    let read: Option<Vec<_>> = seeds.iter().map(seed).collect();
+    let seeds = read.ok_or("a sealed seed is not 16 bytes in hexadecimal")?;
+    if seeds.len() != definition.sealed_seeds() {
+        return Err(format!(
+            "there are {} sealed seeds, and the attempts take {}",
+            seeds.len(),
+            definition.sealed_seeds()
+        ));
+    }
+    let sealed = Sealed { salt, seeds };
+    let found = sealed.commitment();
+    let show = |bytes: &[u8; 32]| data_encoding::HEXLOWER.encode(bytes);
+    if *commitment != show(&found) {
+        return Err(format!(
+            "the commitment is {commitment}, but salt and seeds hash to {}",
+            show(&found)
+        ));
+    }
+    if let Some(published) = expected.commitment.filter(|published| *published != found) {
+        return Err(format!(
+            "salt and seeds hash to {}, but the published commitment is {}: they are others",
+            show(&found),
+            show(&published)
+        ));
+    }
+    Ok(sealed)
+}
+
+/// All that the file has shown so far.
+struct Checker {
+    competition: export::Competition,
+    sealed: Sealed,
+    entrants: Vec<Entrant>,
+    attempts: Vec<Attempt>,
+    episodes: usize,
+    rounds: u64,
+}
+
+impl Checker {
+    fn definition(&self) -> &Definition {
+        &self.competition.definition
+    }
+
+    fn entrant(&mut self, entrant: Entrant) -> Result<(), String> {
+        if !self.attempts.is_empty() {
+            return Err("entrants come before all attempts".to_owned());
+        }
+        if self.entrants.iter().any(|known| known.id == entrant.id) {
+            return Err("it is there twice".to_owned());
+        }
+        self.entrants.push(entrant);
+        Ok(())
+    }
+
+    fn attempt<R: BufRead, P: FnMut(usize)>(
+        &mut self,
+        reader: &mut Reader<R, P>,
+        told: export::Attempt,
+        solver: Solver,
+    ) -> Result<(), Fault> {
+        let place = format!("attempt {} of {}", told.attempt, told.entrant);
+        reader.place.clone_from(&place);
+        let (window, run) = self.place(&told).map_err(|what| reader.wrong(what))?;
+        let plan = run.suite.plan();
+        let slots = plan.iter().map(|game| Slot {
+            task: TaskName::parse(&game.task).expect("the definition was checked"),
+            seed: game.seed,
+        });
+        let mut attempt = Attempt {
+            entrant: told.entrant.clone(),
+            number: told.attempt,
+            run: told.run.clone(),
+            status: told.status.clone(),
+            is_over: told.status != "running",
+            voided: told.voided.is_some(),
+            created_at: told.created_at,
+            ended_at: told.ended_at,
+            plan: slots.collect(),
+            games: Vec::new(),
+        };
+        for game in &told.games {
+            let planned = plan.get(game.slot as usize);
+            let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
+            let slot = attempt.plan[game.slot as usize];
+            if game.voided.is_some() {
+                let none =
+                    Game { slot, score: 0.0, answers: 0, invalid: 0, clock_outs: 0, voided: true };
+                attempt.games.push(none);
+                continue;
+            }
+            if attempt.games.iter().any(|other| other.slot == slot && !other.voided) {
+                return Err(reader.wrong(format!("its game {} is there twice", game.slot)));
+            }
+            if attempt.voided {
+                continue;
+            }
+            let Some(Line::Episode(header)) = reader.next()? else {
+                return Err(reader.wrong(format!("episode {} is missing", game.episode)));
+            };
+            reader.place = format!("{place}, game {}, {}", game.slot, game.episode);
+            if header.episode != game.episode || header.slot != game.slot {
+                return Err(reader.wrong(format!("episode {} is in its place", header.episode)));
+            }
+            let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
+            let played = reader.journal(header.lines, head, solver)?;
+            let asked = Asked { told: &told, game, run: &run, window, planned };
+            self.check_game(&asked, &played).map_err(|what| reader.wrong(what))?;
+            self.episodes += 1;
+            self.rounds += u64::from(played.rounds);
+            attempt.games.push(Game {
+                slot,
+                score: played.score,
+                answers: played.tally.acts,
+                invalid: played.tally.invalid,
+                clock_outs: played.tally.clock_outs,
+                voided: false,
+            });
+        }
+        reader.place = place;
+        self.attempts.push(attempt);
+        Ok(())
+    }
+
+    /// When an attempt may be played, and what.
+    fn place(&self, told: &export::Attempt) -> Result<(Window, Run), String> {
+        let definition = self.definition();
+        let entrant = self.entrants.iter().find(|entrant| entrant.id == told.entrant);
+        let entrant = entrant.ok_or("there is no such entrant")?;
+        let window = definition.window(told.attempt);
+        let window = window.ok_or("the competition has fewer attempts")?;
+        let same = |other: &&Attempt| {
+            other.entrant == told.entrant && other.number == told.attempt && !other.voided
+        };
+        if told.voided.is_none() && self.attempts.iter().any(|other| same(&other)) {
+            return Err("it was played twice".to_owned());
+        }
+        if self.attempts.iter().any(|other| other.run == told.run) {
+            return Err(format!("its run {} is there twice", told.run));
+        }
+        let from = window.opens_at.max(entrant.registered_at);
+        check_time("it was started", told.created_at, from, window.closes_at)?;
+        let seeds = self.sealed.of_attempt(told.attempt, definition.seeds);
+        let id = &self.competition.id;
+        let run = definition.run(id, &entrant.declaration, told.attempt, seeds);
+        Ok((window, run.ok_or("the competition has fewer attempts")?))
+    }
+
+    /// Checks that a game that plays again is the one that belongs in its place.
+    fn check_game(&self, asked: &Asked<'_>, played: &Played) -> Result<(), String> {
+        let Asked { told, game, run, window, planned } = *asked;
+        let opening = &played.opening;
+        if opening.episode != game.episode {
+            return Err(format!("its journal is that of {}", opening.episode));
+        }
+        if opening.run.as_ref() != Some(&told.run) {
+            return Err(format!("it belongs to {:?}, not to the run {}", opening.run, told.run));
+        }
+        if opening.config.seed != planned.seed {
+            return Err(format!(
+                "its seed is {}, but the sealed seed of its place is {}",
+                opening.config.seed, planned.seed
+            ));
+        }
+        let expected = run.spec(&told.run, planned, None)?;
+        differs("setting", &opening.config, &expected.recorded())?;
+        if opening.agent_meta != expected.agent_meta {
+            return Err("it tells other things of who plays than the entrant declared".to_owned());
+        }
+        // The built-in template may have been another one when it was played.
+        if expected.custom_template && opening.prompt_template != *expected.prompt_template {
+            return Err("it has another prompt template than the entrant declared".to_owned());
+        }
+        check_time("it was created", opening.created_at, told.created_at, window.closes_at)?;
+        if played.end.is_none() {
+            return Err("its journal has no end".to_owned());
+        }
+        Ok(())
+    }
+
+    /// The board as it follows from what was played.
+    fn board(&self, told: Vec<Row>) -> Result<Vec<Row>, String> {
+        let rows = standings(self.definition(), &self.entrants, &self.attempts);
+        for (place, (told, row)) in (1..).zip(told.iter().zip(&rows)) {
+            differs(&format!("row {place}:"), told, row)?;
+        }
+        if told.len() != rows.len() {
+            return Err(format!("it has {} rows, recomputed {}", told.len(), rows.len()));
+        }
+        Ok(told)
+    }
+}
+
+/// A game, and what its place demands.
+#[derive(Clone, Copy)]
+struct Asked<'a> {
+    told: &'a export::Attempt,
+    game: &'a export::Game,
+    run: &'a Run,
+    window: Window,
+    planned: &'a Planned,
+}
+
+fn check_time(what: &str, at: Timestamp, from: Timestamp, before: Timestamp) -> Result<(), String> {
+    if from <= at && at < before {
+        return Ok(());
+    }
+    Err(format!("{what} at {at}, and may only be from {from} until {before}"))
+}
+
+/// Names the first field in which two things differ.
+fn differs<T: serde::Serialize>(what: &str, told: &T, expected: &T) -> Result<(), String> {
+    let fields = |of: &T| match serde_json::to_value(of) {
+        Ok(Value::Object(fields)) => fields,
+        _ => serde_json::Map::new(),
+    };
+    let (told, expected) = (fields(told), fields(expected));
+    for name in told.keys().chain(expected.keys()) {
+        let (told, expected) = (told.get(name), expected.get(name));
+        if told != expected {
+            let show = |value: Option<&Value>| value.map_or("missing".to_owned(), Value::to_string);
+            let (told, expected) = (show(told), show(expected));
+            return Err(format!("{what} {name} is {told}, and should be {expected}"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+
+    #[test]
+    fn a_section_is_so_many_lines_however_they_are_read() {
+        let text = "a\nbb\nccc\ndddd\n";
+        for buffer in 1..20 {
+            for lines in 0..6 {
+                let mut file = std::io::BufReader::with_capacity(buffer, Cursor::new(text));
+                let mut section = Section { file: &mut file, left: lines };
+                let mut read = String::new();
+                section.read_to_string(&mut read).expect("text");
+                let expected: String = text.split_inclusive('\n').take(lines).collect();
+                assert_eq!(read, expected);
+                let mut rest = String::new();
+                file.read_to_string(&mut rest).expect("text");
+                assert_eq!(format!("{read}{rest}"), text);
+            }
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! `GET /api/v1/audit`: what organizers did.
+
+use axum::Json;
+use axum::extract::State;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::App;
+use super::auth::{Caller, Organizer};
+use super::error::ApiError;
+use super::extract::{Params, page_limit, read_cursor, write_cursor};
+use super::openapi::{QueryRefusals, TokenRefusals};
+use crate::journal::{AuditRow, Entry};
+use crate::wire::competition::{AuditLog, Deed};
+use crate::wire::problem::Problem;
+
+/// Which page is to be shown.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct AuditParams {
+    /// How many at most, up to 1,000; 50 where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// List what organizers did, newest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/audit",
+    operation_id = "list_audit",
+    tag = "competitions",
+    params(AuditParams),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "A page of the audit log", body = AuditLog),
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn list_audit(
+    State(app): State<App>,
+    _: Organizer,
+    Params(params): Params<AuditParams>,
+) -> Result<Json<AuditLog>, ApiError> {
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
+    let before = read_cursor(params.cursor.as_deref())?;
+    let mut deeds = app.store.audit(before, limit + 1).await?;
+    let has_more = deeds.len() > limit as usize;
+    deeds.truncate(limit as usize);
+    let next_cursor = deeds.last().filter(|_| has_more).map(|last| write_cursor(last.number));
+    let items = deeds.into_iter().map(|deed| Deed {
+        at: deed.at,
+        who: deed.who,
+        action: deed.action,
+        subject: deed.subject,
+        detail: deed.detail,
+    });
+    Ok(Json(AuditLog { items: items.collect(), next_cursor }))
+}
+
+impl Organizer {
+    /// What the organizer does, to be kept with the deed itself.
+    pub(super) fn deed(
+        &self,
+        app: &App,
+        action: &'static str,
+        subject: &str,
+        detail: serde_json::Value,
+    ) -> Entry {
+        deed(app, &self.key.id, action, subject, detail)
+    }
+}
+
+impl Caller {
+    /// What an organizer does, to be kept with the deed itself; none of anybody else.
+    pub(super) fn deed(
+        &self,
+        app: &App,
+        action: &'static str,
+        subject: &str,
+        detail: serde_json::Value,
+    ) -> Option<Entry> {
+        match self {
+            Self::Key(key) if self.is_organizer() => {
+                Some(deed(app, &key.id, action, subject, detail))
+            }
+            _ => None,
+        }
+    }
+}
+
+fn deed(
+    app: &App,
+    who: &str,
+    action: &'static str,
+    subject: &str,
+    detail: serde_json::Value,
+) -> Entry {
+    Entry::Audit(Box::new(AuditRow {
+        at: app.clock.now(),
+        who: who.to_owned(),
+        action,
+        subject: subject.to_owned(),
+        detail,
+    }))
+}

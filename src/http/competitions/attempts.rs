@@ -1,0 +1,42 @@
+//! `GET /api/v1/competitions/{id}/attempts`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::wire::competition::AttemptList;
+use crate::wire::problem::Problem;
+
+/// List the attempts of the caller's entrants; an organizer sees all.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/attempts",
+    operation_id = "list_attempts",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The attempts", body = AttemptList),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn list_attempts(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<AttemptList>, ApiError> {
+    let number = caller.needs_key()?.number;
+    let competition = app.competition(&caller, &id).await?;
+    let field = app.field(competition).await?;
+    let sees_all = caller.is_organizer();
+    let items = field.summaries(|entrant| sees_all || number == Some(entrant.owner))?;
+    Ok(Json(AttemptList { items, next_cursor: None }))
+}

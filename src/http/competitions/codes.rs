@@ -1,0 +1,84 @@
+//! `POST /api/v1/competitions/{id}/codes`.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde_json::json;
+
+use super::super::App;
+use super::super::answer::with_tokens;
+use super::super::auth::Organizer;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::ids::{Token, TokenKind};
+use crate::journal::{Entry, Journal};
+use crate::keys::NAME_CHARS_MAX;
+use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
+use crate::wire::problem::Problem;
+
+/// Codes that are made at once.
+const CODES_MAX: usize = 1000;
+
+/// Make invitation codes, each good for one entrant.
+///
+/// They are shown this once; only their hashes are kept.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/codes",
+    operation_id = "create_codes",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    request_body(content = CodesRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The codes", body = InvitationCodes),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`closed`: nobody enters it any more", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_codes(
+    State(app): State<App>,
+    organizer: Organizer,
+    Id(id): Id,
+    _: Params<Nothing>,
+    Json(request, _): Json<CodesRequest>,
+) -> Result<Response, ApiError> {
+    let stored = app.store.find_competition(&id).await?;
+    let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    let labels = request.labels;
+    if !(1..=CODES_MAX).contains(&labels.len()) {
+        let is = labels.len();
+        return Err(ApiError::field("labels", format!("must be 1 to {CODES_MAX}, are {is}")));
+    }
+    let is_label = |label: &String| {
+        (1..=NAME_CHARS_MAX).contains(&label.chars().count())
+            && !label.chars().any(char::is_control)
+    };
+    if let Some(place) = labels.iter().position(|label| !is_label(label)) {
+        let problem =
+            format!("must be 1 to {NAME_CHARS_MAX} characters without control characters");
+        return Err(ApiError::field(&format!("labels[{place}]"), problem));
+    }
+    let now = app.clock.now();
+    if stored.definition.closes_at <= now {
+        let detail = format!("the competition closed at {}", stored.definition.closes_at);
+        return Err(ApiError::new(Code::Closed, detail));
+    }
+    let tokens: Vec<Token> =
+        labels.iter().map(|_| Token::new(TokenKind::Invitation, &*app.entropy)).collect();
+    let codes = tokens.iter().zip(&labels).map(|(token, label)| (token.hash(), label.clone()));
+    let entry = Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
+    let deed = organizer.deed(&app, "competition.codes", &id, json!({ "labels": labels }));
+    app.store.keep(vec![entry, deed]).await?;
+    let items = tokens
+        .iter()
+        .zip(labels)
+        .map(|(token, label)| InvitationCode { label, code: token.reveal().to_owned() });
+    let body = InvitationCodes { items: items.collect() };
+    Ok(with_tokens(StatusCode::CREATED, body))
+}

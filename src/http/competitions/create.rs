@@ -1,0 +1,183 @@
+//! `POST /api/v1/competitions`.
+
+use axum::extract::State;
+use axum::response::Response;
+use jiff::Timestamp;
+use serde_json::json;
+
+use super::super::App;
+use super::super::answer;
+use super::super::auth::Organizer;
+use super::super::checks::Problems;
+use super::super::error::ApiError;
+use super::super::extract::{Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::shown;
+use crate::clock::millis;
+use crate::competition::definition::{
+    ATTEMPTS_MAX, Admission, BoardRule, Counts, Definition, Window,
+};
+use crate::competition::new_id;
+use crate::competition::sealed::Sealed;
+use crate::journal::{CompetitionRow, Entry, Journal, Secret};
+use crate::run::suite::SuiteSettings;
+use crate::wire::competition::{
+    AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
+};
+use crate::wire::problem::Problem;
+
+/// Create a competition on sealed seeds, which the server draws now.
+///
+/// Nothing of it changes later. The answer has the commitment: publish it before anybody plays.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions",
+    operation_id = "create_competition",
+    tag = "competitions",
+    request_body(content = CompetitionRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The competition", body = Competition),
+        BodyRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_competition(
+    State(app): State<App>,
+    organizer: Organizer,
+    _: Params<Nothing>,
+    Json(request, _): Json<CompetitionRequest>,
+) -> Result<Response, ApiError> {
+    let now = app.clock.now();
+    let definition = definition(request, now)?;
+    let sealed = Sealed::draw(definition.sealed_seeds(), &*app.entropy);
+    let id = new_id(now, &*app.entropy);
+    let commitment = sealed.commitment();
+    let row = CompetitionRow {
+        id: id.clone(),
+        definition: serde_json::to_string(&definition).expect("a definition has string keys"),
+        salt: Secret(sealed.salt.to_vec()),
+        seeds: Secret(sealed.seeds.concat()),
+        commitment,
+        opens_at: definition.opens_at,
+        closes_at: definition.closes_at,
+        at: now,
+    };
+    let commitment = data_encoding::HEXLOWER.encode(&commitment);
+    let detail = json!({ "name": definition.name, "commitment": commitment });
+    let deed = organizer.deed(&app, "competition.create", &id, detail);
+    app.store.keep(vec![Entry::AddCompetition(Box::new(row)), deed]).await?;
+    tracing::info!(competition = %id, commitment, "created");
+    let stored = app.store.find_competition(&id).await?;
+    let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
+}
+
+/// Checks everything that was asked for; all that is wrong is named at once.
+fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
+    let mut problems = Problems::default();
+    let clocks = request.clocks.unwrap_or_default();
+    let deadline_s = clocks.round_deadline_s.map(|s| s.0);
+    let deadline = problems.seconds("clocks.round_deadline_s", deadline_s, 1.0, 0.05, 86_400.0);
+    let bank = problems.seconds("clocks.bank_s", clocks.bank_s.map(|s| s.0), 0.0, 0.0, 604_800.0);
+    let idle_s = clocks.idle_timeout_s.map(|s| s.0);
+    let idle = problems.seconds("clocks.idle_timeout_s", idle_s, 86_400.0, 1.0, 31_536_000.0);
+    let mut refuse = |field: &str, problem: String| problems.refuse(field, problem);
+    let is_missing = || "is missing".to_owned();
+    for (field, is_there) in [
+        ("name", request.name.is_some()),
+        ("opens_at", request.opens_at.is_some()),
+        ("closes_at", request.closes_at.is_some()),
+    ] {
+        if !is_there {
+            refuse(field, is_missing());
+        }
+    }
+    if deadline_s.is_none() {
+        refuse(
+            "clocks.round_deadline_s",
+            "is missing: a round that runs at the closing time could go on for ever".to_owned(),
+        );
+    }
+    let entry = one_of(request.entry, Admission::ALL, Admission::name, "entry", &mut refuse);
+    let counts = one_of(request.counts, Counts::ALL, Counts::name, "counts", &mut refuse);
+    let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
+    // Where they are missing, that was said; nothing else is to be said of them.
+    let opens_at = request.opens_at.unwrap_or(now);
+    let closes_at = request.closes_at.unwrap_or(Timestamp::MAX);
+    let attempts = match request.attempts.unwrap_or(Attempts::Count(1)) {
+        Attempts::Count(count) if count as usize > ATTEMPTS_MAX => {
+            refuse("attempts", format!("must be from 1 to {ATTEMPTS_MAX}, is {count}"));
+            vec![Window { opens_at, closes_at }]
+        }
+        Attempts::Count(count) => vec![Window { opens_at, closes_at }; count as usize],
+        Attempts::Windows(windows) => windows
+            .into_iter()
+            .map(|AttemptWindow { opens_at: from, closes_at: to }| Window {
+                opens_at: from.unwrap_or(opens_at),
+                closes_at: to.unwrap_or(closes_at),
+            })
+            .collect(),
+    };
+    let suite = request.suite.unwrap_or_default();
+    let all_tasks = || swarmbench_engine::TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
+    let definition = Definition {
+        name: request.name.unwrap_or_else(|| "?".to_owned()),
+        description: request.description.unwrap_or_default(),
+        tasks: suite.tasks.unwrap_or_else(all_tasks),
+        seeds: suite.seeds.unwrap_or(5),
+        rules: suite.rules.unwrap_or_else(|| "paper".to_owned()),
+        settings: settings(suite.settings.unwrap_or_default(), millis(deadline), millis(bank)),
+        idle_timeout_ms: millis(idle),
+        opens_at,
+        closes_at,
+        entry: entry.unwrap_or(Admission::Anybody),
+        attempts,
+        parallel: request.parallel.unwrap_or(5),
+        counts: counts.unwrap_or(Counts::Best),
+        board: board.unwrap_or(BoardRule::Public),
+        board_freezes_at: request.board_freezes_at,
+        entries_per_key: request.entries_per_key.unwrap_or(1),
+    };
+    for (field, problem) in definition.problems(now) {
+        problems.refuse(&field, problem);
+    }
+    problems.none_or(Some(definition))
+}
+
+fn settings(asked: SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSettings {
+    let usual = SuiteSettings::default();
+    SuiteSettings {
+        control: asked.control.unwrap_or(usual.control),
+        num_agents: asked.num_agents.unwrap_or(usual.num_agents),
+        width: asked.width.unwrap_or(usual.width),
+        height: asked.height.unwrap_or(usual.height),
+        view_size: asked.view_size.unwrap_or(usual.view_size),
+        memory: asked.memory.unwrap_or(usual.memory),
+        max_round: asked.max_round.unwrap_or(usual.max_round),
+        noise: asked.noise.unwrap_or(usual.noise),
+        max_delay: asked.max_delay.unwrap_or(usual.max_delay),
+        round_deadline_ms: Some(deadline_ms),
+        bank_ms,
+    }
+}
+
+/// The value with the name that was asked for; none where nothing was.
+fn one_of<T: Copy, const N: usize>(
+    asked: Option<String>,
+    all: [T; N],
+    name: impl Fn(T) -> &'static str,
+    field: &str,
+    refuse: &mut impl FnMut(&str, String),
+) -> Option<T> {
+    let asked = asked?;
+    let found = all.into_iter().find(|one| name(*one) == asked);
+    if found.is_none() {
+        let names = all.map(name).join(", ");
+        let is: String = asked.chars().take(40).collect();
+        refuse(field, format!("must be one of {names}, is {is:?}"));
+    }
+    found
+}

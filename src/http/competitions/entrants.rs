@@ -1,0 +1,76 @@
+//! `GET /api/v1/competitions/{id}/entrants`, and one of them.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Ids, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::wire::competition::{EntrantDetail, EntrantList};
+use crate::wire::problem::Problem;
+
+/// List the entrants of a competition.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/entrants",
+    operation_id = "list_entrants",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    security((), ("key" = [])),
+    responses(
+        (status = 200, description = "The entrants", body = EntrantList),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn list_entrants(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<EntrantList>, ApiError> {
+    let competition = app.competition(&caller, &id).await?;
+    let entrants = app.store.entrants(competition.key, None).await?;
+    let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
+    Ok(Json(EntrantList { items, next_cursor: None }))
+}
+
+/// Show an entrant with its own results, to its holder and to organizers.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}/entrants/{entrant}",
+    operation_id = "show_entrant",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("entrant" = String, Path, description = "The entrant's id"),
+    ),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The entrant", body = EntrantDetail),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not the key of this entrant", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn show_entrant(
+    State(app): State<App>,
+    caller: Caller,
+    Ids(id, entrant): Ids,
+    _: Params<Nothing>,
+) -> Result<Json<EntrantDetail>, ApiError> {
+    let key = caller.needs_key()?;
+    let competition = app.competition(&caller, &id).await?;
+    let stored = app.entrant(&competition, &entrant).await?;
+    if !caller.is_organizer() && key.number != Some(stored.owner) {
+        let detail = "an entrant's results are shown to its own key; the board is at …/board";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let field = app.field(competition).await?;
+    let attempts = field.summaries(|entrant| entrant.key == stored.key)?;
+    Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), attempts }))
+}

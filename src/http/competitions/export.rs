@@ -1,0 +1,179 @@
+//! `GET /api/v1/exports/competitions/{id}`: all that is needed to check a competition.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures::stream;
+use serde_json::json;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::episodes::journal::JournalReader;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::Field;
+use crate::competition::export::{
+    Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
+};
+use crate::ids::EpisodeId;
+use crate::journal::{Journal, JournalError};
+use crate::store::competitions::StoredCompetition;
+use crate::wire::problem::Problem;
+
+/// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
+/// its games, and the board.
+///
+/// Once the competition is closed anybody may read it; before, organizers alone. `swarmbench verify --competition FILE`
+/// checks all of it.
+#[utoipa::path(
+    get,
+    path = "/api/v1/exports/competitions/{id}",
+    operation_id = "export_competition",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    security((), ("key" = [])),
+    responses(
+        (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn export_competition(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Response, ApiError> {
+    let competition = app.competition(&caller, &id).await?;
+    if competition.revealed_at.is_none() {
+        let Some(deed) = caller.deed(&app, "competition.export", &id, json!({})) else {
+            let detail = "an export holds the seeds: until the competition is closed only organizers may read it";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        };
+        app.store.keep(vec![deed]).await?;
+    }
+    let turn = app.journal_turn()?;
+    let field = app.field(competition).await?;
+    let reader = Reader::new(app, field)?;
+    let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
+        let lines = reader.next().await?;
+        Ok::<_, JournalError>(lines.map(|lines| (lines, (reader, turn))))
+    });
+    let name = format!("attachment; filename=\"{id}.jsonl\"");
+    let kind = [
+        (header::CONTENT_TYPE, "application/x-ndjson".to_owned()),
+        (header::CONTENT_DISPOSITION, name),
+    ];
+    Ok((kind, Body::from_stream(lines)).into_response())
+}
+
+/// Writes an export piece by piece: it keeps the results of all games, but only a few rounds of one.
+struct Reader {
+    app: App,
+    writer: Writer,
+    /// What comes next, but for the journals of games.
+    pieces: VecDeque<Piece>,
+    journal: Option<JournalReader>,
+    episodes: usize,
+}
+
+enum Piece {
+    Record(Box<Line>),
+    Episode { slot: u32, id: EpisodeId },
+    End,
+}
+
+impl Reader {
+    fn new(app: App, field: Field) -> Result<Self, ApiError> {
+        let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+        let StoredCompetition {
+            id, definition, sealed, commitment, created_at, revealed_at, ..
+        } = &field.competition;
+        let seeds = sealed.seeds.iter().map(|seed| hex(seed)).collect();
+        let mut pieces = VecDeque::new();
+        let record = |pieces: &mut VecDeque<Piece>, line| {
+            pieces.push_back(Piece::Record(Box::new(line)));
+        };
+        let competition = Competition {
+            format: FORMAT,
+            id: id.clone(),
+            definition: definition.clone(),
+            created_at: *created_at,
+            revealed_at: *revealed_at,
+            commitment: hex(commitment),
+            salt: hex(&sealed.salt),
+            seeds,
+        };
+        record(&mut pieces, Line::Competition(Box::new(competition)));
+        for entrant in field.all_entrants() {
+            record(&mut pieces, Line::Entrant(entrant));
+        }
+        for (stored, games) in &field.attempts {
+            let is_broken = stored.void_reason.is_some();
+            let games: Vec<_> = games.iter().filter(|game| game.is_over() && !is_broken).collect();
+            let attempt = Attempt {
+                entrant: field.entrant_of(stored)?.entrant.id.clone(),
+                attempt: stored.number,
+                run: stored.id.clone(),
+                status: stored.status.clone(),
+                created_at: stored.created_at,
+                ended_at: stored.ended_at,
+                voided: stored.void_reason.clone(),
+                games: games
+                    .iter()
+                    .map(|game| Game {
+                        slot: game.slot,
+                        episode: game.id.to_string(),
+                        voided: game.void_reason.clone(),
+                    })
+                    .collect(),
+            };
+            record(&mut pieces, Line::Attempt(attempt));
+            for game in games.into_iter().filter(|game| game.counts()) {
+                pieces.push_back(Piece::Episode { slot: game.slot, id: game.id.clone() });
+            }
+        }
+        record(&mut pieces, Line::Board(Board { rows: field.rows(None)? }));
+        pieces.push_back(Piece::End);
+        Ok(Self { app, writer: Writer::default(), pieces, journal: None, episodes: 0 })
+    }
+
+    async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
+        if let Some(journal) = &mut self.journal {
+            match journal.next().await? {
+                Some(lines) => return Ok(Some(lines)),
+                None => self.journal = None,
+            }
+        }
+        let line = match self.pieces.pop_front() {
+            None => return Ok(None),
+            Some(Piece::Record(line)) => *line,
+            Some(Piece::End) => Line::End(End { episodes: self.episodes }),
+            Some(Piece::Episode { slot, id }) => {
+                let stored = Journal::episode(&self.app.store, id.clone()).await?;
+                let missing = || JournalError(format!("{id} is not there any more").into());
+                let stored = stored.ok_or_else(missing)?;
+                let end = usize::from(stored.end.is_some());
+                let header = Episode {
+                    slot,
+                    episode: id.to_string(),
+                    lines: 1 + stored.rounds as usize + end,
+                    head: stored.head.to_string(),
+                };
+                self.journal =
+                    Some(JournalReader::new(Arc::clone(self.app.registry.journal()), stored));
+                self.episodes += 1;
+                Line::Episode(header)
+            }
+        };
+        Ok(Some(self.writer.line(&line).into()))
+    }
+}

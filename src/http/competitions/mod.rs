@@ -1,0 +1,178 @@
+//! Competitions: created and looked after by organizers, entered and played by entrants, watched by everybody.
+
+pub(super) mod attempts;
+pub(super) mod board;
+pub(super) mod change;
+pub(super) mod codes;
+pub(super) mod create;
+pub(super) mod entrants;
+pub(super) mod export;
+pub(super) mod list;
+pub(super) mod register;
+pub(super) mod show;
+pub(super) mod start;
+pub(super) mod void;
+
+use jiff::Timestamp;
+use swarmbench_engine::TaskName;
+
+use super::App;
+use super::auth::Caller;
+use super::error::{ApiError, Code};
+use crate::board::{Game, Slot};
+use crate::competition::standings::{self, Attempt, Entrant, standings};
+use crate::run::RunStatus;
+use crate::store::competitions::{StoredAttempt, StoredCompetition, StoredEntrant};
+use crate::store::runs::StoredGame;
+use crate::wire::competition::{AttemptSummary, Competition, Revealed};
+
+impl App {
+    /// A competition of which the caller may know.
+    async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
+        caller.may_look_around(&self.access)?;
+        let found = self.store.find_competition(id).await?;
+        found.ok_or_else(|| ApiError::not_found("the competition"))
+    }
+
+    /// An entrant of a competition.
+    async fn entrant(
+        &self,
+        competition: &StoredCompetition,
+        id: &str,
+    ) -> Result<StoredEntrant, ApiError> {
+        let found = self.store.find_entrant(competition.key, id).await?;
+        found.ok_or_else(|| ApiError::not_found("the entrant"))
+    }
+
+    /// All who take part in a competition, with all that they played.
+    async fn field(&self, competition: StoredCompetition) -> Result<Field, ApiError> {
+        let entrants = self.store.entrants(competition.key, None).await?;
+        let attempts = self.store.attempts(competition.key, None).await?;
+        let keys: Vec<_> = attempts.iter().map(|attempt| attempt.run).collect();
+        let mut games = self.store.games_of_all(&keys).await?;
+        let attempts = attempts
+            .into_iter()
+            .map(|attempt| {
+                let games = games.remove(&attempt.run).unwrap_or_default();
+                (attempt, games)
+            })
+            .collect();
+        Ok(Field { competition, entrants, attempts })
+    }
+}
+
+/// A competition as it is shown to everybody.
+fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
+    let revealed = stored.revealed_at.map(|at| Revealed {
+        at,
+        salt: stored.sealed.salt,
+        seeds: stored.sealed.seeds.clone(),
+    });
+    let StoredCompetition { id, definition, commitment, created_at, .. } = stored;
+    Competition::of(id, definition, commitment, *created_at, revealed, now)
+}
+
+/// A competition with all who take part and all that they played.
+struct Field {
+    competition: StoredCompetition,
+    entrants: Vec<StoredEntrant>,
+    /// In the order in which they were started.
+    attempts: Vec<(StoredAttempt, Vec<StoredGame>)>,
+}
+
+impl Field {
+    fn entrant_of(&self, attempt: &StoredAttempt) -> Result<&StoredEntrant, ApiError> {
+        let found = self.entrants.iter().find(|entrant| entrant.key == attempt.entry);
+        found.ok_or_else(|| ApiError::new(Code::Internal, "an attempt without an entrant"))
+    }
+
+    /// An attempt as far as the board is concerned.
+    fn attempt(
+        &self,
+        (attempt, games): &(StoredAttempt, Vec<StoredGame>),
+    ) -> Result<Attempt, ApiError> {
+        let StoredCompetition { id, definition, sealed, .. } = &self.competition;
+        let seeds = sealed.of_attempt(attempt.number, definition.seeds);
+        let slot = |game: crate::run::suite::Game| {
+            Some(Slot { task: TaskName::parse(&game.task)?, seed: game.seed })
+        };
+        let plan = definition.suite(id, seeds).plan().into_iter().map(slot);
+        let plan: Option<Vec<Slot>> = plan.collect();
+        let plan = plan.ok_or_else(|| ApiError::new(Code::Internal, "an unknown task"))?;
+        let ended = games.iter().filter(|game| game.is_over());
+        let game = |game: &StoredGame| {
+            Some(Game {
+                slot: *plan.get(game.slot as usize)?,
+                score: game.score,
+                answers: game.tally.acts,
+                invalid: game.tally.invalid,
+                clock_outs: game.tally.clock_outs,
+                voided: !game.counts(),
+            })
+        };
+        Ok(Attempt {
+            entrant: self.entrant_of(attempt)?.entrant.id.clone(),
+            number: attempt.number,
+            run: attempt.id.clone(),
+            status: attempt.status.clone(),
+            is_over: attempt.status != RunStatus::Running.name() && attempt.unfinished == 0,
+            voided: attempt.void_reason.is_some(),
+            created_at: attempt.created_at,
+            ended_at: attempt.ended_at,
+            games: ended.filter_map(game).collect(),
+            plan,
+        })
+    }
+
+    fn all_attempts(&self) -> Result<Vec<Attempt>, ApiError> {
+        self.attempts.iter().map(|attempt| self.attempt(attempt)).collect()
+    }
+
+    fn all_entrants(&self) -> Vec<Entrant> {
+        self.entrants.iter().map(|entrant| entrant.entrant.clone()).collect()
+    }
+
+    /// The board, of all that was over at a time, or of all that is.
+    fn rows(&self, before: Option<Timestamp>) -> Result<Vec<standings::Row>, ApiError> {
+        let mut attempts = self.all_attempts()?;
+        if let Some(before) = before {
+            for attempt in &mut attempts {
+                attempt.is_over &= attempt.ended_at.is_some_and(|at| at < before);
+            }
+        }
+        Ok(standings(&self.competition.definition, &self.all_entrants(), &attempts))
+    }
+
+    /// The attempts of all whom `is_of` names, as they see them themselves.
+    fn summaries(
+        &self,
+        is_of: impl Fn(&StoredEntrant) -> bool,
+    ) -> Result<Vec<AttemptSummary>, ApiError> {
+        let mut summaries = Vec::new();
+        for pair in &self.attempts {
+            let (stored, _) = pair;
+            let entrant = self.entrant_of(stored)?;
+            if !is_of(entrant) {
+                continue;
+            }
+            let definition = &self.competition.definition;
+            let attempt = self.attempt(pair)?;
+            let result = standings::result(definition, &entrant.entrant, &attempt);
+            let tasks = standings::tasks_of(definition, &result);
+            summaries.push(AttemptSummary {
+                entrant: attempt.entrant,
+                attempt: attempt.number,
+                run: attempt.run,
+                status: attempt.status,
+                created_at: attempt.created_at,
+                ended_at: attempt.ended_at,
+                games: attempt.plan.len(),
+                games_ended: attempt.games.iter().filter(|game| !game.voided).count(),
+                voided: stored.void_reason.clone(),
+                tasks: attempt.is_over.then(|| tasks.iter().map(Into::into).collect()),
+                total: result.total(&definition.tasks()).filter(|_| attempt.is_over),
+            });
+        }
+        Ok(summaries)
+    }
+}

@@ -1,0 +1,193 @@
+//! `POST /api/v1/competitions/{id}/entrants`.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+
+use super::super::App;
+use super::super::answer::with_tokens;
+use super::super::auth::Caller;
+use super::super::checks::Problems;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::competition::definition::Admission;
+use crate::competition::new_entrant_id;
+use crate::competition::standings::Declaration;
+use crate::ids::{Token, TokenHash, TokenKind};
+use crate::journal::{EntrantRow, Entry, Journal};
+use crate::keys::{Key, KeyRow, Role};
+use crate::store::competitions::StoredCompetition;
+use crate::wire::competition::{CreatedEntrant, EntrantRequest};
+use crate::wire::problem::Problem;
+
+/// Enter a competition.
+///
+/// Whoever shows a key enters with that; whoever has none gets one, shown this once, that starts the entrant's attempts
+/// and shows its results, and does nothing else. What is declared never changes: another model is another entrant.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/entrants",
+    operation_id = "register_entrant",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    request_body(content = EntrantRequest, description = "At most 256 KiB"),
+    security((), ("key" = [])),
+    responses(
+        (status = 201, description = "The entrant, with its key where it needed one", body = CreatedEntrant),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode enters nothing; the invitation code is missing, unknown or used up; the key has as many entrants as it may", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`closed`: nobody enters it any more", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn register_entrant(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+    Json(request, _): Json<EntrantRequest>,
+) -> Result<Response, ApiError> {
+    let own_key = match &caller {
+        Caller::Key(key) => Some(key.clone()),
+        Caller::Anonymous { .. } => None,
+        Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {
+            let detail = "a token of an episode enters nothing; send a key, or nothing";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+    };
+    // A competition that somebody was told of may be entered, also where strangers look at nothing.
+    let stored = app.store.find_competition(&id).await?;
+    let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    check(&request, &app)?;
+    // Whoever enters at the same time is counted, and a code is good once.
+    App::to_its_end(async move {
+        let _one_by_one = app.one_by_one(&format!("enter {}", competition.id)).await;
+        register(&app, &competition, own_key, request).await
+    })
+    .await
+}
+
+/// What is wrong with a declaration; all at once.
+fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
+    let mut problems = Problems::default();
+    problems.text("name", &request.name, crate::keys::NAME_CHARS_MAX);
+    problems.model(&app.limits, &request.model);
+    for (field, value, most) in
+        [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
+    {
+        if value.is_some_and(|value| !(0.0..=most).contains(&value)) {
+            problems.refuse(field, format!("must be from 0 to {most}"));
+        }
+    }
+    if let Some(meta) = &request.agent_meta {
+        problems.agent_meta(&app.limits, meta);
+    }
+    problems.template(request.prompt_template.as_deref());
+    problems.none_or(Some(()))
+}
+
+async fn register(
+    app: &App,
+    competition: &StoredCompetition,
+    own_key: Option<Key>,
+    request: EntrantRequest,
+) -> Result<Response, ApiError> {
+    let now = app.clock.now();
+    let definition = &competition.definition;
+    if definition.closes_at <= now {
+        let detail = format!("the competition closed at {}", definition.closes_at);
+        return Err(ApiError::new(Code::Closed, detail));
+    }
+    let invitation = invitation(app, competition, request.code.as_deref()).await?;
+    let others = app.store.entrants(competition.key, None).await?;
+    let most = app.limits.entrants_max;
+    if others.len() >= most {
+        let detail = "as many have entered as there may be; ask the organizer";
+        return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
+    }
+    if others.iter().any(|other| is_same(&other.entrant.name, &request.name)) {
+        return Err(ApiError::field("name", "is that of another entrant"));
+    }
+    if let Some(key) = &own_key {
+        let own = others.iter().filter(|other| Some(other.owner) == key.number).count();
+        if own >= definition.entries_per_key as usize {
+            let detail = format!("this key has {own} entrants already, as many as it may");
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+    }
+    let mut entries = Vec::new();
+    let mut secret = None;
+    let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
+    let owner = match own_key {
+        Some(key) => key.id,
+        None => {
+            let (key, token) = Key::new(Role::Entrant, &request.name, None, now, &*app.entropy)
+                .map_err(|problem| ApiError::field("name", problem))?;
+            let id = key.id.clone();
+            entries.push(Entry::AddKey(Box::new(KeyRow { key, hash: token.hash() })));
+            secret = Some(token);
+            id
+        }
+    };
+    let declaration = Declaration {
+        model: request.model.clone(),
+        temperature: request.temperature,
+        top_p: request.top_p,
+        agent_meta: request.agent_meta.unwrap_or_default(),
+        prompt_template: request.prompt_template,
+    };
+    let id = new_entrant_id(now, &*app.entropy);
+    entries.push(Entry::AddEntrant(Box::new(EntrantRow {
+        id: id.clone(),
+        competition: competition.key,
+        owner,
+        name: request.name,
+        model: request.model,
+        declaration: serde_json::to_string(&declaration).expect("string keys"),
+        vouched: is_vouched,
+        invitation,
+        at: now,
+    })));
+    app.store.keep(entries).await?;
+    let entrant = app.entrant(competition, &id).await?;
+    let key = secret.map(|token| token.reveal().to_owned());
+    let body = CreatedEntrant { entrant: (&entrant.entrant).into(), key };
+    Ok(with_tokens(StatusCode::CREATED, body))
+}
+
+/// The invitation that a code stands for, where one is needed.
+async fn invitation(
+    app: &App,
+    competition: &StoredCompetition,
+    code: Option<&str>,
+) -> Result<Option<TokenHash>, ApiError> {
+    if competition.definition.entry == Admission::Anybody {
+        return match code {
+            None => Ok(None),
+            Some(_) => Err(ApiError::field("code", "is not needed here: anybody may enter")),
+        };
+    }
+    let refused = |detail: &str| Err(ApiError::new(Code::Forbidden, detail));
+    let Some(code) = code else {
+        return refused("this competition is entered with an invitation code, as `code`");
+    };
+    let token = Token::parse(code.trim()).filter(|token| token.kind() == TokenKind::Invitation);
+    let hash = token.map(|token| token.hash());
+    let used = match hash {
+        Some(hash) => app.store.is_invitation_used(competition.key, hash).await?,
+        None => None,
+    };
+    match used {
+        None => refused("this is no invitation code of this competition"),
+        Some(true) => refused("this invitation code was used before; each is good once"),
+        Some(false) => Ok(hash),
+    }
+}
+
+/// Whether two names look the same on a board.
+fn is_same(one: &str, other: &str) -> bool {
+    one.trim().to_lowercase() == other.trim().to_lowercase()
+}

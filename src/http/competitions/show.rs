@@ -1,0 +1,37 @@
+//! `GET /api/v1/competitions/{id}`.
+
+use axum::Json;
+use axum::extract::State;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::shown;
+use crate::wire::competition::Competition;
+
+/// Show a competition: its seeds and salt only after its end.
+#[utoipa::path(
+    get,
+    path = "/api/v1/competitions/{id}",
+    operation_id = "show_competition",
+    tag = "competitions",
+    params(("id" = String, Path, description = "The competition's id")),
+    security((), ("key" = [])),
+    responses(
+        (status = 200, description = "The competition", body = Competition),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn show_competition(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<Competition>, ApiError> {
+    let stored = app.competition(&caller, &id).await?;
+    Ok(Json(shown(&stored, app.clock.now())))
+}

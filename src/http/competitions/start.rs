@@ -1,0 +1,161 @@
+//! `POST /api/v1/competitions/{id}/attempts`.
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use sha2::{Digest, Sha256};
+
+use super::super::App;
+use super::super::answer;
+use super::super::auth::Caller;
+use super::super::error::{ApiError, Code};
+use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::competition::EntrantStatus;
+use crate::competition::phase::attempt as choose;
+use crate::ids::Token;
+use crate::keys::OwnerKey;
+use crate::run::manager::NewRun;
+use crate::store::competitions::{StoredCompetition, StoredEntrant};
+use crate::store::tokens::Grant;
+use crate::wire::competition::{AttemptRequest, StartedAttempt};
+use crate::wire::problem::Problem;
+
+/// Start an attempt: the next one that is open, or the one that is asked for.
+///
+/// Its swarm token is shown this once. A repeat with the same `Idempotency-Key` and body gives the same attempt with a
+/// fresh token.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/attempts",
+    operation_id = "start_attempt",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this start"),
+    ),
+    request_body(content = AttemptRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 201, description = "The attempt, with its swarm token", body = StartedAttempt),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`closed`: no attempt is open, or all were started", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn start_attempt(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+    headers: HeaderMap,
+    Json(request, body): Json<AttemptRequest>,
+) -> Result<Response, ApiError> {
+    let owner = caller.needs_key()?.number;
+    let competition = app.competition(&caller, &id).await?;
+    let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
+    let name = idempotency_key(&headers, owner, &app.limits)?;
+    // So has every competition.
+    let name = name.map(|name| format!("{}/{name}", competition.id));
+    let body: [u8; 32] = Sha256::digest(&body).into();
+    let idempotency = name.map(|name| (name, body));
+    // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
+    App::to_its_end(async move {
+        let _one_by_one = app.one_by_one(&format!("attempt {}", entrant.entrant.id)).await;
+        if let Some((name, body)) = &idempotency
+            && let Some((run, first)) = app.store.run_created_with(name).await?
+        {
+            if first != *body {
+                return Err(ApiError::other_body());
+            }
+            let number = run.attempt.map_or(0, |(_, number)| number);
+            let token = app.runs.replace_token(run.run, Vec::new()).await?;
+            app.forget_tokens(
+                |grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run),
+            );
+            return started(&competition, &entrant, number, run.id, &token);
+        }
+        start(&app, &competition, &entrant, request.attempt, idempotency).await
+    })
+    .await
+}
+
+/// The entrant of the key: the one that is named, or the only one.
+async fn entrant(
+    app: &App,
+    competition: &StoredCompetition,
+    owner: Option<OwnerKey>,
+    id: Option<&str>,
+) -> Result<StoredEntrant, ApiError> {
+    let own = match owner {
+        Some(owner) => app.store.entrants(competition.key, Some(owner)).await?,
+        None => Vec::new(),
+    };
+    let count = own.len();
+    let mut found = own.into_iter().filter(|entrant| id.is_none_or(|id| id == entrant.entrant.id));
+    match (found.next(), id) {
+        (Some(_), None) if count > 1 => {
+            Err(ApiError::field("entrant", format!("is missing: this key has {count} entrants")))
+        }
+        (Some(entrant), _) => Ok(entrant),
+        (None, _) => {
+            let detail = "this key has no such entrant here; register with POST …/entrants first";
+            Err(ApiError::new(Code::Forbidden, detail))
+        }
+    }
+}
+
+async fn start(
+    app: &App,
+    competition: &StoredCompetition,
+    entrant: &StoredEntrant,
+    wanted: Option<u32>,
+    idempotency: Option<(String, [u8; 32])>,
+) -> Result<Response, ApiError> {
+    // It may have been excluded while others started.
+    let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
+    if entrant.entrant.status != EntrantStatus::Active {
+        let reason = entrant.entrant.reason.as_deref().unwrap_or("no reason was given");
+        let status = entrant.entrant.status.name();
+        let detail = format!("this entrant is {status}: {reason}");
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let attempts = app.store.attempts(competition.key, Some(entrant.key)).await?;
+    let counting = attempts.iter().filter(|attempt| attempt.void_reason.is_none());
+    let used: Vec<u32> = counting.map(|attempt| attempt.number).collect();
+    let definition = &competition.definition;
+    let number = choose(definition, wanted, &used, app.clock.now())
+        .map_err(|why| ApiError::new(Code::Closed, why.to_string()))?;
+    let seeds = competition.sealed.of_attempt(number, definition.seeds);
+    let run = definition.run(&competition.id, &entrant.entrant.declaration, number, seeds);
+    let definition = run.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
+    let attempt = Some((entrant.key, number));
+    let new = NewRun { owner: Some(entrant.owner), definition, attempt, idempotency };
+    let (run, token) = app.runs.create(new).await?;
+    let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
+    started(competition, entrant, number, run.id, &token)
+}
+
+fn started(
+    competition: &StoredCompetition,
+    entrant: &StoredEntrant,
+    attempt: u32,
+    run: String,
+    token: &Token,
+) -> Result<Response, ApiError> {
+    let definition = &competition.definition;
+    let window = definition.window(attempt);
+    let window = window.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
+    let body = StartedAttempt {
+        attempt,
+        entrant: entrant.entrant.id.clone(),
+        run,
+        games: definition.games(),
+        closes_at: window.closes_at,
+        swarm_token: token.reveal().to_owned(),
+    };
+    Ok(answer::created(&format!("/api/v1/runs/{}", body.run), &body))
+}

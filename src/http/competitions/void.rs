@@ -1,0 +1,74 @@
+//! `POST /api/v1/competitions/{id}/attempts/{run}/void`.
+
+use axum::extract::State;
+use serde_json::json;
+
+use super::super::App;
+use super::super::auth::Organizer;
+use super::super::checks::Problems;
+use super::super::error::ApiError;
+use super::super::extract::{Ids, Json, Nothing, Params};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::journal::{Entry, Journal};
+use crate::run::RunStatus;
+use crate::wire::competition::AttemptSummary;
+use crate::wire::episode::VoidRequest;
+use crate::wire::problem::Problem;
+
+/// Say that the host broke an attempt: it ends, does not count, and may be started again on the same seeds.
+///
+/// Doing it again changes nothing; the first reason stays.
+#[utoipa::path(
+    post,
+    path = "/api/v1/competitions/{id}/attempts/{run}/void",
+    operation_id = "void_attempt",
+    tag = "competitions",
+    params(
+        ("id" = String, Path, description = "The competition's id"),
+        ("run" = String, Path, description = "The id of the attempt's run"),
+    ),
+    request_body(content = VoidRequest, description = "At most 256 KiB"),
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The attempt does not count", body = AttemptSummary),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn void_attempt(
+    State(app): State<App>,
+    organizer: Organizer,
+    Ids(id, run): Ids,
+    _: Params<Nothing>,
+    Json(VoidRequest { reason }, _): Json<VoidRequest>,
+) -> Result<axum::Json<AttemptSummary>, ApiError> {
+    let mut problems = Problems::default();
+    problems.text("reason", &reason, app.limits.reason_chars_max);
+    let reason = problems.none_or(Some(reason))?;
+    App::to_its_end(async move {
+        let stored = app.store.find_competition(&id).await?;
+        let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+        let attempts = app.store.attempts(competition.key, None).await?;
+        let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
+        let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
+        if attempt.void_reason.is_none() {
+            let detail = json!({ "competition": id, "attempt": attempt.number, "reason": reason });
+            let at = app.clock.now();
+            let deeds = vec![
+                Entry::VoidRun { run: attempt.run, reason, at },
+                organizer.deed(&app, "attempt.void", &run, detail),
+            ];
+            if !app.runs.end_with(attempt.run, RunStatus::Aborted, deeds.clone()).await? {
+                app.store.keep(deeds).await?;
+            }
+        }
+        let field = app.field(competition).await?;
+        let summary = field.summaries(|entrant| entrant.key == attempt.entry)?;
+        let summary = summary.into_iter().find(|summary| summary.run == run);
+        Ok(axum::Json(summary.ok_or_else(|| ApiError::not_found("the attempt"))?))
+    })
+    .await
+}

@@ -1,0 +1,375 @@
+//! The tables `competitions`, `entries` and `invitations`.
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{QueryBuilder, Row, Sqlite};
+
+use super::episodes::time;
+use super::runs::void_reason;
+use super::{Store, failure};
+use crate::competition::EntrantStatus;
+use crate::competition::definition::Definition;
+use crate::competition::sealed::{SEED_BYTES, Sealed};
+use crate::competition::standings::{Declaration, Entrant};
+use crate::ids::TokenHash;
+use crate::journal::{CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey};
+use crate::keys::OwnerKey;
+
+/// A competition as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredCompetition {
+    /// Its number.
+    pub key: CompetitionKey,
+    /// Its public id.
+    pub id: String,
+    /// What was decided about it.
+    pub definition: Definition,
+    /// Its secret.
+    pub sealed: Sealed,
+    /// What was published of the secret.
+    pub commitment: [u8; 32],
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When everything was opened to all, if it was.
+    pub revealed_at: Option<Timestamp>,
+}
+
+/// An entrant as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredEntrant {
+    /// Its number.
+    pub key: EntryKey,
+    /// The competition.
+    pub competition: CompetitionKey,
+    /// The key to which it belongs.
+    pub owner: OwnerKey,
+    /// All that others see of it, and what it declared.
+    pub entrant: Entrant,
+}
+
+/// An attempt as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredAttempt {
+    /// The number of its run.
+    pub run: RunKey,
+    /// The public id of its run.
+    pub id: String,
+    /// Whose it is.
+    pub entry: EntryKey,
+    /// Its number, from 1.
+    pub number: u32,
+    /// The name of the run's status.
+    pub status: String,
+    /// When it was started.
+    pub created_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+    /// Why it does not count, where the host broke it.
+    pub void_reason: Option<String>,
+    /// How many of its episodes have not ended, but for those that the host broke.
+    pub unfinished: u32,
+}
+
+const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
+                           revealed_at FROM competitions ";
+
+const ENTRANT: &str = "SELECT key, id, competition, owner, name, declaration, status, reason, \
+                       vouched, registered_at FROM entries ";
+
+const ATTEMPT: &str = "
+    SELECT r.key, r.id, r.entry, r.attempt, r.status, r.created_at, r.ended_at, r.voided_at,
+           r.void_reason,
+           (SELECT count(*) FROM episodes e
+            WHERE e.run = r.key AND e.ended_at IS NULL AND e.voided_at IS NULL) AS unfinished
+    FROM runs r ";
+
+impl Store {
+    /// Finds a competition by its public id.
+    ///
+    /// # Errors
+    /// Where the database cannot be read; so for all functions here.
+    pub async fn find_competition(
+        &self,
+        id: &str,
+    ) -> Result<Option<StoredCompetition>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
+        query.push("WHERE id = ").push_bind(id);
+        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        row.as_ref().map(competition).transpose().map_err(failure)
+    }
+
+    /// Lists competitions, newest first, from the one after `before` on.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn list_competitions(
+        &self,
+        before: Option<CompetitionKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredCompetition>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
+        query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// The competitions that have closed and are not open to all yet.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn closing_competitions(
+        &self,
+        now: Timestamp,
+    ) -> Result<Vec<StoredCompetition>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
+        query.push("WHERE revealed_at IS NULL AND closes_at <= ");
+        query.push_bind(now.as_millisecond()).push(" ORDER BY key");
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// Finds an entrant of a competition by its public id.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn find_entrant(
+        &self,
+        competition: CompetitionKey,
+        id: &str,
+    ) -> Result<Option<StoredEntrant>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(ENTRANT);
+        query.push("WHERE competition = ").push_bind(competition.0);
+        query.push(" AND id = ").push_bind(id);
+        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        row.as_ref().map(entrant).transpose().map_err(failure)
+    }
+
+    /// The entrants of a competition in the order in which they registered: all, or those of one key.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn entrants(
+        &self,
+        competition: CompetitionKey,
+        owner: Option<OwnerKey>,
+    ) -> Result<Vec<StoredEntrant>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(ENTRANT);
+        query.push("WHERE competition = ").push_bind(competition.0);
+        if let Some(owner) = owner {
+            query.push(" AND owner = ").push_bind(owner.0);
+        }
+        query.push(" ORDER BY key");
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// Whether a competition has an invitation code with this hash, and whether it was used; none where it has
+    /// no such code.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn is_invitation_used(
+        &self,
+        competition: CompetitionKey,
+        hash: TokenHash,
+    ) -> Result<Option<bool>, JournalError> {
+        let row = sqlx::query(
+            "SELECT entry IS NOT NULL FROM invitations WHERE competition = ? AND hash = ?",
+        )
+        .bind(competition.0)
+        .bind(&hash.0[..])
+        .fetch_optional(&self.readers)
+        .await
+        .map_err(failure)?;
+        row.map(|row| row.try_get(0)).transpose().map_err(failure)
+    }
+
+    /// The attempts of a competition in the order in which they were started: all, or those of one entrant.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn attempts(
+        &self,
+        competition: CompetitionKey,
+        entry: Option<EntryKey>,
+    ) -> Result<Vec<StoredAttempt>, JournalError> {
+        let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
+        query.push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ");
+        query.push_bind(competition.0).push(")");
+        if let Some(entry) = entry {
+            query.push(" AND r.entry = ").push_bind(entry.0);
+        }
+        query.push(" ORDER BY r.key");
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(attempt).collect::<Result<_, _>>().map_err(failure)
+    }
+}
+
+pub(super) async fn add(
+    connection: &mut SqliteConnection,
+    row: &CompetitionRow,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO competitions (id, definition, salt, seeds, commitment, opens_at, closes_at, created_at)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(&row.id)
+    .bind(&row.definition)
+    .bind(&row.salt.0)
+    .bind(&row.seeds.0)
+    .bind(&row.commitment[..])
+    .bind(row.opens_at.as_millisecond())
+    .bind(row.closes_at.as_millisecond())
+    .bind(row.at.as_millisecond())
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) async fn add_entrant(
+    connection: &mut SqliteConnection,
+    row: &EntrantRow,
+) -> Result<(), sqlx::Error> {
+    let added = sqlx::query(
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, status, vouched, registered_at)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, 'active', ?, ?)",
+    )
+    .bind(&row.id)
+    .bind(row.competition.0)
+    .bind(&row.owner)
+    .bind(&row.name)
+    .bind(&row.model)
+    .bind(&row.declaration)
+    .bind(row.vouched)
+    .bind(row.at.as_millisecond())
+    .execute(&mut *connection)
+    .await?;
+    if let Some(hash) = row.invitation {
+        sqlx::query("UPDATE invitations SET entry = ? WHERE hash = ?")
+            .bind(added.last_insert_rowid())
+            .bind(&hash.0[..])
+            .execute(connection)
+            .await?;
+    }
+    Ok(())
+}
+
+pub(super) async fn set_entrant(
+    connection: &mut SqliteConnection,
+    entry: EntryKey,
+    status: &str,
+    reason: Option<&str>,
+    vouched: bool,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE entries SET status = ?, reason = ?, vouched = ? WHERE key = ?")
+        .bind(status)
+        .bind(reason)
+        .bind(vouched)
+        .bind(entry.0)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn add_invitations(
+    connection: &mut SqliteConnection,
+    competition: CompetitionKey,
+    codes: &[(TokenHash, String)],
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    for (hash, label) in codes {
+        sqlx::query(
+            "INSERT INTO invitations (hash, competition, label, created_at) VALUES (?, ?, ?, ?)",
+        )
+        .bind(&hash.0[..])
+        .bind(competition.0)
+        .bind(label)
+        .bind(at.as_millisecond())
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}
+
+/// Opens a competition and all its episodes to all.
+pub(super) async fn reveal(
+    connection: &mut SqliteConnection,
+    competition: CompetitionKey,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE competitions SET revealed_at = coalesce(revealed_at, ?) WHERE key = ?")
+        .bind(at.as_millisecond())
+        .bind(competition.0)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query(
+        "UPDATE episodes SET revealed = 1 WHERE run IN (
+             SELECT r.key FROM runs r JOIN entries n ON n.key = r.entry WHERE n.competition = ?)",
+    )
+    .bind(competition.0)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// A column whose text cannot be read.
+fn decode(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> sqlx::Error {
+    sqlx::Error::Decode(error.into())
+}
+
+fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
+    let bytes = |column| row.try_get::<Vec<u8>, _>(column);
+    let wrong = |_| decode("a salt and a commitment have 32 bytes");
+    let seeds = bytes("seeds")?;
+    let (seeds, rest) = seeds.as_chunks::<SEED_BYTES>();
+    if !rest.is_empty() {
+        return Err(decode("seeds have 16 bytes each"));
+    }
+    let sealed = Sealed { salt: bytes("salt")?.try_into().map_err(wrong)?, seeds: seeds.to_vec() };
+    let definition = serde_json::from_str(&row.try_get::<String, _>("definition")?);
+    Ok(StoredCompetition {
+        key: CompetitionKey(row.try_get("key")?),
+        id: row.try_get("id")?,
+        definition: definition.map_err(decode)?,
+        sealed,
+        commitment: bytes("commitment")?.try_into().map_err(wrong)?,
+        created_at: time(row.try_get("created_at")?)?,
+        revealed_at: row.try_get::<Option<i64>, _>("revealed_at")?.map(time).transpose()?,
+    })
+}
+
+fn entrant(row: &SqliteRow) -> Result<StoredEntrant, sqlx::Error> {
+    let status: String = row.try_get("status")?;
+    let status = EntrantStatus::parse(&status);
+    let declaration: Declaration =
+        serde_json::from_str(&row.try_get::<String, _>("declaration")?).map_err(decode)?;
+    Ok(StoredEntrant {
+        key: EntryKey(row.try_get("key")?),
+        competition: CompetitionKey(row.try_get("competition")?),
+        owner: OwnerKey(row.try_get("owner")?),
+        entrant: Entrant {
+            id: row.try_get("id")?,
+            name: row.try_get("name")?,
+            declaration,
+            status: status.ok_or_else(|| decode("the status of an entrant"))?,
+            reason: row.try_get("reason")?,
+            vouched: row.try_get("vouched")?,
+            registered_at: time(row.try_get("registered_at")?)?,
+        },
+    })
+}
+
+fn attempt(row: &SqliteRow) -> Result<StoredAttempt, sqlx::Error> {
+    Ok(StoredAttempt {
+        run: RunKey(row.try_get("key")?),
+        id: row.try_get("id")?,
+        entry: EntryKey(row.try_get("entry")?),
+        number: row.try_get("attempt")?,
+        status: row.try_get("status")?,
+        created_at: time(row.try_get("created_at")?)?,
+        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
+        void_reason: void_reason(row)?,
+        unfinished: row.try_get("unfinished")?,
+    })
+}
