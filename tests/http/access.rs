@@ -207,6 +207,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         "show_episode" | "list_claims" => (!knows()).then_some(404),
         "create_claim" => match kind {
             Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
             _ if kind.is_key() => (!knows()).then_some(404),
             _ => Some(403),
         },
