@@ -62,6 +62,21 @@ CREATE TABLE seats (
     PRIMARY KEY (episode, agent)
 ) STRICT, WITHOUT ROWID;
 
+-- The holders of such seats, and whoever created an episode of which the server hosts seats: what they told of who plays.
+CREATE TABLE claims (
+    episode           INTEGER NOT NULL,
+    holder            INTEGER NOT NULL,              -- 0: the creator
+    owner             INTEGER,                       -- keys.number
+    key               TEXT,                          -- the public id of that key
+    model             TEXT    NOT NULL,
+    agent_meta        TEXT    NOT NULL,              -- JSON
+    player            TEXT,                          -- the built-in player that the server hosts on these seats
+    claimed_at        INTEGER NOT NULL,
+    idempotency_key   TEXT UNIQUE,
+    idempotency_body  BLOB,
+    PRIMARY KEY (episode, holder)
+) STRICT, WITHOUT ROWID;
+
 -- Tokens of episodes, and now of runs, too.
 DROP INDEX tokens_by_episode;
 ALTER TABLE tokens RENAME TO tokens_of_episodes;
@@ -69,7 +84,7 @@ CREATE TABLE tokens (
     hash     BLOB    PRIMARY KEY,                    -- of the token; the token itself is not kept
     episode  INTEGER,
     agent    INTEGER,                                -- none: several seats of the episode
-    holder   INTEGER,                                -- whose seats; none: the creator's
+    holder   INTEGER,                                -- of which claim; none: the creator's
     run      INTEGER                                 -- instead of an episode: all seats of all its episodes
 ) STRICT, WITHOUT ROWID;
 INSERT INTO tokens (hash, episode, agent) SELECT hash, episode, agent FROM tokens_of_episodes;

@@ -20,6 +20,7 @@ pub mod competition;
 pub mod dataset;
 pub mod episode;
 pub mod host;
+pub mod house;
 pub mod http;
 pub mod ids;
 pub mod journal;

@@ -14,6 +14,7 @@ use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::host::{Disk, HostDisk, raise_open_files};
+use crate::house;
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
@@ -164,6 +165,10 @@ impl Server {
     ) -> Result<(), StartError> {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
+        if let Some(hosted) = app.registry.take_hosted() {
+            let journal = std::sync::Arc::clone(app.registry.journal());
+            tokio::spawn(house::run(hosted, journal, stop.clone()));
+        }
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));
         let competitions = tokio::spawn(close_competitions(app.clone()));
@@ -202,6 +207,7 @@ async fn take_up(app: App) {
         }
     }
     app.ready.store(true, Ordering::Release);
+    app.read_boards().await;
 }
 
 /// Has runs go on whenever one of their games has ended.

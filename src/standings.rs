@@ -279,7 +279,9 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, JournalError> {
     };
     let config = match stored.opening.read() {
         Ok(Record::Opening(opening)) => opening.config,
-        Ok(Record::Round(_) | Record::End(_)) => return Err(broken("it is none".to_owned())),
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
+            return Err(broken("it is none".to_owned()));
+        }
         Err(error) => return Err(broken(error.to_string())),
     };
     let task = TaskName::parse(&config.task);

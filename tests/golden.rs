@@ -128,6 +128,7 @@ fn every_revision_holds_all_tasks_and_whatever_else_decides_a_score() {
                 ("aborted", ending == "aborted"),
                 ("idle", ending == "idle"),
                 ("no end", ending == "none"),
+                ("several holders", report.seats.is_some()),
                 ("open acts", report.end.is_some_and(|end| !end.open_acts.is_empty())),
             ] {
                 *found.entry(what).or_default() += usize::from(holds);

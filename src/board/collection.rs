@@ -7,7 +7,7 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 
 use super::interval::{Difference, Memory};
-use super::rank::{Pick, Row, View, rank};
+use super::rank::{Pick, PlayerRuns, Row, View, rank_players};
 use super::reference::{self, REFERENCES};
 use super::result::RunResult;
 use super::{RowId, Slot};
@@ -83,8 +83,7 @@ pub struct Imported {
 #[derive(Clone, Debug, Default)]
 struct Board {
     suite: BoardSuite,
-    /// By their numbers in the database.
-    runs: BTreeMap<i64, Arc<RunResult>>,
+    players: BTreeMap<RowId, Arc<PlayerRuns>>,
     /// Whether the suite is one of the program's own.
     is_built_in: bool,
 }
@@ -102,11 +101,20 @@ pub struct OverRun {
     pub result: RunResult,
 }
 
+/// Where a run is.
+#[derive(Clone, Debug)]
+struct Home {
+    board: Arc<BoardId>,
+    row: RowId,
+    run: Arc<str>,
+}
+
 /// All boards.
 #[derive(Clone, Debug, Default)]
 pub struct Boards {
-    boards: BTreeMap<BoardId, Arc<Board>>,
-    homes: BTreeMap<i64, BoardId>,
+    by_id: BTreeMap<BoardId, Arc<Board>>,
+    /// Where each run is, by its number in the database.
+    homes: BTreeMap<i64, Home>,
     imported: Arc<[Imported]>,
 }
 
@@ -162,9 +170,10 @@ impl Boards {
     /// No runs yet: the boards of the suites that the program brings along.
     #[must_use]
     pub fn new(built_in: impl IntoIterator<Item = (BoardId, BoardSuite)>) -> Self {
-        let board =
-            |(id, suite)| (id, Arc::new(Board { suite, runs: BTreeMap::new(), is_built_in: true }));
-        Self { boards: built_in.into_iter().map(board).collect(), ..Self::default() }
+        let board = |(id, suite)| {
+            (id, Arc::new(Board { suite, players: BTreeMap::new(), is_built_in: true }))
+        };
+        Self { by_id: built_in.into_iter().map(board).collect(), ..Self::default() }
     }
 
     /// Takes games that were read from files, instead of those that it had.
@@ -175,24 +184,30 @@ impl Boards {
     /// Puts a run in its place, instead of what stood there of it.
     pub fn insert(&mut self, run: OverRun) {
         let OverRun { key, board: id, suite, result } = run;
-        if self.homes.get(&key).is_some_and(|home| *home != id) {
-            self.remove(key);
-        }
-        let board = self.boards.entry(id.clone()).or_default();
+        self.remove(key);
+        let (row, run) = (result.row, result.run.id.as_str().into());
+        let board = self.by_id.entry(id.clone()).or_default();
         let board = Arc::make_mut(board);
         board.suite = suite;
-        board.runs.insert(key, Arc::new(result));
-        self.homes.insert(key, id);
+        let player = board.players.entry(row).or_default();
+        Arc::make_mut(player).insert(Arc::new(result));
+        self.homes.insert(key, Home { board: Arc::new(id), row, run });
     }
 
     /// Takes a run away, if it is there.
     pub fn remove(&mut self, key: i64) {
-        let Some(id) = self.homes.remove(&key) else { return };
-        let Some(board) = self.boards.get_mut(&id) else { return };
+        let Some(Home { board: id, row, run }) = self.homes.remove(&key) else { return };
+        let Some(board) = self.by_id.get_mut(&id) else { return };
         let board = Arc::make_mut(board);
-        board.runs.remove(&key);
-        if board.runs.is_empty() && !board.is_built_in {
-            self.boards.remove(&id);
+        if let Some(player) = board.players.get_mut(&row) {
+            let player = Arc::make_mut(player);
+            player.remove(&run);
+            if player.is_empty() {
+                board.players.remove(&row);
+            }
+        }
+        if board.players.is_empty() && !board.is_built_in {
+            self.by_id.remove(&*id);
         }
     }
 
@@ -233,9 +248,9 @@ impl Boards {
         let references =
             (REFERENCES.iter()).filter(|_| has_reference && !question.no_reference).filter(shows);
         let view = View { tasks: tasks.clone(), sort, pick };
-        let runs: Vec<Arc<RunResult>> = board.runs.values().cloned().collect();
+        let players = board.players.values().map(|player| &**player);
         let imported = if question.imported { self.imported_to(board) } else { Vec::new() };
-        let rows = rank(&runs, &imported, references, &view);
+        let rows = rank_players(players, &imported, references, &view);
         Ok(Ranked { board: id.clone(), view, task, rows })
     }
 
@@ -263,7 +278,7 @@ impl Boards {
             return Err(Unknown { field: "rules", allowed: one_of(RULES) });
         }
         let asked = question.suite.as_deref().unwrap_or(reference::SUITE);
-        let of_rules = || self.boards.iter().filter(|(id, _)| id.rules == rules);
+        let of_rules = || self.by_id.iter().filter(|(id, _)| id.rules == rules);
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);

@@ -4,7 +4,7 @@
 //! - [`rank`]: runs of the same player make a row; rows are put in order.
 //! - [`interval`]: how sure the order of two rows is.
 //! - [`collection`]: all boards of a database.
-//! - [`reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
+//! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is told in
 //! `docs/boards.md`.

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use swarmbench_engine::TaskName;
 
@@ -81,8 +81,6 @@ pub enum Source {
     Runs {
         /// What is shown: a run, or all of them taken together.
         shown: Arc<RunResult>,
-        /// The ids of the runs that are shown, in the order in which they were started.
-        ids: Vec<String>,
         /// How many runs the player has on this board.
         runs: usize,
     },
@@ -128,19 +126,76 @@ impl Row {
     }
 }
 
+/// The runs of one player.
+#[derive(Clone, Debug, Default)]
+pub struct PlayerRuns {
+    /// In the order in which they were started.
+    runs: Vec<Arc<RunResult>>,
+    /// All of them as one, once somebody has asked for that.
+    together: OnceLock<Arc<RunResult>>,
+}
+
+impl PlayerRuns {
+    /// Adds a run.
+    pub fn insert(&mut self, run: Arc<RunResult>) {
+        let order = |run: &RunResult| (run.run.created_at, run.run.id.clone());
+        let place = self.runs.partition_point(|earlier| order(earlier) < order(&run));
+        self.runs.insert(place, run);
+        self.together.take();
+    }
+
+    /// Takes a run away.
+    pub fn remove(&mut self, id: &str) {
+        self.runs.retain(|run| run.run.id != id);
+        self.together.take();
+    }
+
+    /// Whether none are left.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.runs.is_empty()
+    }
+
+    /// What a board shows of them; none where there are none.
+    fn pick(&self, view: &View) -> Option<Source> {
+        let last = self.runs.last()?;
+        let value = |run: &RunResult| Value::of(run.total(view.ranked_by()));
+        let shown = match view.pick {
+            _ if self.runs.len() == 1 => last,
+            Pick::Best => self.runs.iter().min_by_key(|run| value(run))?,
+            Pick::Last => last,
+            Pick::Mean => self.together.get_or_init(|| {
+                let runs: Vec<&RunResult> = self.runs.iter().map(|run| &**run).collect();
+                RunResult::together(&runs).map_or_else(|| Arc::clone(last), Arc::new)
+            }),
+        };
+        Some(Source::Runs { shown: Arc::clone(shown), runs: self.runs.len() })
+    }
+}
+
 /// The rows of a board in order, the highest first.
 #[must_use]
 pub fn rank(
     runs: &[Arc<RunResult>],
+    references: impl IntoIterator<Item = &'static Reference>,
+    view: &View,
+) -> Vec<Row> {
+    let mut players: BTreeMap<RowId, PlayerRuns> = BTreeMap::new();
+    for run in runs {
+        players.entry(run.row).or_default().insert(Arc::clone(run));
+    }
+    rank_players(players.values(), &[], references, view)
+}
+
+/// The same, of runs that are told apart by players already, and with games from files.
+#[must_use]
+pub fn rank_players<'a>(
+    players: impl IntoIterator<Item = &'a PlayerRuns>,
     imported: &[Arc<RunResult>],
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
 ) -> Vec<Row> {
-    let mut players: BTreeMap<RowId, Vec<&Arc<RunResult>>> = BTreeMap::new();
-    for run in runs {
-        players.entry(run.row).or_default().push(run);
-    }
-    let sources = players.into_values().map(|runs| pick(runs, view));
+    let sources = players.into_iter().filter_map(|player| player.pick(view));
     let imported = imported.iter().cloned().map(Source::Imported);
     let references = references.into_iter().map(Source::Reference);
     let mut rows: Vec<Row> = (sources.chain(imported).chain(references))
@@ -164,28 +219,6 @@ pub fn rank(
         }
     }
     rows
-}
-
-/// The row of a player.
-fn pick(mut runs: Vec<&Arc<RunResult>>, view: &View) -> Source {
-    runs.sort_by(|a, b| (a.run.created_at, &a.run.id).cmp(&(b.run.created_at, &b.run.id)));
-    let value = |run: &RunResult| Value::of(run.total(view.ranked_by()));
-    let all = runs.len();
-    let shown = match view.pick {
-        Pick::Best => runs.iter().min_by_key(|run| value(run)).copied().cloned(),
-        Pick::Last => runs.last().copied().cloned(),
-        Pick::Mean if all == 1 => runs.first().copied().cloned(),
-        Pick::Mean => {
-            let runs: Vec<&RunResult> = runs.iter().map(|run| &***run).collect();
-            RunResult::together(&runs).map(Arc::new)
-        }
-    };
-    let shown = shown.expect("a player has a run");
-    let ids = match view.pick {
-        Pick::Best | Pick::Last => vec![shown.run.id.clone()],
-        Pick::Mean => runs.iter().map(|run| run.run.id.clone()).collect(),
-    };
-    Source::Runs { shown, ids, runs: all }
 }
 
 /// What rows are ranked by, the highest first and what there is none of last. Values that differ by less than
@@ -296,7 +329,7 @@ pub(super) mod tests {
             played("c", "3", 0, [0.3, 0.3, 0.0, 0.0]),
             played("e", "5", 0, [0.0; 4]),
         ];
-        let ranks: Vec<_> = shown(&rank(&runs, &[], [], &view(Pick::Best)))
+        let ranks: Vec<_> = shown(&rank(&runs, [], &view(Pick::Best)))
             .into_iter()
             .map(|(rank, name, _)| (rank.expect("a rank"), name))
             .collect();
@@ -312,15 +345,15 @@ pub(super) mod tests {
             played("a", "second", 2, [6.0, 6.0, 2.0, 4.0]),
             played("a", "third", 3, [2.0, 2.0, 1.0, 5.0]),
         ];
-        let of = |pick| match rank(&runs, &[], [], &view(pick)).remove(0) {
-            Row { source: Source::Runs { ids, runs, .. }, value, .. } => {
-                (ids.join(","), runs, value)
+        let of = |pick| match rank(&runs, [], &view(pick)).remove(0) {
+            Row { source: Source::Runs { shown, runs }, value, .. } => {
+                (shown.run.id.clone(), runs, value)
             }
             row => panic!("{row:?}"),
         };
         assert_eq!(of(Pick::Best), ("second".to_owned(), 3, Some(9.0)));
         assert_eq!(of(Pick::Last), ("third".to_owned(), 3, Some(5.0)));
-        assert_eq!(of(Pick::Mean), ("first,second,third".to_owned(), 3, Some(5.0)));
+        assert_eq!(of(Pick::Mean), ("third".to_owned(), 3, Some(5.0)));
     }
 
     #[test]
@@ -354,7 +387,7 @@ pub(super) mod tests {
         let games: Vec<_> = plan.iter().map(|slot| game(slot.task, slot.seed, 4.1)).collect();
         let runs = [Arc::new(RunResult::new(run, &plan, &games, true))];
         let view = View { tasks: TaskName::ALL.to_vec(), sort: None, pick: Pick::Best };
-        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
+        let rows = rank(&runs, REFERENCES.iter(), &view);
         let names: Vec<_> = rows.iter().take(5).map(Row::name).collect();
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
@@ -364,7 +397,7 @@ pub(super) mod tests {
         assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
         // By one task they have one.
         let view = View { sort: Some(TaskName::Synchronization), ..view };
-        let rows = rank(&runs, &[], REFERENCES.iter(), &view);
+        let rows = rank(&runs, REFERENCES.iter(), &view);
         assert_eq!((rows[0].name(), rows[0].value), ("human players", Some(41.95)));
         assert_eq!(rows.iter().filter(|row| row.rank.is_some()).count(), 1 + 13 + 3 + 1);
     }
@@ -414,11 +447,11 @@ pub(super) mod tests {
                 // To the bit: `Debug` writes floats so that they can be read again.
                 format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
             };
-            let first = tell(&rank(&runs, &[], [], &view(pick)));
+            let first = tell(&rank(&runs, [], &view(pick)));
             let turn = turn % runs.len();
             runs.rotate_left(turn);
             runs.reverse();
-            prop_assert_eq!(tell(&rank(&runs, &[], [], &view(pick))), first);
+            prop_assert_eq!(tell(&rank(&runs, [], &view(pick))), first);
         }
 
         #[test]
@@ -426,7 +459,7 @@ pub(super) mod tests {
             runs in some_runs(),
             pick in proptest::sample::select(&Pick::ALL[..]),
         ) {
-            let rows = rank(&results(&runs), &[], [], &view(pick));
+            let rows = rank(&results(&runs), [], &view(pick));
             for row in &rows {
                 let Some(value) = row.value else {
                     prop_assert_eq!(row.rank, None);
@@ -446,9 +479,9 @@ pub(super) mod tests {
         #[test]
         fn the_best_run_is_no_worse_than_any_other_choice(runs in some_runs()) {
             let runs = results(&runs);
-            let best = rank(&runs, &[], [], &view(Pick::Best));
+            let best = rank(&runs, [], &view(Pick::Best));
             for pick in [Pick::Last, Pick::Mean] {
-                for row in rank(&runs, &[], [], &view(pick)) {
+                for row in rank(&runs, [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
                     // Where the host broke games, the mean may be one of other seeds than the best.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {

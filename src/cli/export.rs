@@ -148,8 +148,8 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
         let run = match &args.run {
             None => None,
             Some(id) => {
-                let run = runtime.block_on(store.run_with_id(id))?;
-                Some(run.with_context(|| format!("there is no run {id}"))?)
+                let run = runtime.block_on(store.find_run(id))?;
+                Some(run.with_context(|| format!("there is no run {id}"))?.run)
             }
         };
         let status = args.status.map(|status| status.name().to_owned());

@@ -80,6 +80,17 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
     let end = report.end.as_ref().map_or("none: it was still running".to_owned(), |end| {
         format!("{} ({})", end.status, end.reason)
     });
+    let holders = report.seats.iter().flat_map(|seats| {
+        seats.holders.iter().map(|holder| {
+            let count = seats.seats.iter().filter(|seat| seat.holder == holder.holder).count();
+            let who = match (&holder.player, &holder.key) {
+                (Some(player), _) => format!("played by the server ({player})"),
+                (None, Some(key)) => format!("of {key}"),
+                (None, None) => "of nobody known".to_owned(),
+            };
+            ("seats", format!("{count} for {}, {who}", holder.model))
+        })
+    });
     for (what, value) in [
         ("episode", report.opening.episode.clone()),
         ("task", format!("{}, rules {}, seed {}", config.task, config.rules, config.seed)),
@@ -88,7 +99,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
         ("score, recomputed", format!("{}", report.score)),
         ("end", end),
         ("head", report.head.to_string()),
-    ] {
+    ]
+    .into_iter()
+    .chain(holders)
+    {
         table.add_row([what.to_owned(), value]);
     }
     println!("{table}");

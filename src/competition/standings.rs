@@ -208,7 +208,7 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
     let is_active = |entrant: &&Entrant| entrant.status == EntrantStatus::Active;
     let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
     let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
-    let ranked = rank(&runs, &[], [], &view);
+    let ranked = rank(&runs, [], &view);
     let row = |entrant: &Entrant, of: Option<&Ranked>| {
         row(entrant, of, attempts, &view.tasks, definition)
     };
@@ -223,7 +223,7 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
         }
     }
     for entrant in gone {
-        let mut alone = rank(&counting(entrant), &[], [], &view);
+        let mut alone = rank(&counting(entrant), [], &view);
         for of in &mut alone {
             of.rank = None;
         }

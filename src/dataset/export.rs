@@ -174,7 +174,7 @@ impl<'a> Export<'a> {
                 self.play(&stored, &mut game, |game, turn| Ok(list.add(&game.after(turn))?))?;
                 list.end()?;
             }
-            let mut game = self.game(&stored)?;
+            let mut game = lay_out(&stored)?;
             let mut list = List::begin(files.begin(&format::agent_file(run_id))?)?;
             self.play(&stored, &mut game, |game, turn| {
                 for act in &turn.acts {
@@ -195,7 +195,7 @@ impl<'a> Export<'a> {
         let mut entries = Entries::begin(out)?;
         for key in keys {
             let Some(stored) = self.stored(*key)? else { continue };
-            entries.add(stored.id.as_str(), &self.game(&stored)?.meta(&stored.status))?;
+            entries.add(stored.id.as_str(), &lay_out(&stored)?.meta(&stored.status))?;
         }
         Ok(entries.end()?)
     }
@@ -290,13 +290,8 @@ impl<'a> Export<'a> {
         self.exported.episodes += 1;
         self.exported.rounds += rounds;
         self.exported.acts += acts;
-        let game = self.game(&stored)?;
+        let game = lay_out(&stored)?;
         Ok(Some((stored, game)))
-    }
-
-    fn game(&self, stored: &StoredEpisode) -> Result<Game, ExportError> {
-        let changed = |problem: String| changed(stored, &problem);
-        Game::new(stored).map_err(changed)
     }
 
     /// Plays an episode that was found sound.
@@ -455,6 +450,11 @@ impl From<ExportError> for Fault {
 
 fn check(stop: &CancellationToken) -> Result<(), ExportError> {
     if stop.is_cancelled() { Err(ExportError::Stopped) } else { Ok(()) }
+}
+
+/// An episode that was found sound, laid out.
+fn lay_out(stored: &StoredEpisode) -> Result<Game, ExportError> {
+    Game::new(stored).map_err(|problem| changed(stored, &problem))
 }
 
 /// Stored episodes do not change, so this does not happen.

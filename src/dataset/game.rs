@@ -60,7 +60,9 @@ impl Game {
     pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
         let opening = match stored.opening.read() {
             Ok(Record::Opening(opening)) => *opening,
-            Ok(Record::Round(_) | Record::End(_)) => return Err("it has no opening".to_owned()),
+            Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
+                return Err("it has no opening".to_owned());
+            }
             Err(error) => return Err(error.to_string()),
         };
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);

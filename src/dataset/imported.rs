@@ -189,7 +189,8 @@ impl Builder {
 
     /// Forgets all acts.
     pub fn without_acts(&mut self) {
-        (self.open.clear(), self.acts = 0);
+        self.open.clear();
+        self.acts = 0;
         for round in &mut self.rounds {
             round.acts = None;
         }

@@ -143,7 +143,7 @@ struct Batch {
     games: BTreeMap<String, Logs>,
 }
 
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Logs {
     states: Option<usize>,
     acts: Option<usize>,

@@ -6,31 +6,34 @@
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use futures::future::BoxFuture;
 use jiff::Timestamp;
 use swarmbench_engine::{AgentId, Config, TaskName, World};
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
+use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
 use super::recovery::off_thread;
+use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::clock::Clock;
-use crate::ids::EpisodeId;
+use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
 use crate::journal::{
-    ActRow, EndRow, Entry, EpisodeKey, Journal, JournalError, RoundRow, RunKey, Tally,
+    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
+    SeatingRow, Tally, TokenRow,
 };
 use crate::keys::OwnerKey;
 
-/// Messages that wait for one episode; who comes when there are more is told to come again.
-pub const MAILBOX_MAX: usize = 4096;
+/// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
+const COMMANDS_WAITING_MAX: usize = 64;
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -38,8 +41,8 @@ pub enum ActError {
     /// By the rules of the barrier.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// Too many others wait for the same episode.
-    #[error("{MAILBOX_MAX} requests wait for this episode already")]
+    /// Too many acts of the same seat wait already.
+    #[error("as many acts of this seat wait for an answer as may, {SEAT_ACTS_WAITING_MAX}")]
     Busy,
     /// It could not be kept.
     #[error(transparent)]
@@ -49,10 +52,93 @@ pub enum ActError {
 /// What each of several acts came to, in their order.
 pub type Outcomes = Vec<Result<Receipt, ActError>>;
 
+/// Why an episode was not started.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum StartError {
+    /// It cannot begin yet.
+    #[error("{0} of its seats are open still")]
+    SeatsOpen(u16),
+    /// It could not be kept.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// Seats that somebody asks for.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    /// Who; the number and the time are not known yet.
+    pub holder: Holder,
+    /// Which seats.
+    pub wanted: Wanted,
+    /// The hashes of as many seat tokens as there are seats wanted.
+    pub seats: Vec<TokenHash>,
+    /// The hash of the token for all of them.
+    pub swarm: TokenHash,
+    /// The key by which a repeated claim finds it, and the hash of the body.
+    pub idempotency: Option<(String, [u8; 32])>,
+}
+
+/// Seats that somebody got.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Claimed {
+    /// The number of the claim in its episode.
+    pub number: u32,
+    /// The seats, in the order of the tokens.
+    pub agents: Vec<AgentId>,
+}
+
+/// Why a claim was not taken.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum ClaimError {
+    /// The seats have holders, or there never were open ones.
+    #[error(transparent)]
+    Taken(#[from] Taken),
+    /// The episode has ended.
+    #[error("the episode has ended")]
+    Over,
+    /// It could not be kept.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
 enum Message {
-    Submit { acts: Vec<(AgentId, Submission)>, reply: oneshot::Sender<Outcomes> },
-    Start { reply: oneshot::Sender<Result<(), JournalError>> },
+    Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Told)>> },
+    Start { reply: oneshot::Sender<Result<(), StartError>> },
     Abort { deeds: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
+    Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
+}
+
+/// Acts on their way to the actor, with the places that they take.
+struct Batch {
+    acts: Vec<Sent>,
+    places: places::Taken,
+}
+
+/// An act on its way.
+struct Sent {
+    /// Its place among the acts of the call.
+    place: usize,
+    agent: AgentId,
+    submission: Submission,
+    earlier: Earlier,
+}
+
+/// What a seat did in a round that is over.
+#[expect(clippy::large_enum_variant, reason = "an act that comes with it is larger still")]
+enum Earlier {
+    /// Nobody has looked.
+    Unknown,
+    /// This, if anything.
+    Found(Option<Given>),
+}
+
+/// What became of an act.
+#[expect(clippy::large_enum_variant, reason = "nearly all are outcomes")]
+enum Told {
+    Outcome(Result<Receipt, ActError>),
+    /// Its round is over: somebody has to look what the seat did then. The actor does not, as all
+    /// others would wait for it.
+    Late(Sent),
 }
 
 /// A message and when it came: its wait in the mailbox takes no player's time.
@@ -74,6 +160,8 @@ pub struct Host {
     pub quotas: Arc<Quotas>,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
+    /// Told of every episode that is taken up and of which the server may play seats.
+    pub hosted: mpsc::UnboundedSender<Handle>,
 }
 
 /// An episode as others see it. Cloning shares it.
@@ -95,7 +183,16 @@ pub struct Running {
     /// When it was created.
     pub created_at: Timestamp,
     clock: Arc<dyn Clock>,
-    mailbox: mpsc::Sender<Letter>,
+    journal: Arc<dyn Journal>,
+    mailbox: mpsc::UnboundedSender<Letter>,
+    /// What bounds the acts in the mailbox.
+    places: Arc<Places>,
+    /// What bounds everything else in it.
+    commands: Semaphore,
+    /// Whoever looks up acts of rounds that are over: one at a time in each episode, so that others
+    /// who read the database find it free.
+    lookups: tokio::sync::Mutex<()>,
+    hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
@@ -125,20 +222,91 @@ impl Handle {
 
     /// Acts for several seats; the outcomes come in the same order, once they are durable.
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
-        let count = acts.len();
-        let (reply, outcomes) = oneshot::channel();
-        match self.mailbox.try_send((self.clock.now(), Message::Submit { acts, reply })) {
-            Ok(()) => outcomes.await.unwrap_or_else(|_| vec![Err(gone().into()); count]),
-            Err(mpsc::error::TrySendError::Full(_)) => vec![Err(ActError::Busy); count],
-            Err(mpsc::error::TrySendError::Closed(_)) => vec![Err(gone().into()); count],
+        let at = self.clock.now();
+        let round = self.snapshot().world.round();
+        let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
+        let (mut places, refused) = self.places.take(acts.iter().map(|(agent, _)| *agent));
+        let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
+            .filter(|(_, (agent, _))| !refused.contains(agent))
+            .map(|(place, (agent, submission))| Sent {
+                place,
+                agent,
+                submission,
+                earlier: Earlier::Unknown,
+            })
+            .partition(|sent| sent.submission.round >= round);
+        let places_of_now = places.split(now.iter().map(|sent| sent.agent));
+        // What may decide a round does not wait for anything.
+        let late = self.tell(at, Batch { acts: now, places: places_of_now }, &mut outcomes).await;
+        if !late.is_empty()
+            && let Err(error) = self.journal.keep(Vec::new()).await
+        {
+            // Their rounds were on the way to the disk: what is found must include them.
+            for sent in &late {
+                outcomes[sent.place] = Err(error.clone().into());
+            }
+            return outcomes;
         }
+        let mut batch = Batch { acts: Vec::new(), places };
+        for mut sent in past.into_iter().chain(late) {
+            match self.earlier(&sent).await {
+                Ok(earlier) => {
+                    sent.earlier = Earlier::Found(earlier);
+                    batch.acts.push(sent);
+                }
+                Err(error) => outcomes[sent.place] = Err(error.into()),
+            }
+        }
+        self.tell(at, batch, &mut outcomes).await;
+        outcomes
+    }
+
+    /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.
+    async fn tell(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
+        if batch.acts.is_empty() {
+            return Vec::new();
+        }
+        let places: Vec<usize> = batch.acts.iter().map(|sent| sent.place).collect();
+        let (reply, told) = oneshot::channel();
+        // Where the actor is gone nobody replies.
+        drop(self.mailbox.send((at, Message::Submit { batch, reply })));
+        let Ok(told) = told.await else {
+            for place in places {
+                outcomes[place] = Err(gone().into());
+            }
+            return Vec::new();
+        };
+        let mut late = Vec::new();
+        for (place, told) in told {
+            match told {
+                Told::Outcome(outcome) => outcomes[place] = outcome,
+                Told::Late(sent) => late.push(sent),
+            }
+        }
+        late
+    }
+
+    /// What a seat did in a round that is over and durable.
+    async fn earlier(&self, sent: &Sent) -> Result<Option<Given>, JournalError> {
+        let _turn = self.lookups.lock().await;
+        let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
+        Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
+    }
+
+    /// Claims open seats; they are durable when this returns. With the last open seat the episode
+    /// starts, unless its creator wants to start it.
+    ///
+    /// # Errors
+    /// Where they have holders, the episode has ended, or that could not be kept.
+    pub async fn claim(&self, claim: Claim) -> Result<Claimed, ClaimError> {
+        self.command(|reply| Message::Claim { claim: Box::new(claim), reply }).await
     }
 
     /// Starts a waiting episode; one that has started is left as it is.
     ///
     /// # Errors
-    /// Where that could not be kept.
-    pub async fn start(&self) -> Result<(), JournalError> {
+    /// Where seats are open, or that could not be kept.
+    pub async fn start(&self) -> Result<(), StartError> {
         self.command(|reply| Message::Start { reply }).await
     }
 
@@ -158,14 +326,20 @@ impl Handle {
         self.command(|reply| Message::Abort { deeds, reply }).await
     }
 
-    async fn command(
+    async fn command<T, E: From<JournalError>>(
         &self,
-        message: impl FnOnce(oneshot::Sender<Result<(), JournalError>>) -> Message,
-    ) -> Result<(), JournalError> {
+        message: impl FnOnce(oneshot::Sender<Result<T, E>>) -> Message,
+    ) -> Result<T, E> {
+        let _turn = self.commands.acquire().await;
         let (reply, done) = oneshot::channel();
-        let Ok(place) = self.mailbox.reserve().await else { return Err(gone()) };
-        place.send((self.clock.now(), message(reply)));
-        done.await.unwrap_or_else(|_| Err(gone()))
+        drop(self.mailbox.send((self.clock.now(), message(reply))));
+        done.await.unwrap_or_else(|_| Err(gone().into()))
+    }
+
+    /// The seats that the server plays, with the names of the players; none before the start.
+    #[must_use]
+    pub fn hosted(&self) -> &[(AgentId, String)] {
+        self.hosted.get().map_or(&[], Vec::as_slice)
     }
 
     /// The latest kept state of round `round` or before.
@@ -244,11 +418,13 @@ pub(super) struct Fresh {
     pub(super) bytes: u64,
     /// What its acts were.
     pub(super) tally: Tally,
+    /// Who holds which seat, where that is not simply the creator.
+    pub(super) seating: Option<Seating>,
 }
 
 /// Starts the actor of an episode.
 pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
-    let (mailbox, messages) = mpsc::channel(MAILBOX_MAX);
+    let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
         None => host.quotas.note(fresh.key, fresh.owner),
         // It may have been counted from a list that was older than its end.
@@ -261,6 +437,10 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
     let gone = CancellationToken::new();
+    let hosted = Arc::new(OnceLock::new());
+    if let Some(seating) = fresh.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
+        hosted.get_or_init(|| seating.hosted());
+    }
     let handle = Handle(Arc::new(Running {
         id: fresh.id.clone(),
         key: fresh.key,
@@ -269,12 +449,21 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         spec: Arc::clone(&fresh.spec),
         created_at: fresh.created_at,
         clock: Arc::clone(&host.clock),
+        journal: Arc::clone(&host.journal),
         mailbox,
+        places: Places::new(fresh.spec.config.num_agents()),
+        commands: Semaphore::new(COMMANDS_WAITING_MAX),
+        lookups: tokio::sync::Mutex::new(()),
         published,
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
+        hosted: Arc::clone(&hosted),
         gone: gone.clone(),
     }));
+    if fresh.spec.may_be_hosted() && !latest.status.is_over() {
+        // Where nobody plays for the server, nobody is told.
+        _ = host.hosted.send(handle.clone());
+    }
     let spawn = Arc::clone(&host.spawn);
     let actor = Actor {
         host,
@@ -288,7 +477,9 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         lockstep: fresh.lockstep,
         bytes: fresh.bytes,
         tally: fresh.tally,
-        deeds: Vec::new(),
+        seating: fresh.seating,
+        ahead: Vec::new(),
+        hosted,
         keyframes,
         ends_at,
         publish,
@@ -307,11 +498,11 @@ fn snapshot(lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot
         world: Arc::clone(world),
         head,
         outcome: lockstep.outcome(),
-        opened_at: std::sync::OnceLock::new(),
-        place: std::sync::OnceLock::new(),
+        opened_at: OnceLock::new(),
+        place: OnceLock::new(),
         banks: lockstep.banks(),
         acted: (0..agents).map(|_| AtomicBool::new(false)).collect(),
-        written: (0..agents).map(|_| std::sync::OnceLock::new()).collect(),
+        written: (0..agents).map(|_| OnceLock::new()).collect(),
     };
     for agent in lockstep.acted() {
         snapshot.set_acted(agent);
@@ -331,8 +522,10 @@ struct Actor {
     lockstep: Lockstep,
     bytes: u64,
     tally: Tally,
-    /// What is kept with the next entries.
-    deeds: Vec<Entry>,
+    seating: Option<Seating>,
+    /// What is to be kept before what is performed next.
+    ahead: Vec<Entry>,
+    hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
@@ -344,12 +537,12 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::Receiver<Letter>) {
+    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Letter>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
         self.take_up().await;
         loop {
-            let wake = self.lockstep.wakes_at();
+            let wake = self.wakes_at();
             let clock = Arc::clone(&self.host.clock);
             let tick = async {
                 match wake {
@@ -369,11 +562,42 @@ impl Actor {
                 () = tick => {
                     let now = self.host.clock.now();
                     self.note_opening();
-                    let effects = self.apply(now, Event::Tick);
+                    let effects = self.tick(now);
                     self.perform(now, effects, |_| {}).await;
                 }
             }
         }
+    }
+
+    /// When something is next to be done though nobody asks.
+    fn wakes_at(&self) -> Option<Timestamp> {
+        let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
+        let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
+        [self.lockstep.wakes_at(), fills_at].into_iter().flatten().min()
+    }
+
+    /// What is due now: clocks run out, open seats are filled.
+    fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+        let mut effects = self.apply(now, Event::Tick);
+        if self.lockstep.status() == Status::Waiting
+            && let Some((holder, agents)) =
+                self.seating.as_mut().and_then(|seating| seating.fill(now))
+        {
+            self.ahead.push(self.claim_entry(holder, agents, Vec::new(), None));
+            effects.extend(self.start_if_seated(now));
+        }
+        effects
+    }
+
+    /// Starts an episode that waited for nothing but its last seat.
+    fn start_if_seated(&mut self, at: Timestamp) -> Vec<Effect> {
+        let is_seated = self.seating.as_ref().is_none_or(|seating| seating.count_open() == 0);
+        if !is_seated || self.spec.manual_start {
+            return Vec::new();
+        }
+        let mut effects = self.apply(at, Event::Start);
+        effects.extend(self.end_if_solved(at));
+        effects
     }
 
     /// Tells the barrier when the open round was published.
@@ -415,56 +639,123 @@ impl Actor {
 
     async fn take(&mut self, at: Timestamp, message: Message) {
         match message {
-            Message::Submit { acts, reply } => self.submit(at, acts, reply).await,
+            Message::Submit { batch, reply } => self.submit(at, batch, reply).await,
             Message::Start { reply } => {
+                let open = self.seating.as_ref().map_or(0, Seating::count_open);
+                if self.lockstep.status() == Status::Waiting && open > 0 {
+                    let refused = move |result: Result<(), JournalError>| {
+                        drop(reply.send(Err(
+                            result.err().map_or(StartError::SeatsOpen(open), Into::into),
+                        )));
+                    };
+                    return self.perform(at, Vec::new(), refused).await;
+                }
                 let mut effects = self.apply(at, Event::Start);
                 effects.extend(self.end_if_solved(at));
-                self.perform_for(at, effects, reply).await;
+                self.perform_for(at, effects, (), reply).await;
             }
             Message::Abort { deeds, reply } => {
                 let effects = self.apply(at, Event::Abort);
                 if !effects.is_empty() {
-                    self.deeds = deeds;
+                    self.ahead.extend(deeds);
                 }
-                self.perform_for(at, effects, reply).await;
+                self.perform_for(at, effects, (), reply).await;
+            }
+            Message::Claim { claim, reply } => {
+                let mut effects = self.tick(at);
+                match self.claim(at, *claim) {
+                    Ok(claimed) => {
+                        effects.extend(self.start_if_seated(at));
+                        self.perform_for(at, effects, claimed, reply).await;
+                    }
+                    Err(refused) => {
+                        // It is refused for the sake of a claim that may still be on its way to the disk.
+                        let told = |result: Result<(), JournalError>| {
+                            drop(reply.send(Err(result.err().map_or(refused, Into::into))));
+                        };
+                        self.perform(at, effects, told).await;
+                    }
+                }
             }
         }
     }
 
-    /// Performs effects and tells whoever asked for them; they may have gone.
-    async fn perform_for(
+    /// Performs effects and tells whoever asked for them what it came to; they may have gone.
+    async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
-        reply: oneshot::Sender<Result<(), JournalError>>,
+        outcome: T,
+        reply: oneshot::Sender<Result<T, E>>,
     ) {
-        self.perform(at, effects, |result| drop(reply.send(result))).await;
+        let told = |result: Result<(), JournalError>| {
+            drop(reply.send(result.map(|()| outcome).map_err(E::from)));
+        };
+        self.perform(at, effects, told).await;
+    }
+
+    /// Gives open seats to whoever claims them.
+    fn claim(&mut self, at: Timestamp, claim: Claim) -> Result<Claimed, ClaimError> {
+        let Claim { holder, wanted, seats, swarm, idempotency } = claim;
+        if self.lockstep.outcome().is_some() {
+            return Err(ClaimError::Over);
+        }
+        let none_open = match wanted {
+            Wanted::Seat(agent) => Taken::Seat(agent),
+            Wanted::Any(wanted) => Taken::Few { open: 0, wanted },
+        };
+        let seating = self.seating.as_mut().ok_or(none_open)?;
+        let (holder, agents) = seating.claim(wanted, Holder { at, ..holder })?;
+        let number = holder.number;
+        let of = |agent, hash| TokenRow { hash, agent, holder: Some(number) };
+        let seats = agents.iter().zip(seats).map(|(agent, hash)| of(Some(*agent), hash));
+        let tokens = seats.chain([of(None, swarm)]).collect();
+        let entry = self.claim_entry(holder, agents.clone(), tokens, idempotency);
+        self.ahead.push(entry);
+        Ok(Claimed { number, agents })
+    }
+
+    fn claim_entry(
+        &self,
+        holder: Holder,
+        agents: Vec<AgentId>,
+        tokens: Vec<TokenRow>,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Entry {
+        let episode = self.key;
+        Entry::Claim(Box::new(ClaimRow { episode, holder, agents, tokens, idempotency }))
     }
 
     async fn submit(
         &mut self,
         at: Timestamp,
-        acts: Vec<(AgentId, Submission)>,
-        reply: oneshot::Sender<Outcomes>,
+        batch: Batch,
+        reply: oneshot::Sender<Vec<(usize, Told)>>,
     ) {
         self.note_opening();
         let mut effects = Vec::new();
-        let mut outcomes: Outcomes = Vec::with_capacity(acts.len());
+        let mut told: Vec<(usize, Told)> = Vec::with_capacity(batch.acts.len());
         let mut used = self.bytes;
-        let mut is_kept = false;
-        for (agent, submission) in acts {
-            let earlier = match self.earlier(agent, submission.round, &mut is_kept).await {
-                Ok(earlier) => earlier,
-                Err(error) => {
-                    outcomes.push(Err(error.into()));
-                    continue;
-                }
+        let Batch { acts, places } = batch;
+        for sent in acts {
+            if sent.submission.round < self.world.round()
+                && matches!(sent.earlier, Earlier::Unknown)
+            {
+                told.push((sent.place, Told::Late(sent)));
+                continue;
+            }
+            let Sent { place, agent, submission, earlier } = sent;
+            let earlier = match earlier {
+                Earlier::Found(earlier) => earlier,
+                Earlier::Unknown => None,
             };
             let text_bytes = submission.record.text_bytes();
             let room = self.host.quotas.check_act(self.owner, used, text_bytes);
             for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
-                    Effect::Answer(answer) => outcomes.push(answer.map_err(ActError::from)),
+                    Effect::Answer(answer) => {
+                        told.push((place, Told::Outcome(answer.map_err(ActError::from))));
+                    }
                     other => {
                         used +=
                             if matches!(other, Effect::KeepAct { .. }) { text_bytes } else { 0 };
@@ -476,32 +767,15 @@ impl Actor {
         self.perform(at, effects, |result| {
             // Nothing is acknowledged that may not be kept, not even for the second time; and nothing
             // is refused for the sake of something that may not be kept.
-            let outcomes = match result {
-                Ok(()) => outcomes,
-                Err(error) => vec![Err(error.into()); outcomes.len()],
-            };
-            drop(reply.send(outcomes));
+            if let Err(error) = result {
+                for (_, told) in &mut told {
+                    *told = Told::Outcome(Err(error.clone().into()));
+                }
+            }
+            drop(reply.send(told));
+            drop(places);
         })
         .await;
-    }
-
-    /// What a seat did in a round that is over. `is_kept` says that all rounds so far are durable.
-    async fn earlier(
-        &self,
-        agent: AgentId,
-        round: u32,
-        is_kept: &mut bool,
-    ) -> Result<Option<Given>, JournalError> {
-        if round >= self.world.round() {
-            return Ok(None);
-        }
-        if !*is_kept {
-            // The round may still be on its way to the disk: what is found must include it.
-            self.host.journal.keep(Vec::new()).await?;
-            *is_kept = true;
-        }
-        let act = self.host.journal.act(self.key, round, agent).await?;
-        Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
     }
 
     /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is
@@ -514,12 +788,15 @@ impl Actor {
     ) {
         // The acts belong to the latest state, which may still be on its way to be published.
         let open = Arc::clone(&self.latest);
-        let mut entries = std::mem::take(&mut self.deeds);
+        let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
         let mut opens = false;
         for effect in effects {
             match effect {
-                Effect::KeepStart => entries.push(Entry::Start { episode: self.key, at }),
+                Effect::KeepStart => {
+                    entries.extend(self.seating_entry());
+                    entries.push(Entry::Start { episode: self.key, at });
+                }
                 Effect::KeepAct { agent, given } => {
                     acted.push((agent, kind(&given)));
                     entries.push(self.act_entry(at, agent, &given));
@@ -564,6 +841,15 @@ impl Actor {
             then(result);
         };
         self.host.journal.append(entries, Box::new(committed));
+    }
+
+    /// Writes the record of who holds which seat; from now on the server plays its own.
+    fn seating_entry(&mut self) -> Option<Entry> {
+        let seating = self.seating.as_ref()?;
+        let (record, head) = seated(seating, self.head);
+        self.head = head;
+        self.hosted.get_or_init(|| seating.hosted());
+        Some(Entry::Seat(SeatingRow { episode: self.key, record, head }))
     }
 
     fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
@@ -651,6 +937,13 @@ impl Actor {
             at: self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at),
         })
     }
+}
+
+/// The record of who holds which seat, and the head of a chain with it.
+pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
+    let record = RawRecord::write(&seating.record());
+    let head = head.link(record.as_str().as_bytes());
+    (record, head)
 }
 
 /// What a commit held, as far as others are told of it.

@@ -8,6 +8,7 @@ use swarmbench_engine::World;
 
 use super::actor::{Fresh, Keyframes, is_heavy};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
 use crate::clock::Clock;
@@ -79,6 +80,9 @@ pub(super) async fn recover(
             .collect(),
         last_act_at: stored.last_act_at.unwrap_or(stored.created_at),
     };
+    let holders =
+        if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
+    let seating = Seating::new(&spec, stored.created_at, holders);
     let clocks = clocks(&spec);
     Ok(Fresh {
         id: stored.id,
@@ -93,6 +97,7 @@ pub(super) async fn recover(
         keyframes: track.keyframes,
         bytes: track.bytes,
         tally: track.tally,
+        seating,
     })
 }
 
@@ -102,7 +107,7 @@ pub(super) fn described(stored: &StoredEpisode) -> Result<Spec, RecoveryError> {
         Ok(Record::Opening(opening)) => {
             Spec::from_opening(&opening).map_err(|problem| broken(stored, problem))
         }
-        Ok(Record::Round(_) | Record::End(_)) => {
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
             Err(broken(stored, "it has no opening".to_owned()))
         }
         Err(error) => Err(broken(stored, error.to_string())),
@@ -218,7 +223,7 @@ fn replay(world: &World, acts: &[(u32, RoundActs)], to: u32) -> Result<Arc<World
 }
 
 /// Does work, off the async threads where it is heavy.
-pub(super) async fn off_thread<T: Send + 'static>(
+pub(crate) async fn off_thread<T: Send + 'static>(
     heavy: bool,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, JournalError> {

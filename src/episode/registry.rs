@@ -11,17 +11,19 @@ use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, spawn};
+use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, seated, spawn};
 use super::lockstep::{Lockstep, Standing};
 use super::quota::{Full, Quotas};
 use super::recovery::{RecoveryError, clocks, described, off_thread, recover};
+use super::seating::Seating;
 use super::spec::Spec;
 use crate::clock::{Clock, after};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Entry, EpisodeKey, Journal, JournalError, OpeningRow, RunKey, Tally, TokenRow, Unfinished,
+    ClaimRow, Entry, EpisodeKey, Holder, Journal, JournalError, OpeningRow, RunKey, SeatingRow,
+    Tally, TokenRow, Unfinished,
 };
 use crate::keys::OwnerKey;
 
@@ -65,6 +67,7 @@ pub struct Registry {
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
+    hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
 
 /// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
@@ -75,7 +78,7 @@ struct Slot {
     /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
     /// for it earlier: then it is abandoned, or closed.
     ends_at: Option<Timestamp>,
-    /// Whether its rounds have a deadline: then it is taken up whenever it is not in memory.
+    /// Whether it goes on though nobody asks: then it is taken up whenever it is not in memory.
     clocked: bool,
     /// The actor that was let go of. It may still have something to do, and an episode never has
     /// two of them.
@@ -104,11 +107,13 @@ impl Registry {
         last_key: i64,
     ) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
+        let (host, hosted) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, ended: tell },
+            host: Host { journal, clock, spawn, quotas, ended: tell, hosted: host },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),
+            hosted: Arc::new(Mutex::new(Some(hosted))),
         }
     }
 
@@ -116,6 +121,13 @@ impl Registry {
     #[must_use]
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
+    }
+
+    /// Where every episode comes that is taken up and of which the server may play seats; whoever comes
+    /// first plays them. Until then such episodes are held.
+    #[must_use]
+    pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
+        self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
     /// The journal from which states of earlier rounds are recomputed.
@@ -192,7 +204,9 @@ impl Registry {
             return Err(CreateError::Closed(closes_at));
         }
         let record = RawRecord::write(&spec.opening(&id, now, &world));
-        let head = Head::START.link(record.as_str().as_bytes());
+        let mut head = Head::START.link(record.as_str().as_bytes());
+        let waiting = spec.begins_waiting();
+        let (seating, entries) = self.seat(key, owner, &spec, now).await?;
         let row = OpeningRow {
             episode: key,
             id: id.clone(),
@@ -203,16 +217,23 @@ impl Registry {
             task: spec.config.task().name(),
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
-            waiting: spec.manual_start,
-            clocked: spec.round_deadline.is_some(),
+            waiting,
+            clocked: spec.goes_on_alone(),
             at: now,
             idempotency,
             tokens,
         };
-        self.host.journal.keep(vec![Entry::Open(Box::new(row))]).await?;
+        let mut entries: Vec<Entry> =
+            [Entry::Open(Box::new(row))].into_iter().chain(entries).collect();
+        if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
+            let record;
+            (record, head) = seated(seating, head);
+            entries.push(Entry::Seat(SeatingRow { episode: key, record, head }));
+        }
+        self.host.journal.keep(entries).await?;
         let agents = usize::from(spec.config.num_agents());
         let standing = Standing {
-            waiting: spec.manual_start,
+            waiting,
             outcome: None,
             round: 0,
             alive: vec![true; agents],
@@ -235,15 +256,48 @@ impl Registry {
             head,
             bytes: 0,
             tally: Tally::default(),
+            seating,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let handle = spawn(self.host.clone(), fresh);
-        if !handle.spec.manual_start && handle.snapshot().world.is_over() {
+        if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; whoever created the episode is to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         Ok(handle)
+    }
+
+    /// The seating of a new episode, and what is to be kept of its creator.
+    async fn seat(
+        &self,
+        episode: EpisodeKey,
+        owner: Option<OwnerKey>,
+        spec: &Spec,
+        now: Timestamp,
+    ) -> Result<(Option<Seating>, Option<Entry>), JournalError> {
+        if !spec.is_seated() {
+            return Ok((None, None));
+        }
+        let key = match owner {
+            Some(owner) => self.host.journal.key_id(owner).await?,
+            None => None,
+        };
+        let holder = Holder {
+            number: 0,
+            owner,
+            key,
+            model: spec.model.clone(),
+            agent_meta: spec.agent_meta.clone(),
+            player: spec.player.clone(),
+            at: now,
+        };
+        let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
+        let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
+        let seating = Seating::new(spec, now, vec![(holder.clone(), agents.clone())]);
+        let tokens = Vec::new();
+        let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
+        Ok((seating, Some(Entry::Claim(Box::new(row)))))
     }
 
     /// Finds an episode, taking it up from the journal where it is not in memory.
@@ -301,7 +355,7 @@ impl Registry {
         Ok(handle)
     }
 
-    /// After a start: takes up the unfinished episodes that have clocks, so that these go on, and
+    /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
     /// gives all others a place. Returns how many there are.
     ///
     /// # Errors
@@ -384,9 +438,9 @@ impl Registry {
             if handle.gone().is_cancelled() {
                 // Its actor ended though the episode has not; it is taken up again.
                 slot.ends_at = Some(now);
-                slot.clocked = handle.spec.round_deadline.is_some();
+                slot.clocked = handle.spec.goes_on_alone();
                 slot.handle = Arc::default();
-            } else if handle.spec.round_deadline.is_none() {
+            } else if !handle.spec.goes_on_alone() {
                 slot.ends_at = Some(handle.ends_at());
                 slot.leaving = Some(handle.gone());
                 slot.handle = Arc::default();

@@ -79,7 +79,48 @@ impl Spec {
     /// Whether boards count the episode: it belongs to a run, or several holders play it.
     #[must_use]
     pub fn counts(&self) -> bool {
-        self.run.is_some() || !self.open_seats.is_empty()
+        self.run.is_some() || self.is_mixed()
+    }
+
+    /// All agents.
+    pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
+        (0..self.config.num_agents()).map(AgentId)
+    }
+
+    /// Whether its creator plays for this agent: its seat was not open, and the server does not play it.
+    #[must_use]
+    pub fn is_creators(&self, agent: AgentId) -> bool {
+        self.player.is_none() && !self.open_seats.contains(&agent)
+    }
+
+    /// Whether its seats belong to several holders.
+    #[must_use]
+    pub fn is_mixed(&self) -> bool {
+        !self.open_seats.is_empty()
+    }
+
+    /// Whether the server may play seats of it.
+    #[must_use]
+    pub fn may_be_hosted(&self) -> bool {
+        self.player.is_some() || self.fill_after.is_some()
+    }
+
+    /// Whether its journal says who holds which seat.
+    #[must_use]
+    pub fn is_seated(&self) -> bool {
+        self.is_mixed() || self.player.is_some()
+    }
+
+    /// Whether it waits for something before its first round.
+    #[must_use]
+    pub fn begins_waiting(&self) -> bool {
+        self.manual_start || self.is_mixed()
+    }
+
+    /// Whether something happens in it though nobody asks: a clock runs, or the server plays.
+    #[must_use]
+    pub fn goes_on_alone(&self) -> bool {
+        self.round_deadline.is_some() || self.may_be_hosted()
     }
 
     /// All settings, as the opening record has them.

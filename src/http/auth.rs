@@ -58,6 +58,8 @@ pub(super) struct Subject<'a> {
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
     pub(super) visibility: Visibility,
+    /// Whether its seats belong to several holders.
+    pub(super) is_mixed: bool,
     pub(super) is_over: bool,
     /// Whether it was sealed and is open to all now.
     pub(super) is_revealed: bool,
@@ -154,6 +156,12 @@ impl Caller {
         }
     }
 
+    /// Whether the caller may see all of the episode before its end, with its seed. Where several hold
+    /// seats, its creator may not: it is one of those that play.
+    pub(super) fn oversees(&self, episode: Subject<'_>) -> bool {
+        self.owns(episode) && (!episode.is_mixed || self.is_organizer())
+    }
+
     /// Whether the caller holds anything of the episode, or is known to the server.
     fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
@@ -166,7 +174,7 @@ impl Caller {
 
     /// Whether the caller may read state, events and resolved rounds now.
     pub(super) fn may_read(&self, access: &Access, episode: Subject<'_>) -> bool {
-        if self.owns(episode) {
+        if self.oversees(episode) {
             return true;
         }
         let anyone = match episode.visibility {
@@ -185,12 +193,25 @@ impl Caller {
     /// Whether the caller may know that the episode exists.
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
+            || self.owns(episode)
+            || (episode.is_mixed && self.may_play())
             || match self {
                 Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
                 Self::Run(own) => Some(*own) == episode.run,
                 Self::Key(key) => key.number.is_some() && key.number == episode.owner,
                 Self::Anonymous { .. } => false,
             }
+    }
+
+    /// Whether the caller may create episodes, and claim seats of others'.
+    const fn may_play(&self) -> bool {
+        match self {
+            Self::Key(_) | Self::Anonymous { may_create: true } => true,
+            Self::Anonymous { may_create: false }
+            | Self::Seat(..)
+            | Self::Swarm(..)
+            | Self::Run(_) => false,
+        }
     }
 
     /// Which episodes the caller finds in lists.
@@ -249,6 +270,28 @@ impl Caller {
 
     /// The key to which a new episode belongs, where the caller may create one.
     pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
+        let detail =
+            "a token of an episode creates no other; send a key, or nothing where there are none";
+        self.player(app, detail)
+    }
+
+    /// The key to which claimed seats belong, with its public id, where the caller may claim some.
+    pub(super) fn claimant(
+        &self,
+        app: &App,
+    ) -> Result<(Option<OwnerKey>, Option<String>), ApiError> {
+        let detail =
+            "a token of an episode claims no seats; send a key, or nothing where there are none";
+        let owner = self.player(app, detail)?;
+        let id = match self {
+            Self::Key(key) => Some(key.id.clone()),
+            Self::Anonymous { .. } | Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => None,
+        };
+        Ok((owner, id))
+    }
+
+    /// The key of a caller who may take part; `detail` is told to tokens, which may not.
+    fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
         match self {
             Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
                 Code::Forbidden,
@@ -263,7 +306,6 @@ impl Caller {
                  its operator can make a key with `swarmbench key create`",
             )),
             Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
-                let detail = "a token of an episode creates no other; send a key, or nothing where there are none";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
         }

@@ -3,7 +3,7 @@
 //! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
 //! allowed is `invalid`; who asks is `unauthorized` (nobody known) or `forbidden` (known, but for
 //! something else); what does not exist, or may not be known to exist, is `not_found`; what comes at
-//! the wrong time is one of the four conflicts of acting. The host's own faults are `unavailable`
+//! the wrong time is one of the four conflicts of acting, or one of the two of seats. The host's own faults are `unavailable`
 //! (the journal) and `internal` (everything that should not happen); both are logged here, once.
 
 use std::time::Duration;
@@ -13,8 +13,9 @@ use axum::response::{IntoResponse, Response};
 
 use crate::board::collection::Unknown;
 use crate::clock::millis;
-use crate::episode::actor::{ActError, MAILBOX_MAX};
+use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::lockstep::Refusal;
+use crate::episode::places::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::CreateError;
@@ -36,6 +37,8 @@ pub enum Code {
     RoundAhead,
     AlreadyActed,
     EpisodeOver,
+    SeatTaken,
+    SeatsOpen,
     Closed,
     TooLarge,
     UnsupportedMediaType,
@@ -49,7 +52,7 @@ pub enum Code {
 
 impl Code {
     /// All codes, by status.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 20] = [
         Self::Malformed,
         Self::Unauthorized,
         Self::Forbidden,
@@ -59,6 +62,8 @@ impl Code {
         Self::RoundAhead,
         Self::AlreadyActed,
         Self::EpisodeOver,
+        Self::SeatTaken,
+        Self::SeatsOpen,
         Self::Closed,
         Self::TooLarge,
         Self::UnsupportedMediaType,
@@ -82,6 +87,8 @@ impl Code {
             Self::RoundAhead => ("round_ahead", 409, "The round is not open yet"),
             Self::AlreadyActed => ("already_acted", 409, "The seat has acted in this round"),
             Self::EpisodeOver => ("episode_over", 409, "The episode, or the agent's part, is over"),
+            Self::SeatTaken => ("seat_taken", 409, "The seat has a holder"),
+            Self::SeatsOpen => ("seats_open", 409, "Seats are open still"),
             Self::Closed => ("closed", 409, "It is not open now"),
             Self::TooLarge => ("too_large", 413, "The request is too large"),
             Self::UnsupportedMediaType => ("unsupported_media_type", 415, "The body is not JSON"),
@@ -307,10 +314,34 @@ impl From<ActError> for ApiError {
             ActError::Refused(refusal) => refusal.into(),
             ActError::Busy => {
                 let detail = format!("{error}; send the same act again later");
-                Self::limit(Code::Overloaded, "mailbox_max", MAILBOX_MAX, detail)
+                let most = SEAT_ACTS_WAITING_MAX as usize;
+                Self::limit(Code::Overloaded, "seat_acts_waiting_max", most, detail)
                     .retry_after(Duration::from_secs(1))
             }
             ActError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<StartError> for ApiError {
+    fn from(error: StartError) -> Self {
+        match error {
+            StartError::SeatsOpen(_) => {
+                Self::new(Code::SeatsOpen, format!("{error}; it can start when all have holders"))
+            }
+            StartError::Journal(error) => error.into(),
+        }
+    }
+}
+
+impl From<ClaimError> for ApiError {
+    fn from(error: ClaimError) -> Self {
+        match error {
+            ClaimError::Taken(taken) => Self::new(Code::SeatTaken, taken.to_string()),
+            ClaimError::Over => {
+                Self::new(Code::EpisodeOver, "the episode has ended; its seats cannot be claimed")
+            }
+            ClaimError::Journal(error) => error.into(),
         }
     }
 }

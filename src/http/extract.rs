@@ -16,6 +16,7 @@ use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::claim::ClaimRequest;
 use crate::wire::competition::{
     AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest,
 };
@@ -39,6 +40,10 @@ impl Named for SwarmAct {
 }
 
 impl Named for KeyRequest {
+    const FIELDS: &'static [&'static str] = Self::FIELDS;
+}
+
+impl Named for ClaimRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 

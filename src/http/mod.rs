@@ -6,6 +6,7 @@ mod audit;
 pub mod auth;
 mod boards;
 mod checks;
+mod claims;
 mod client;
 mod competitions;
 mod episodes;
@@ -144,6 +145,14 @@ impl App {
             renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
+    }
+
+    /// Reads all results, so that whoever asks for a board first does not wait for that.
+    pub async fn read_boards(&self) {
+        if let Err(error) = self.standings.boards().await {
+            // Whoever asks is told the same.
+            tracing::warn!(%error, "boards cannot be read");
+        }
     }
 
     /// Forgets what is not needed any more; to be called now and then.

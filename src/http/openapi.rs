@@ -51,7 +51,7 @@ impl Modify for Rest {
             ("seat", "A seat token: one agent of one episode."),
             (
                 "swarm",
-                "A swarm token: all seats of an episode, or of all episodes of a run; its holder stands where the creator does.",
+                "A swarm token: all seats of the creator of an episode, or of a run, and its holder stands where the creator does; or the seats of one claim.",
             ),
             (
                 "key",

@@ -23,8 +23,8 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
 use super::{
-    App, agent, audit, boards, client, competitions, episodes, exports, host, imports, keys,
-    openapi, runs, swarm,
+    App, agent, audit, boards, claims, client, competitions, episodes, exports, host, imports,
+    keys, openapi, runs, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -40,6 +40,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(claims::create::create_claim, claims::list::list_claims))
         .routes(routes!(episodes::void::void_episode))
         .routes(routes!(runs::create::create_run, runs::list::list_runs))
         .routes(routes!(runs::show::show_run, runs::abort::abort_run))

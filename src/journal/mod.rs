@@ -55,11 +55,17 @@ pub enum Entry {
     Round(RoundRow),
     /// The end of an episode.
     End(EndRow),
-    /// New tokens in place of all that an episode had.
+    /// Seats have a holder.
+    Claim(Box<ClaimRow>),
+    /// All seats have one: who holds which, for good.
+    Seat(SeatingRow),
+    /// New tokens in place of all that a holder of seats had.
     ReplaceTokens {
         /// The episode.
         episode: EpisodeKey,
-        /// All its tokens from now on.
+        /// The number of the claim; none for the creator.
+        holder: Option<u32>,
+        /// All the holder's tokens from now on.
         tokens: Vec<TokenRow>,
     },
     /// A new key for somebody.
@@ -313,6 +319,54 @@ pub struct OpeningRow {
     pub tokens: Vec<TokenRow>,
 }
 
+/// Who holds seats of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Holder {
+    /// The number of the claim in its episode; 0 is the creator.
+    pub number: u32,
+    /// The holder's key; none where nobody had to show one.
+    pub owner: Option<OwnerKey>,
+    /// The public id of that key.
+    pub key: Option<String>,
+    /// Who plays.
+    pub model: String,
+    /// What else was told of who plays.
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// The built-in player that the server hosts on these seats.
+    pub player: Option<String>,
+    /// When the seats were claimed.
+    pub at: Timestamp,
+}
+
+/// A holder, and the seats.
+pub type Held = (Holder, Vec<AgentId>);
+
+/// Seats that have a holder now.
+#[derive(Clone, Debug)]
+pub struct ClaimRow {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// Who holds them.
+    pub holder: Holder,
+    /// The seats; none where the creator alone has seats, which needs no rows.
+    pub agents: Vec<AgentId>,
+    /// Their tokens.
+    pub tokens: Vec<TokenRow>,
+    /// The key by which a repeated claim finds it, and the hash of the body that came with it.
+    pub idempotency: Option<(String, [u8; 32])>,
+}
+
+/// Who holds which seat of an episode, for good.
+#[derive(Clone, Debug)]
+pub struct SeatingRow {
+    /// The episode.
+    pub episode: EpisodeKey,
+    /// The record, to the byte.
+    pub record: RawRecord,
+    /// The head of the chain after it.
+    pub head: Head,
+}
+
 /// A token, as far as it is stored.
 #[derive(Clone, Copy, Debug)]
 pub struct TokenRow {
@@ -424,6 +478,8 @@ pub struct StoredEpisode {
     pub revealed: bool,
     /// The opening record.
     pub opening: RawRecord,
+    /// The record of who holds which seat, if there is one.
+    pub seating: Option<RawRecord>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: String,
     /// Why it ended, if it has; the name of an ending.
@@ -530,6 +586,13 @@ pub trait Journal: Send + Sync + 'static {
 
     /// All episodes that have not ended; those with a round clock first.
     fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>>;
+
+    /// Everybody who holds seats of an episode, in order of their numbers, with the seats; nobody where
+    /// the creator simply holds all.
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>>;
+
+    /// The public id of a key.
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;
 
     /// The acts of the rounds `from..to` by round, those of an unresolved round too.
     fn acts(

@@ -58,6 +58,8 @@ impl RawRecord {
 pub enum Record {
     /// The first record.
     Opening(Box<Opening>),
+    /// Who holds which seat; only where there are several holders, or the server hosts players.
+    Seats(Seats),
     /// A resolved round.
     Round(Round),
     /// The last record.
@@ -163,6 +165,44 @@ impl RecordedConfig {
             max_delay: self.max_delay,
         })
     }
+}
+
+/// Who holds which seat.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Seats {
+    /// All that hold seats, in order of their numbers.
+    pub holders: Vec<SeatHolder>,
+    /// All seats, in order of the agents' numbers.
+    pub seats: Vec<HeldSeat>,
+}
+
+/// Who holds seats.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeatHolder {
+    /// The number of the claim in its episode; 0 is the creator.
+    pub holder: u32,
+    /// Who plays.
+    pub model: String,
+    /// What else the holder told of who plays.
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// The public id of the holder's key, where one was needed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key: Option<String>,
+    /// The built-in player that the server hosts on these seats: nobody else acts for them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
+}
+
+/// A seat that has a holder.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldSeat {
+    /// The agent's name.
+    pub agent: String,
+    /// The number of its holder.
+    pub holder: u32,
 }
 
 /// A resolved round.
@@ -300,6 +340,17 @@ impl ActRecord {
         };
         Some(Act { action, message, to })
     }
+}
+
+/// The lines of a journal file before its first round.
+#[must_use]
+pub fn first_lines(opening: &RawRecord, seating: Option<&RawRecord>) -> String {
+    let mut head = Head::START;
+    let lines = [Some(opening), seating].into_iter().flatten().map(|record| {
+        head = head.link(record.as_str().as_bytes());
+        record.line(head)
+    });
+    lines.collect()
 }
 
 /// The bytes of a round's record from those of its acts: the same as writing a [`Round`].

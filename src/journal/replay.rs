@@ -11,7 +11,7 @@ use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 
 use super::Tally;
 use super::chain::Head;
-use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Source};
+use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Seats, Source};
 
 /// What is wrong with a journal.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +39,8 @@ pub enum Fault {
 pub struct Report {
     /// The opening record.
     pub opening: Opening,
+    /// Who held which seat, where the journal says so.
+    pub seats: Option<Seats>,
     /// How many rounds were played again.
     pub rounds: u32,
     /// The score, recomputed.
@@ -79,6 +81,10 @@ pub fn verify(
                 Ok(())
             }
             Record::Opening(_) => Err("a second opening".to_owned()),
+            Record::Seats(seats) => {
+                at.push_str(" (who holds which seat)");
+                played.as_mut().ok_or("the first record is not an opening")?.seat(seats)
+            }
             Record::Round(round) => {
                 at = format!(" (round {})", round.round);
                 let player = played.as_mut().ok_or("the first record is not an opening")?;
@@ -103,6 +109,7 @@ pub fn verify(
         rounds: player.world.round(),
         score: player.world.score(),
         opening: player.opening,
+        seats: player.seats,
         end: player.end,
         head,
         tally: player.tally,
@@ -143,6 +150,7 @@ struct Player {
     opening: Opening,
     config: Arc<Config>,
     world: World,
+    seats: Option<Seats>,
     end: Option<End>,
     tally: Tally,
 }
@@ -161,12 +169,61 @@ impl Player {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         let world = World::new(Arc::clone(&config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        Ok(Self { opening, config, world, end: None, tally: Tally::default() })
+        Ok(Self { opening, config, world, seats: None, end: None, tally: Tally::default() })
+    }
+
+    /// Whether a record has to say who holds which seat before the first round.
+    fn is_seated(&self) -> bool {
+        let config = &self.opening.config;
+        !config.open_seats.is_empty() || config.player.is_some()
+    }
+
+    fn seat(&mut self, seats: Seats) -> Result<(), String> {
+        if self.seats.is_some() || self.end.is_some() || self.world.round() > 0 {
+            return Err("who holds which seat is told once, before the first round".to_owned());
+        }
+        if !self.is_seated() {
+            return Err("the creator holds all seats of this episode".to_owned());
+        }
+        let named: Vec<&str> = seats.seats.iter().map(|seat| seat.agent.as_str()).collect();
+        let agents: Vec<String> = self.world.agents().map(|agent| agent.to_string()).collect();
+        if named != agents {
+            return Err(format!("seats of {} are not all, in order", short(&named)));
+        }
+        let numbers: Vec<u32> = seats.holders.iter().map(|holder| holder.holder).collect();
+        let mut held: Vec<u32> = seats.seats.iter().map(|seat| seat.holder).collect();
+        held.sort_unstable();
+        held.dedup();
+        if numbers != held {
+            return Err(format!("holders {numbers:?} are told of, seats are held by {held:?}"));
+        }
+        let config = &self.opening.config;
+        for (number, seat) in (0..).zip(&seats.seats) {
+            if config.open_seats.contains(&number) == (seat.holder == 0) {
+                return Err(format!("{} cannot be a seat of holder {}", seat.agent, seat.holder));
+            }
+        }
+        for holder in &seats.holders {
+            let is_known = match (holder.holder, &holder.player) {
+                (0, player) => *player == config.player,
+                (_, None) => true,
+                (_, player) => *player == config.fill_with,
+            };
+            if !is_known {
+                let player = &holder.player;
+                return Err(format!("holder {} has another player: {player:?}", holder.holder));
+            }
+        }
+        self.seats = Some(seats);
+        Ok(())
     }
 
     fn play(&mut self, round: &super::record::Round, solver: Solver) -> Result<(), String> {
         if self.end.is_some() {
             return Err("a round after the end".to_owned());
+        }
+        if self.is_seated() && self.seats.is_none() {
+            return Err("a round before it is told who holds which seat".to_owned());
         }
         if self.world.is_over() {
             return Err("a round more than the episode has".to_owned());
@@ -198,7 +255,12 @@ impl Player {
         compare("the number of rounds", &end.rounds, &self.world.round())?;
         compare("the final score", &end.score, &self.world.score())?;
         // A layout may have solved the task; that counts once the episode is started.
-        let never_started = self.world.round() == 0 && self.opening.config.start == "manual";
+        let may_wait = if self.is_seated() {
+            self.seats.is_none()
+        } else {
+            self.opening.config.start == "manual"
+        };
+        let never_started = self.world.round() == 0 && may_wait;
         let (done, over) = (self.world.is_done(), self.world.is_over());
         let fits = match (end.status.as_str(), end.reason.as_str()) {
             ("finished", "task_done") => done,

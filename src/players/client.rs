@@ -81,12 +81,11 @@ impl ClientError {
 
 /// What a server said that does not do what was asked.
 fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
-    match serde_json::from_slice(body) {
-        Ok(problem) => ClientError::Refused { url, status, problem: Box::new(problem) },
-        Err(_) => {
-            let what = String::from_utf8_lossy(body).chars().take(200).collect();
-            ClientError::Strange { url, status, what }
-        }
+    if let Ok(problem) = serde_json::from_slice(body) {
+        ClientError::Refused { url, status, problem: Box::new(problem) }
+    } else {
+        let what = String::from_utf8_lossy(body).chars().take(200).collect();
+        ClientError::Strange { url, status, what }
     }
 }
 

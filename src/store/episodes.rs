@@ -36,7 +36,8 @@ pub enum Readable {
     Public,
     /// Those that anyone may read now, and this one.
     And(EpisodeId),
-    /// Those that anyone may read now, and those that were created with this key.
+    /// Those that anyone may read now, those that were created with this key, and those of which seats
+    /// may be claimed.
     AndOf(OwnerKey),
     /// Those that anyone may read now, and those of this run.
     AndOfRun(RunKey),
@@ -61,7 +62,7 @@ enum Detail {
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.status, e.reason, e.created_at, e.ended_at,
+        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
@@ -78,6 +79,10 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     );
     query
 }
+
+/// Where it waits and has, or had, open seats: whoever has a key may claim one.
+const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
+                          AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
 
 /// The last act of a player, or else the manual start: a clock that runs out is no act.
 const LAST_ACT_AT: &str = "
@@ -155,8 +160,11 @@ impl Store {
                 query
                     .push(" AND (")
                     .push(public)
-                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ");
-                query.push_bind(owner.0).push("))")
+                    .push(" OR (e.visibility <> 'sealed' AND e.owner = ")
+                    .push_bind(owner.0)
+                    .push(") OR ")
+                    .push(CLAIMABLE);
+                query.push(")")
             }
             Readable::AndOfRun(run) => {
                 query
@@ -268,6 +276,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             run: row.try_get::<Option<i64>, _>("run")?.map(RunKey),
             revealed: row.try_get("revealed")?,
             opening: raw(row.try_get("opening")?)?,
+            seating: row.try_get::<Option<String>, _>("seating")?.map(raw).transpose()?,
             status: row.try_get("status")?,
             reason: row.try_get("reason")?,
             end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,

@@ -7,7 +7,7 @@ use swarmbench_engine::AgentId;
 use super::episodes::{hash, time};
 use super::{Store, failure};
 use crate::journal::record::RawRecord;
-use crate::journal::{EpisodeKey, JournalError, LoggedAct, LoggedRound, RunKey};
+use crate::journal::{EpisodeKey, JournalError, LoggedAct, LoggedRound};
 
 impl Store {
     /// The resolved rounds `from..to` of an episode with their acts, in order.
@@ -58,19 +58,6 @@ impl Store {
             }
         }
         Ok(rounds)
-    }
-
-    /// The run with this public id.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
-    pub async fn run_with_id(&self, id: &str) -> Result<Option<RunKey>, JournalError> {
-        let row = sqlx::query("SELECT key FROM runs WHERE id = ?")
-            .bind(id)
-            .fetch_optional(&self.readers)
-            .await
-            .map_err(failure)?;
-        row.map(|row| row.try_get(0).map(RunKey)).transpose().map_err(failure)
     }
 }
 

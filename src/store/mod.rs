@@ -14,6 +14,7 @@ pub mod rebuild;
 pub mod records;
 pub mod results;
 pub mod runs;
+pub mod seats;
 pub mod tokens;
 mod writer;
 

@@ -11,7 +11,7 @@ use swarmbench_engine::physics::Solver;
 use super::episodes::{hash, head};
 use super::{OpenError, results, take};
 use crate::journal::chain::Head;
-use crate::journal::record::{ActRecord, End, RawRecord, Record, round_record};
+use crate::journal::record::{ActRecord, End, RawRecord, Record, first_lines, round_record};
 use crate::journal::replay::verify;
 use crate::journal::{EpisodeKey, Tally};
 
@@ -129,6 +129,7 @@ async fn count(database: &mut SqliteConnection, query: &'static str) -> Result<u
 struct Ended {
     episode: EpisodeKey,
     opening: RawRecord,
+    seating: Option<RawRecord>,
     ending: RawRecord,
     end: End,
     head: Head,
@@ -142,26 +143,29 @@ async fn one(
     replay: bool,
 ) -> Result<(), RebuildError> {
     let broken = |problem: String| RebuildError::Journal { episode: id.clone(), problem };
-    let row = sqlx::query("SELECT opening, ending, head, status FROM episodes WHERE key = ?")
-        .bind(episode.0)
-        .fetch_one(&mut *database)
-        .await?;
+    let row =
+        sqlx::query("SELECT opening, seating, ending, head, status FROM episodes WHERE key = ?")
+            .bind(episode.0)
+            .fetch_one(&mut *database)
+            .await?;
     let raw = |column| {
         RawRecord::from_stored(row.try_get(column)?)
             .map_err(|error| sqlx::Error::Decode(error.into()))
     };
     let (opening, ending) = (raw("opening")?, raw("ending")?);
+    let has_seating = row.try_get::<Option<&str>, _>("seating")?.is_some();
+    let seating = if has_seating { Some(raw("seating")?) } else { None };
     match opening.read() {
         Ok(Record::Opening(opening)) if opening.counts() => {}
         Ok(Record::Opening(_)) => return Ok(()),
-        Ok(Record::Round(_) | Record::End(_)) => {
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
             return Err(broken("its first record is not an opening".to_owned()));
         }
         Err(error) => return Err(broken(error.to_string())),
     }
     let end = match ending.read() {
         Ok(Record::End(end)) => end,
-        Ok(Record::Opening(_) | Record::Round(_)) => {
+        Ok(Record::Opening(_) | Record::Seats(_) | Record::Round(_)) => {
             return Err(broken("its last record is not an end".to_owned()));
         }
         Err(error) => return Err(broken(error.to_string())),
@@ -180,7 +184,7 @@ async fn one(
         );
         return Err(broken(problem));
     }
-    let ended = Ended { episode, opening, ending, end, head };
+    let ended = Ended { episode, opening, seating, ending, end, head };
     if replay {
         play_again(database, &ended).await?.map_err(broken)?;
     }
@@ -240,8 +244,8 @@ async fn send_lines(
     ended: &Ended,
     lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
 ) -> Result<(), sqlx::Error> {
-    let opening = ended.opening.line(Head::START.link(ended.opening.as_str().as_bytes()));
-    let mut go_on = lines.send(opening.into()).await.is_ok();
+    let first = first_lines(&ended.opening, ended.seating.as_ref());
+    let mut go_on = lines.send(first.into()).await.is_ok();
     for round in 0..ended.end.rounds {
         if !go_on {
             return Ok(());

@@ -11,9 +11,10 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Committed, Entry, EpisodeKey, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
+    Committed, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
     StoredRound, Unfinished,
 };
+use crate::keys::OwnerKey;
 
 impl Store {
     async fn read_acts(
@@ -112,6 +113,14 @@ impl Journal for Store {
 
     fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
         self.unfinished_episodes().boxed()
+    }
+
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
+        self.read_holders(episode).boxed()
+    }
+
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {
+        self.read_key_id(owner).boxed()
     }
 
     fn acts(

@@ -90,6 +90,8 @@ impl Changes {
                 | Entry::Act(_)
                 | Entry::Round(_)
                 | Entry::End(_)
+                | Entry::Claim(_)
+                | Entry::Seat(_)
                 | Entry::ReplaceTokens { .. }
                 | Entry::AddKey(_)
                 | Entry::RevokeKey { .. }

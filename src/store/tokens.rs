@@ -45,7 +45,7 @@ pub enum Grant {
 /// Which seats of an episode a swarm token stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Seats {
-    /// All that were not open to claims.
+    /// All that were not open to claims, and that the server does not play.
     Creators,
     /// Those of one claim.
     Claimed(Arc<[AgentId]>),
@@ -58,8 +58,10 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, JournalError> {
         let row = sqlx::query(
-            "SELECT e.id, coalesce(e.owner, r.owner) AS owner, t.agent, t.holder, t.run, t.episode
+            "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
+                    t.agent, t.holder, t.run, t.episode
              FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
+             LEFT JOIN claims c ON c.episode = t.episode AND c.holder = t.holder
              WHERE t.hash = ?",
         )
         .bind(&hash.0[..])
@@ -75,7 +77,7 @@ impl Store {
         if let Some(agent) = row.try_get::<Option<u16>, _>("agent").map_err(failure)? {
             return Ok(Some(Grant::Seat { episode, owner, agent: AgentId(agent) }));
         }
-        let holder = row.try_get::<Option<i64>, _>("holder").map_err(failure)?;
+        let holder = row.try_get::<Option<u32>, _>("holder").map_err(failure)?;
         let seats = match holder {
             None => Seats::Creators,
             Some(holder) => {
@@ -84,22 +86,5 @@ impl Store {
             }
         };
         Ok(Some(Grant::Swarm { episode, owner, seats }))
-    }
-
-    /// The seats of one claim, in order.
-    async fn seats_of(
-        &self,
-        episode: EpisodeKey,
-        holder: i64,
-    ) -> Result<Vec<AgentId>, JournalError> {
-        let rows =
-            sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent")
-                .bind(episode.0)
-                .bind(holder)
-                .fetch_all(&self.readers)
-                .await
-                .map_err(failure)?;
-        let seats = rows.iter().map(|row| row.try_get(0).map(AgentId));
-        seats.collect::<Result<_, _>>().map_err(failure)
     }
 }

@@ -183,9 +183,15 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
             Entry::Act(row) => acts.push(row),
             Entry::Round(row) => rounds.push(row),
             Entry::End(row) => end(connection, row).await?,
-            Entry::ReplaceTokens { episode, tokens } => {
-                sqlx::query("DELETE FROM tokens WHERE episode = ?")
+            Entry::Claim(row) => {
+                super::seats::claim(connection, row).await?;
+                insert_tokens(connection, row.episode, &row.tokens).await?;
+            }
+            Entry::Seat(row) => super::seats::seat(connection, row).await?,
+            Entry::ReplaceTokens { episode, holder, tokens } => {
+                sqlx::query("DELETE FROM tokens WHERE episode = ? AND holder IS ?")
                     .bind(episode.0)
+                    .bind(holder)
                     .execute(&mut *connection)
                     .await?;
                 insert_tokens(connection, *episode, tokens).await?;

@@ -245,24 +245,8 @@ impl BoardRow {
         let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());
         match &row.source {
             Source::Reference(reference) => Self {
-                rank,
-                id,
                 reference: true,
-                imported: false,
                 table: Some(reference.table.name().to_owned()),
-                note: Some(NOTE.to_owned()),
-                owner: None,
-                model: reference.name.clone(),
-                temperature: None,
-                top_p: None,
-                prompt_template: None,
-                vouched: None,
-                decentralization: None,
-                runs: None,
-                run: None,
-                status: None,
-                started_at: None,
-                total,
                 tasks: tasks
                     .filter_map(|&task| {
                         let numbers = reference.task(task)?;
@@ -275,40 +259,18 @@ impl BoardRow {
                         Some((task.name().to_owned(), score))
                     })
                     .collect(),
-                difference,
-                invalid_share: None,
-                clock_out_share: None,
-                voided: None,
+                ..Self::not_played_here(rank, id, total, &reference.name, NOTE)
             },
             Source::Imported(shown) => Self {
-                rank,
-                id,
-                reference: false,
                 imported: true,
-                table: None,
-                note: Some(IMPORTED.to_owned()),
-                owner: None,
-                model: shown.run.player.model.clone(),
-                temperature: None,
-                top_p: None,
-                prompt_template: None,
                 vouched: Some(false),
-                decentralization: None,
-                runs: None,
-                run: None,
-                status: None,
-                started_at: None,
-                total,
                 tasks: tasks
                     .filter_map(|&task| shown.task(task))
                     .map(|task| (task.task.name().to_owned(), score(task)))
                     .collect(),
-                difference,
-                invalid_share: None,
-                clock_out_share: None,
-                voided: None,
+                ..Self::not_played_here(rank, id, total, &shown.run.player.model, IMPORTED)
             },
-            Source::Runs { shown, runs, .. } => {
+            Source::Runs { shown, runs } => {
                 let of: Vec<&TaskResult> = tasks.filter_map(|&task| shown.task(task)).collect();
                 let sum =
                     |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
@@ -344,6 +306,41 @@ impl BoardRow {
                     voided: Some(of.iter().map(|task| task.voided).sum()),
                 }
             }
+        }
+    }
+
+    /// A row that has numbers, and nothing behind them.
+    fn not_played_here(
+        rank: Option<u32>,
+        id: String,
+        total: Option<f64>,
+        model: &str,
+        note: &str,
+    ) -> Self {
+        Self {
+            rank,
+            id,
+            reference: false,
+            imported: false,
+            table: None,
+            note: Some(note.to_owned()),
+            owner: None,
+            model: model.to_owned(),
+            temperature: None,
+            top_p: None,
+            prompt_template: None,
+            vouched: None,
+            decentralization: None,
+            runs: None,
+            run: None,
+            status: None,
+            started_at: None,
+            total,
+            tasks: BTreeMap::new(),
+            difference: None,
+            invalid_share: None,
+            clock_out_share: None,
+            voided: None,
         }
     }
 }

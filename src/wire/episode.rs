@@ -132,6 +132,20 @@ pub struct EpisodeRequest {
     /// A prompt template of the episode's own; at most 32 KiB.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
+    /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
+    #[schema(default = 0, minimum = 0, maximum = 1024)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub open_seats: Option<i64>,
+    /// After so many seconds built-in players take the open seats that nobody claimed; never by default.
+    #[schema(minimum = 0, maximum = 604_800)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fill_after_s: Option<f64>,
+    /// Which built-in player takes them; that of the task where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fill_with: Option<String>,
+    /// The built-in player that the server hosts on the creator's seats, which then have no tokens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
 }
 
 impl EpisodeRequest {
@@ -157,6 +171,10 @@ impl EpisodeRequest {
         "model",
         "agent_meta",
         "prompt_template",
+        "open_seats",
+        "fill_after_s",
+        "fill_with",
+        "player",
     ];
 }
 
@@ -186,6 +204,14 @@ pub struct EpisodeConfig {
     pub agent_meta: Map<String, Value>,
     /// Null for the built-in template; the journal has the text of either.
     pub prompt_template: Option<String>,
+    #[serde(default)]
+    pub open_seats: u16,
+    #[serde(default)]
+    pub fill_after_s: Option<Seconds>,
+    #[serde(default)]
+    pub fill_with: Option<String>,
+    #[serde(default)]
+    pub player: Option<String>,
 }
 
 /// A new episode, with tokens that are shown this once.
@@ -197,9 +223,9 @@ pub struct CreatedEpisode {
     pub status: StatusName,
     /// All its settings.
     pub config: EpisodeConfig,
-    /// A token for each agent.
+    /// A token for each agent whose seat is the creator's.
     pub seats: Vec<SeatToken>,
-    /// A token for all of them.
+    /// A token for all of them, also where they are none; it stands for the creator, too.
     pub swarm_token: String,
 }
 

@@ -6,6 +6,7 @@
 
 pub mod act;
 pub mod board;
+pub mod claim;
 pub mod competition;
 pub mod episode;
 pub mod import;

@@ -122,7 +122,7 @@ fn records(journal: &str) -> (Vec<Round>, End) {
         let Line { record } = serde_json::from_str(line).expect("a line");
         let raw = RawRecord::from_stored(record.get().to_owned()).expect("JSON");
         match raw.read().expect("a record") {
-            Record::Opening(_) => {}
+            Record::Opening(_) | Record::Seats(_) => {}
             Record::Round(round) => rounds.push(round),
             Record::End(found) => end = Some(found),
         }

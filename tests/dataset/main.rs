@@ -392,6 +392,38 @@ fn what_is_no_archive_is_refused() {
     }
 }
 
+/// A changed byte is found by the archive's sums, or makes files unreadable; it never becomes another game.
+#[test]
+fn a_changed_byte_makes_no_other_game() {
+    let folder = TempDir::new().expect("a folder");
+    let size = Size { tasks: 1, models: 1, seeds: 1, rounds: 2, prompt: 20 };
+    sample::write(&folder.path().join("data"), size);
+    let archive = folder.path().join("data.zip");
+    pack(&folder.path().join("data"), &archive);
+    let bytes = std::fs::read(&archive).expect("an archive");
+    let original = Taken::of(&archive, &Bounds::default()).games;
+    let [original] = &original[..] else { panic!("one game") };
+    let (mut whole, mut others) = (0, 0);
+    for place in (0..bytes.len()).step_by(7) {
+        let mut changed = bytes.clone();
+        changed[place] ^= 1 << (place % 8);
+        std::fs::write(&archive, changed).expect("written");
+        let mut taken = Taken::default();
+        match read(&archive, &Bounds::default(), &mut taken) {
+            Ok(()) if taken.games.is_empty() => others += 1,
+            Ok(()) => {
+                let game = &taken.games[0];
+                assert_eq!(game.id, original.id, "byte {place}");
+                assert!(game.acts == 0 || game == original, "byte {place}");
+                whole += 1;
+            }
+            Err(_) => others += 1,
+        }
+    }
+    // Names and times of entries may change without harm.
+    assert!(whole > 0 && others > 0, "{whole} {others}");
+}
+
 #[cfg(unix)]
 #[test]
 fn links_are_not_followed() {

@@ -29,6 +29,7 @@ static ORIGINALS: LazyLock<Vec<Original>> = LazyLock::new(|| {
         "clocks",
         "centralized-paper",
         "answers-flocking",
+        "several-holders",
     ];
     let original = |name: &str| {
         let bytes = fs::read(folder.join(format!("{name}.jsonl"))).expect("a golden journal");

@@ -27,6 +27,8 @@ enum Kind {
     Run,
     RunElsewhere,
     ReplacedRun,
+    ClaimedSeat,
+    ClaimedSwarm,
     Owner,
     Member,
     ExpiredKey,
@@ -36,12 +38,12 @@ enum Kind {
 }
 
 use Kind::{
-    BadChecksum, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer, NoToken, Organizer,
-    OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey, Run, RunElsewhere,
-    Seat, SeatElsewhere, Swarm, SwarmElsewhere,
+    BadChecksum, ClaimedSeat, ClaimedSwarm, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer,
+    NoToken, Organizer, OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey,
+    Run, RunElsewhere, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
 };
 
-const KINDS: [Kind; 21] = [
+const KINDS: [Kind; 23] = [
     Kind::None,
     NoToken,
     BadChecksum,
@@ -57,6 +59,8 @@ const KINDS: [Kind; 21] = [
     Run,
     RunElsewhere,
     ReplacedRun,
+    ClaimedSeat,
+    ClaimedSwarm,
     Owner,
     Member,
     ExpiredKey,
@@ -82,11 +86,11 @@ impl Kind {
     }
 
     fn is_seat(self) -> bool {
-        matches!(self, Seat | OtherSeat | SeatElsewhere | FinishedSeat)
+        matches!(self, Seat | OtherSeat | SeatElsewhere | FinishedSeat | ClaimedSeat)
     }
 
     fn is_swarm(self) -> bool {
-        matches!(self, Swarm | SwarmElsewhere | Run | RunElsewhere)
+        matches!(self, Swarm | SwarmElsewhere | Run | RunElsewhere | ClaimedSwarm)
     }
 
     fn is_key(self) -> bool {
@@ -110,16 +114,23 @@ struct Stage {
     visibility: &'static str,
     ended: bool,
     private: bool,
+    /// Whether somebody else holds a seat of it, too.
+    mixed: bool,
 }
 
 /// The status that says no; none where the token is good for the route.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
+    // Whoever claimed a seat elsewhere has nothing here.
+    let claimed = stage.mixed && matches!(kind, ClaimedSeat | ClaimedSwarm);
+    // A creator who plays with others sees no more than they do.
+    let oversees = || kind == Organizer || (kind.owns() && !stage.mixed);
     let reads = || {
         let anyone = stage.visibility == "public" || stage.ended;
-        let known = kind.is_key() || matches!(kind, Seat | OtherSeat | Swarm | Run);
-        kind.owns() || (anyone && (!stage.private || known))
+        let known = kind.is_key() || claimed || matches!(kind, Seat | OtherSeat | Swarm | Run);
+        oversees() || (anyone && (!stage.private || known))
     };
-    let knows = || reads() || matches!(kind, Seat | OtherSeat);
+    let invited = stage.mixed && kind.is_key();
+    let knows = || reads() || kind.owns() || claimed || invited || matches!(kind, Seat | OtherSeat);
     // Whoever knows of a run reads it, too: only an attempt in a competition is known and not read.
     let reads_run = || {
         let anyone = stage.visibility == "public" || stage.ended;
@@ -193,7 +204,14 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             Kind::None => Some(401),
             _ => Some(403),
         },
-        "show_episode" => (!knows()).then_some(404),
+        "show_episode" | "list_claims" => (!knows()).then_some(404),
+        "create_claim" => match kind {
+            Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
+            _ if kind.is_key() => (!knows()).then_some(404),
+            _ => Some(403),
+        },
         "show_state" | "stream_events" => match () {
             () if !knows() => Some(404),
             () if !reads() => Some(403),
@@ -201,7 +219,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         },
         "read_journal" => match () {
             () if !knows() => Some(404),
-            () if !reads() || !(stage.ended || kind.owns()) => Some(403),
+            () if !reads() || !(stage.ended || oversees()) => Some(403),
             () => None,
         },
         "start_episode" | "abort_episode" => match () {
@@ -241,6 +259,8 @@ struct World {
     expired: String,
     revoked: String,
     elsewhere: Episode,
+    /// A claim in an episode of which nobody asks.
+    claimed: Value,
     finished: Episode,
     replaced: Episode,
     cup: Cup,
@@ -264,6 +284,21 @@ fn run_request(visibility: &str) -> Value {
     json!({ "suite": suite, "model": "a model", "visibility": visibility })
 }
 
+/// The same with one seat for somebody else.
+fn mixed(visibility: &str) -> Value {
+    let mut request = request(visibility);
+    request["open_seats"] = json!(1);
+    request
+}
+
+async fn create(app: &TestApp, key: &str, request: &Value) -> Value {
+    app.post("/api/v1/episodes").token(key).json(request).ok().await
+}
+
+async fn claim(app: &TestApp, key: &str, episode: &Episode) -> Value {
+    app.post(&episode.path("/claims")).token(key).json(&json!({})).ok().await
+}
+
 impl World {
     async fn run(&self, visibility: &str) -> Value {
         let call = self.app.post("/api/v1/runs").token(&self.owner);
@@ -284,6 +319,8 @@ impl World {
         app.pass(std::time::Duration::from_secs(1));
         app.delete(&format!("/api/v1/keys/{id}")).token(&app.organizer).ok().await;
         let elsewhere = app.create_with(&member, request("owner")).await;
+        let open = Episode::of(&create(&app, &owner, &mixed("owner")).await);
+        let claimed = claim(&app, &member, &open).await;
         let finished = app.create_with(&member, request("owner")).await;
         app.delete(&finished.path("")).token(&member).ok().await;
         let create = || {
@@ -318,6 +355,7 @@ impl World {
             expired,
             revoked,
             elsewhere,
+            claimed,
             finished,
             replaced,
             cup,
@@ -330,7 +368,7 @@ impl World {
     }
 
     /// The value of the header `Authorization`.
-    fn header(&self, kind: Kind, episode: &Episode) -> Option<String> {
+    fn header(&self, kind: Kind, episode: &Episode, claimed: &Value) -> Option<String> {
         let token = match kind {
             Kind::None => return None,
             NoBearer => return Some(format!("Basic {}", episode.seat(0))),
@@ -351,6 +389,8 @@ impl World {
             ReplacedSwarm => &self.replaced.swarm,
             RunElsewhere => &self.run_elsewhere,
             ReplacedRun => &self.replaced_run,
+            ClaimedSeat => claimed["seats"][0]["token"].as_str().expect("a token"),
+            ClaimedSwarm => claimed["swarm_token"].as_str().expect("a token"),
             Owner => &self.owner,
             Member => &self.member,
             ExpiredKey => &self.expired,
@@ -374,11 +414,18 @@ impl World {
         let run =
             if is_of_run || kind == Run { self.run(stage.visibility).await } else { json!(null) };
         let text = |value: &Value| value.as_str().expect("a text").to_owned();
-        let mut episode = self.app.create_with(&self.owner, request(stage.visibility)).await;
-        if kind == Run {
+        let request = if stage.mixed { mixed } else { request };
+        let created = create(&self.app, &self.owner, &request(stage.visibility)).await;
+        let mut episode = Episode::of(&created);
+        if kind == Run && !stage.mixed {
             episode.id = text(&run["games"][0]["episode"]);
             episode.swarm = text(&run["swarm_token"]);
         }
+        let claimed = if stage.mixed {
+            claim(&self.app, &self.member, &episode).await
+        } else {
+            self.claimed.clone()
+        };
         if stage.ended {
             self.app.delete(&episode.path("")).token(&self.owner).ok().await;
             if is_of_run {
@@ -396,7 +443,7 @@ impl World {
         let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
         let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
         let mut call = self.app.call(method.clone(), &path);
-        if let Some(header) = self.header(kind, &episode) {
+        if let Some(header) = self.header(kind, &episode, &claimed) {
             call = call.header("authorization", &header);
         }
         call = match operation {
@@ -405,6 +452,7 @@ impl World {
                 call.json(&json!({ "acts": [episode.act(&json!("Agent_2"), 0, "STAY")] }))
             }
             "create_episode" => call.json(&request("owner")),
+            "create_claim" => call.json(&json!({})),
             "create_key" => call.json(&json!({ "name": "somebody" })),
             "create_competition" => call.json(&crate::cup::request()),
             "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
@@ -424,7 +472,9 @@ impl World {
             return Answer::without_body(&call.open().await);
         }
         let answer = call.send().await;
-        if operation == "post_swarm_act" && [SwarmElsewhere, RunElsewhere].contains(&kind) {
+        let elsewhere = [SwarmElsewhere, RunElsewhere].contains(&kind)
+            || (kind == ClaimedSwarm && !stage.mixed);
+        if operation == "post_swarm_act" && elsewhere {
             // It is good for its own episodes only.
             assert_eq!(answer.json()["receipts"][0]["code"], "not_found");
         }
@@ -432,13 +482,14 @@ impl World {
     }
 }
 
-async fn check_all(private: bool, stages: &[(&'static str, bool)]) {
+async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) {
     let world = World::new(private).await;
     let mut refused = 0;
     for (visibility, ended) in stages.iter().copied() {
-        let stage = Stage { visibility, ended, private };
+        let stage = Stage { visibility, ended, private, mixed };
         for (method, path, operation, responses) in operations() {
-            for kind in KINDS {
+            // A run has no seats for others.
+            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
                 let answer = world.ask(&method, &path, &operation, kind, stage).await;
                 let what = || format!("{operation} with {kind:?} in {stage:?}: {}", answer.text());
                 if let Some(expected) = refusal(&operation, kind, stage) {
@@ -458,22 +509,27 @@ async fn check_all(private: bool, stages: &[(&'static str, bool)]) {
 
 #[tokio::test]
 async fn running_episodes_of_their_owner() {
-    check_all(false, &[("owner", false)]).await;
+    check_all(false, false, &[("owner", false)]).await;
 }
 
 #[tokio::test]
 async fn running_public_episodes() {
-    check_all(false, &[("public", false)]).await;
+    check_all(false, false, &[("public", false)]).await;
 }
 
 #[tokio::test]
 async fn episodes_that_have_ended() {
-    check_all(false, &[("owner", true)]).await;
+    check_all(false, false, &[("owner", true)]).await;
+}
+
+#[tokio::test]
+async fn running_episodes_of_several_holders() {
+    check_all(false, true, &[("owner", false), ("public", false)]).await;
 }
 
 #[tokio::test]
 async fn a_private_server() {
-    check_all(true, &[("public", false), ("owner", true)]).await;
+    check_all(true, false, &[("public", false), ("owner", true)]).await;
 }
 
 /// What a route shows depends on who asks, too.
@@ -484,7 +540,7 @@ async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
     for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless() && *kind != Run) {
         let ask = |path: &str| {
             let call = world.app.get(path);
-            match world.header(kind, &episode) {
+            match world.header(kind, &episode, &world.claimed) {
                 Some(header) => call.header("authorization", &header),
                 None => call,
             }

@@ -462,10 +462,10 @@ async fn a_board_has_what_is_durable() {
     offline.end(run, "closed").await;
     assert_eq!(names().await.len(), 5);
     offline.abort_last().await;
-    assert_eq!(names().await[4], "closed 3/5");
+    assert_eq!(names().await[5], "closed 3/5");
     // More changes than are kept one by one.
     offline.void_last(5000).await;
-    assert_eq!(names().await[5], "closed 2/4");
+    assert_eq!(names().await[4], "closed 2/4");
     offline.close().await;
 }
 
@@ -511,19 +511,10 @@ async fn cross_play_tells_who_did_how_well_together() {
     let mut app = TestApp::builder().manual_clock().keys().start().await;
     app.stop().await;
     let mut offline = Offline::open(&app).await;
-    for score in [3, 5] {
-        offline.mixed(score, 0.0).await;
-    }
-    offline.mixed(9, 0.25).await;
+    offline.mixed(3, 0.0, Some("theirs")).await;
+    offline.mixed(5, 0.0, None).await;
+    offline.mixed(9, 0.25, Some("theirs")).await;
     offline.close().await;
-    execute(
-        &app,
-        "INSERT INTO seats (episode, agent, holder, owner, model, player, claimed_at) VALUES
-             (1, 0, 0, 1, '=ours', NULL, 0), (1, 1, 1, NULL, 'theirs', NULL, 0),
-             (2, 0, 0, 1, '=ours', NULL, 0), (2, 1, 1, NULL, 'built-in/random', 'random', 0),
-             (3, 0, 0, 1, '=ours', NULL, 0), (3, 1, 1, NULL, 'theirs', NULL, 0);",
-    )
-    .await;
     app.start_again().await;
     let found = app.get("/api/v1/cross-play").ok().await;
     assert_eq!(
@@ -602,4 +593,69 @@ async fn the_command_line_shows_a_board_of_a_server() {
     let db = app.database().display().to_string();
     let output = swarmbench(&["leaderboard", "--db", &db]).await;
     assert!(text(&output.stderr).contains("name it with --server"), "{}", text(&output.stderr));
+}
+
+/// Over HTTP from the beginning: what is played is on the board as soon as it is over, with the numbers of its own page.
+#[tokio::test]
+async fn a_run_is_on_the_board_with_the_numbers_of_its_own_page() {
+    let app = TestApp::builder().manual_clock().keys().start().await;
+    let (key, _) = app.key(json!({ "name": "alice" })).await;
+    let request = json!({
+        "suite": {
+            "name": "two", "tasks": ["Foraging", "Synchronization"], "seeds": [4, 9],
+            "settings": { "num_agents": 1, "max_round": 3 },
+        },
+        "model": "a model", "temperature": 0.5, "top_p": 0.9,
+    });
+    let run = app.post("/api/v1/runs").token(&key).json(&request).ok().await;
+    let token = run["swarm_token"].as_str().expect("a token").to_owned();
+    let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
+    app.get(&format!("{BOARD}?suite=two")).problem(400, "malformed").await;
+    loop {
+        let seen = app.get("/swarm/obs?wait=60").token(&token).ok().await;
+        if seen["finished"] == true {
+            break;
+        }
+        let act = |seen: &Value| {
+            let switches = seen["light_on"].is_boolean();
+            let action =
+                if switches { json!({ "action": "SWITCH" }) } else { json!({ "response": "hm" }) };
+            let mut act = json!({
+                "episode": seen["episode"], "agent": seen["agent"], "round": seen["round"],
+            });
+            act.as_object_mut()
+                .expect("an object")
+                .extend(action.as_object().expect("one").clone());
+            act
+        };
+        let acts: Vec<Value> = list(&seen["observations"]).iter().map(act).collect();
+        app.post("/swarm/act").token(&token).json(&json!({ "acts": acts })).ok().await;
+    }
+    let page = app.get(&path).token(&key).ok().await;
+    assert_eq!(page["status"], "finished");
+    let found = board(&app, "suite=two").await;
+    let row = &list(&found["items"])[0];
+    assert_eq!(found["tasks"], json!(["Foraging", "Synchronization"]), "in the order of the suite");
+    assert_eq!((&row["run"], &row["owner"]), (&page["id"], &json!("alice")));
+    assert_eq!((&row["temperature"], &row["top_p"]), (&json!(0.5), &json!(0.9)));
+    // Three rounds of one light in two games; nothing was carried.
+    assert_eq!((&row["total"], &row["invalid_share"]), (&json!(3.0), &json!(0.5)));
+    for task in list(&page["tasks"]) {
+        let shown = &row["tasks"][task["task"].as_str().expect("a name")];
+        for (field, there) in [
+            ("mean", "mean"),
+            ("deviation", "deviation"),
+            ("games", "played"),
+            ("planned", "planned"),
+        ] {
+            assert_eq!(shown[field], task[there], "{field} of {task}");
+        }
+    }
+    assert_eq!(page["total"], row["total"]);
+    // The host finds that it broke a game: the board does without it at once.
+    let episode = list(&page["games"])[0]["episode"].as_str().expect("an id").to_owned();
+    let void = app.post(&format!("/api/v1/episodes/{episode}/void")).token(&app.organizer);
+    void.json(&json!({ "reason": "a test" })).ok().await;
+    let row = list(&board(&app, "suite=two").await["items"])[0].clone();
+    assert_eq!((&row["voided"], &row["tasks"]["Foraging"]["planned"]), (&json!(1), &json!(1)));
 }

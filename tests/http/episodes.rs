@@ -40,7 +40,8 @@ mod create {
                 "height": 10, "view_size": 5, "memory": 5, "max_round": 100,
                 "control": "decentralized", "noise": 0.0, "max_delay": 0, "round_deadline_s": null,
                 "bank_s": 0, "start": "now", "idle_timeout_s": 86_400, "visibility": "public",
-                "model": "unnamed", "agent_meta": {}, "prompt_template": null,
+                "model": "unnamed", "agent_meta": {}, "prompt_template": null, "open_seats": 0,
+                "fill_after_s": null, "fill_with": null, "player": null,
             })
         );
         let episode = Episode::of(&created);
@@ -65,7 +66,8 @@ mod create {
             "max_round": 33, "control": "centralized", "noise": 0.25, "max_delay": 3,
             "round_deadline_s": 0.05, "bank_s": 12.5, "start": "manual", "idle_timeout_s": 1,
             "visibility": "owner", "model": "m-1", "agent_meta": { "temperature": 0.7, "tags": ["a"] },
-            "prompt_template": "{{ agent }}",
+            "prompt_template": "{{ agent }}", "open_seats": 0, "fill_after_s": null, "fill_with": null,
+            "player": "random",
         });
         let episode = app.create(request.clone()).await;
         assert_eq!(episode.config, request);

@@ -52,7 +52,7 @@ fn act(episode: &Episode, seen: &Value) -> Value {
     match own % 3 {
         0 => {
             act["action"] = json!(action);
-            if round % 2 == 0 {
+            if round.is_multiple_of(2) {
                 act["message"] = json!(format!("I go \"{action}\" – from {own}"));
             }
         }
@@ -124,7 +124,6 @@ fn seconds(value: &Value) -> f64 {
 /// Checks one game of an export against what its players and spectators were shown.
 async fn check_game(app: &TestApp, files: &BTreeMap<String, Value>, played: &Played) {
     let Played { episode, turns, score } = played;
-    let config = &episode.config;
     let meta = &files["meta_log.json"][&episode.id];
     for name in [
         "model",
@@ -138,135 +137,126 @@ async fn check_game(app: &TestApp, files: &BTreeMap<String, Value>, played: &Pla
         "rules",
         "control",
     ] {
-        assert_eq!(meta[name], config[name], "{name}");
+        assert_eq!(meta[name], episode.config[name], "{name}");
     }
     let states = list(&files[&format!("game_log_{}.json", episode.id)]);
     assert_eq!(states.len(), turns.len() + 1);
     assert_eq!(&states.last().expect("a state")["score"], score);
-    let mut time = 0.0;
-    let mut said_before = Vec::new();
     for (round, state) in states.iter().enumerate() {
-        let names = ["timestamp", "task", "round", "grid", "agents", "score", "messages"];
-        assert_eq!(keys(state), sorted(names));
-        let now = app
-            .get(&episode.path(&format!("/state?round={round}")))
-            .token(&episode.swarm)
-            .ok()
-            .await;
-        assert_eq!((&state["round"], &state["task"]), (&json!(round), &config["task"]));
-        assert_eq!(state["score"], now["score"]);
-        // The toolkit's script for trends refuses games in which it falls.
-        assert!(round == 0 || seconds(&states[round - 1]["score"]) <= seconds(&state["score"]));
-        assert_eq!(json!(shown(&state["grid"])), now["grid"]);
-        for cell in list(&state["grid"]).iter().flat_map(list) {
-            assert_eq!(cell.as_str().map(|cell| cell.chars().count()), Some(1), "{cell}");
-        }
-        for (agent, at) in list(&now["agents"]).iter().zip(list(&state["agents"])) {
-            assert_eq!(at, json!({ "id": agent["agent"], "x": agent["j"], "y": agent["i"] }));
-            if agent["alive"] == true {
-                let (i, j) = (number(&agent["i"]), number(&agent["j"]));
-                let cell = &state["grid"][usize::try_from(i).expect("small")]
-                    [usize::try_from(j).expect("small")];
-                let is_off = [&agent["light_on"], &agent["carrying_food"]].contains(&&json!(false));
-                assert_eq!(cell, if is_off { "a" } else { "A" });
+        check_state(app, played, round, state).await;
+        if let Some(before) = round.checked_sub(1) {
+            // The toolkit's script for trends refuses games in which the score falls.
+            for name in ["score", "timestamp"] {
+                assert!(seconds(&states[before][name]) <= seconds(&state[name]), "{name}");
             }
         }
-        assert_eq!(state["messages"], json!(said_before), "round {round}");
-        assert!(seconds(&state["timestamp"]) >= time && seconds(&state["timestamp"]) > 1e9);
-        time = seconds(&state["timestamp"]);
-        said_before = turns.get(round).map_or_else(Vec::new, |turn| {
-            let said = |(seen, act): &(Value, Value)| {
-                let text = match &act["response"] {
-                    Value::String(text) => text.split_once("MSG: ")?.1.lines().next()?.to_owned(),
-                    _ => act["message"].as_str()?.to_owned(),
-                };
-                Some(json!({ "round": round, "agent_name": seen["agent"], "message": text }))
-            };
-            turn.iter().filter_map(said).collect()
-        });
     }
     let acts = list(&files[&format!("agent_log_{}.json", episode.id)]);
     let given: Vec<_> = turns.iter().flatten().collect();
     assert_eq!(acts.len(), given.len());
     let mut tokens: BTreeMap<String, u64> = BTreeMap::new();
     for (row, (seen, act)) in acts.iter().zip(given) {
-        let names = [
-            "timestamp",
-            "task",
-            "round",
-            "agent_id",
-            "view",
-            "prompt",
-            "response",
-            "action",
-            "message",
-            "api_call_time",
-            "action_success",
-            "total_llm_tokens",
-        ];
-        assert_eq!(keys(row), sorted(names));
-        let (round, agent) = (number(&seen["round"]), seen["agent"].as_str().expect("a name"));
-        assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
-        // The prompt is the very text that the server gave to the player.
-        assert_eq!(row["prompt"], seen["prompt"]);
-        let mut cells = seen["view"]["cells"].clone();
-        for cell in cells
-            .as_array_mut()
-            .expect("rows")
-            .iter_mut()
-            .flat_map(|row| row.as_array_mut().expect("cells"))
-        {
-            if cell == "Y" {
-                let flag = [&seen["light_on"], &seen["carrying_food"]].contains(&&json!(true));
-                let is_marked = match config["rules"].as_str() {
-                    Some("paper") => flag,
-                    _ => !flag && !(seen["light_on"].is_null() && seen["carrying_food"].is_null()),
-                };
-                *cell = json!(format!(
-                    "{}{}",
-                    if is_marked { "$" } else { "" },
-                    &agent["Agent_".len()..]
-                ));
-            }
-        }
-        assert_eq!(row["view"], cells);
-        assert_eq!(row["response"], act.get("response").cloned().unwrap_or_else(|| json!("")));
-        let told = act["usage"]["completion_tokens"].as_u64();
-        if let Some(told) = told {
-            *tokens.entry(agent.to_owned()).or_default() += told;
+        if let Some(told) = act["usage"]["completion_tokens"].as_u64() {
+            *tokens.entry(seen["agent"].to_string()).or_default() += told;
             assert_eq!(row["api_call_time"], 1.5);
         } else {
             assert_eq!(row["api_call_time"], Value::Null);
         }
-        assert_eq!(
-            row["total_llm_tokens"],
-            tokens.get(agent).map_or(Value::Null, |all| json!(all))
-        );
-        let action = match (&act["action"], &act["response"]) {
-            (Value::String(action), _) => action.clone(),
-            (_, Value::String(text)) => {
-                text.split_once("ACTION: ").map_or("STAY", |(_, action)| action).to_owned()
-            }
-            _ => panic!("{act}"),
-        };
-        assert_eq!(row["action"], action);
-        let place = |round: u64| {
-            let agents = &states[usize::try_from(round).expect("small")]["agents"];
-            list(agents).into_iter().find(|at| at["id"] == agent).expect("an agent")
-        };
-        let (from, to) = (place(round), place(round + 1));
-        let moved = |name: &str| {
-            to[name].as_i64().expect("a place") - from[name].as_i64().expect("a place")
-        };
-        let succeeds = match action.as_str() {
-            "UP" => moved("y") < 0,
-            "DOWN" => moved("y") > 0,
-            "LEFT" => moved("x") < 0,
-            "RIGHT" => moved("x") > 0,
-            other => other == "SWITCH",
-        };
-        assert_eq!(row["action_success"], succeeds, "{row}");
+        let told = tokens.get(&seen["agent"].to_string());
+        assert_eq!(row["total_llm_tokens"], told.map_or(Value::Null, |all| json!(all)));
+        check_act(&episode.config, &states, row, seen, act);
     }
+}
+
+/// Checks a state against the one that spectators are shown.
+async fn check_state(app: &TestApp, played: &Played, round: usize, state: &Value) {
+    let Played { episode, turns, .. } = played;
+    let names = ["timestamp", "task", "round", "grid", "agents", "score", "messages"];
+    assert_eq!(keys(state), sorted(names));
+    assert!(seconds(&state["timestamp"]) > 1e9);
+    let path = episode.path(&format!("/state?round={round}"));
+    let now = app.get(&path).token(&episode.swarm).ok().await;
+    assert_eq!((&state["round"], &state["task"]), (&json!(round), &episode.config["task"]));
+    assert_eq!(state["score"], now["score"]);
+    assert_eq!(json!(shown(&state["grid"])), now["grid"]);
+    for cell in list(&state["grid"]).iter().flat_map(list) {
+        assert_eq!(cell.as_str().map(|cell| cell.chars().count()), Some(1), "{cell}");
+    }
+    for (agent, at) in list(&now["agents"]).iter().zip(list(&state["agents"])) {
+        assert_eq!(at, json!({ "id": agent["agent"], "x": agent["j"], "y": agent["i"] }));
+        if agent["alive"] == true {
+            let place = |name: &str| usize::try_from(number(&agent[name])).expect("small");
+            let is_off = [&agent["light_on"], &agent["carrying_food"]].contains(&&json!(false));
+            let cell = &state["grid"][place("i")][place("j")];
+            assert_eq!(cell, if is_off { "a" } else { "A" });
+        }
+    }
+    let said = round.checked_sub(1).map_or(&[][..], |before| &turns[before]);
+    let said = said.iter().filter_map(|(seen, act)| {
+        let text = match act["response"].as_str() {
+            Some(text) => text.split_once("MSG: ")?.1.lines().next()?,
+            None => act["message"].as_str()?,
+        };
+        Some(json!({ "round": round - 1, "agent_name": seen["agent"], "message": text }))
+    });
+    assert_eq!(list(&state["messages"]), said.collect::<Vec<_>>(), "round {round}");
+}
+
+/// Checks an act against what its player was shown and sent.
+fn check_act(config: &Value, states: &[Value], row: &Value, seen: &Value, act: &Value) {
+    let names = [
+        "timestamp",
+        "task",
+        "round",
+        "agent_id",
+        "view",
+        "prompt",
+        "response",
+        "action",
+        "message",
+        "api_call_time",
+        "action_success",
+        "total_llm_tokens",
+    ];
+    assert_eq!(keys(row), sorted(names));
+    assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
+    // The prompt is the very text that the server gave to the player.
+    assert_eq!(row["prompt"], seen["prompt"]);
+    let agent = seen["agent"].as_str().expect("a name");
+    let own = own_cell(config, seen, &agent["Agent_".len()..]);
+    let cell = |cell: &Value| if cell == "Y" { json!(own) } else { cell.clone() };
+    let row_of = |cells: &Value| list(cells).iter().map(cell).collect::<Vec<_>>();
+    let cells: Vec<_> = list(&seen["view"]["cells"]).iter().map(row_of).collect();
+    assert_eq!(row["view"], json!(cells));
+    assert_eq!(row["response"], act.get("response").cloned().unwrap_or_else(|| json!("")));
+    let action = match act["response"].as_str() {
+        Some(text) => text.split_once("ACTION: ").map_or("STAY", |(_, action)| action),
+        None => act["action"].as_str().expect("an action"),
+    };
+    assert_eq!(row["action"], action);
+    let place = |round: u64, name: &str| {
+        let agents = list(&states[usize::try_from(round).expect("small")]["agents"]);
+        let at = agents.iter().find(|at| at["id"] == agent).expect("an agent");
+        at[name].as_i64().expect("a place")
+    };
+    let round = number(&seen["round"]);
+    let moved = |name: &str| place(round + 1, name) - place(round, name);
+    let succeeds = match action {
+        "UP" => moved("y") < 0,
+        "DOWN" => moved("y") > 0,
+        "LEFT" => moved("x") < 0,
+        "RIGHT" => moved("x") > 0,
+        other => other == "SWITCH",
+    };
+    assert_eq!(row["action_success"], succeeds, "{row}");
+}
+
+/// How an agent's own cell is written: as others see it.
+fn own_cell(config: &Value, seen: &Value, number: &str) -> String {
+    let flags = [&seen["light_on"], &seen["carrying_food"]];
+    let marks = config["rules"] == "paper";
+    let is_marked = flags.iter().any(|flag| **flag == marks);
+    format!("{}{number}", if is_marked { "$" } else { "" })
 }
 
 #[tokio::test]
@@ -438,6 +428,7 @@ async fn filters_choose_and_nonsense_is_refused() {
         ("?status=aborted", vec![&aborted.id]),
         ("?status=running", vec![]),
         ("?model=three", vec![]),
+        ("?run=run_0", vec![]),
     ] {
         let files = dataset(&app, query).await;
         let mut expected: Vec<&str> = expected.into_iter().map(String::as_str).collect();
@@ -456,7 +447,6 @@ async fn filters_choose_and_nonsense_is_refused() {
     assert!(rows(&app, "acts.parquet?model=three").await.is_empty());
     for (path, status, code) in [
         ("dataset.tar", 404, "not_found"),
-        ("dataset.zip?run=run_0", 404, "not_found"),
         ("acts.jsonl?episode=ep_0", 404, "not_found"),
         ("acts.jsonl?task=Chess", 400, "malformed"),
         ("acts.jsonl?status=lost", 400, "malformed"),
@@ -464,6 +454,43 @@ async fn filters_choose_and_nonsense_is_refused() {
     ] {
         app.get(&format!("/api/v1/exports/{path}")).problem(status, code).await;
     }
+}
+
+/// The episodes of a run, and what of them says that they belong to it.
+#[tokio::test]
+async fn a_run_is_exported_by_its_id() {
+    let app = TestApp::start().await;
+    app.delete(&app.create(request("Pursuit")).await.path("")).send().await;
+    let suite = json!({
+        "name": "small", "tasks": ["Pursuit"], "seeds": [4, 9], "settings": { "num_agents": 2, "max_round": 1 },
+    });
+    let created =
+        app.post("/api/v1/runs").json(&json!({ "suite": suite, "model": "m" })).ok().await;
+    let (id, token) =
+        (created["id"].as_str().expect("an id"), created["swarm_token"].as_str().expect("a token"));
+    loop {
+        let seen = app.get("/swarm/obs?wait=10").token(token).ok().await;
+        let stay = |seen: &Value| {
+            let (episode, agent) = (&seen["episode"], &seen["agent"]);
+            json!({ "episode": episode, "agent": agent, "round": seen["round"], "action": "STAY" })
+        };
+        let acts: Vec<Value> = list(&seen["observations"]).iter().map(stay).collect();
+        if acts.is_empty() && seen["finished"] == true {
+            break;
+        }
+        app.post("/swarm/act").token(token).json(&json!({ "acts": acts })).ok().await;
+    }
+    let files = dataset(&app, &format!("?run={id}")).await;
+    let metas = files["meta_log.json"].as_object().expect("an object");
+    assert_eq!(
+        metas.values().map(|meta| &meta["seed"]).collect::<Vec<_>>(),
+        [&json!(4), &json!(9)]
+    );
+    assert!(metas.values().all(|meta| meta["run"] == id && meta["model"] == "m"));
+    let rows = lines(&app, &format!("acts.jsonl?run={id}")).await;
+    assert_eq!(rows.len(), 4);
+    assert!(rows.iter().all(|row| row["run"] == id));
+    assert_eq!(lines(&app, "rounds.jsonl").await.len(), 2 + 2 + 1);
 }
 
 #[tokio::test]

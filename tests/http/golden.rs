@@ -72,6 +72,8 @@ enum How {
     Answers,
     /// At random, by seats of which some are quick, some use their banks and some never act.
     Clocks,
+    /// At random by the creator and by somebody who claimed two seats; the server plays the rest.
+    SeveralHolders,
     /// Three rounds, then some of the seats act once more and the creator ends it.
     Aborted,
     /// Three rounds, then some of the seats act once more and nobody comes back.
@@ -239,6 +241,17 @@ fn games() -> Vec<Game> {
             json!({ "seed": 22, "num_agents": 4, "max_round": 10, "round_deadline_s": 0.05 }),
             How::Clocks,
         ),
+        // Several holders, one of them the server.
+        game(
+            "several-holders",
+            Foraging,
+            Paper,
+            json!({
+                "seed": 28, "num_agents": 6, "max_round": 12, "open_seats": 4, "fill_after_s": 10,
+                "noise": 0.2,
+            }),
+            How::SeveralHolders,
+        ),
         // Ends of every kind, and none.
         game("done-at-once", Flocking, Paper, json!({ "seed": 23, "num_agents": 1 }), How::BuiltIn),
         game(
@@ -270,7 +283,7 @@ impl Game {
     async fn record(&self, app: &TestApp) -> Episode {
         let created = app.post("/api/v1/episodes").json(&self.config).ok().await;
         let episode = Episode::of(&created);
-        let mut players = Players { dice: Dice(episode.config["seed"].as_u64().expect("a seed")) };
+        let mut players = Players { dice: Dice(self.config["seed"].as_u64().expect("a seed")) };
         match self.how {
             How::BuiltIn => {
                 let created = serde_json::from_value(created).expect("an episode");
@@ -284,6 +297,7 @@ impl Game {
             }
             How::Answers => players.play(app, &episode, u64::MAX, Players::answer).await,
             How::Clocks => players.play_by_the_clock(app, &episode).await,
+            How::SeveralHolders => players.play_with_others(app, &episode).await,
             How::Aborted => {
                 app.post(&episode.path("/start")).token(&episode.swarm).ok().await;
                 players.play(app, &episode, 3, Players::act).await;
@@ -401,6 +415,25 @@ impl Players {
             let acts: Vec<_> = seen.iter().map(|seen| decide(self, episode, seen)).collect();
             for receipt in app.swarm_act(episode, &acts).await {
                 assert_eq!(receipt["duplicate"], false, "{receipt}");
+            }
+        }
+    }
+
+    /// Plays with somebody else, who claims two seats, and with the server, which fills the others.
+    async fn play_with_others(&mut self, app: &TestApp, episode: &Episode) {
+        let claim = json!({ "seats": 2, "model": "another", "agent_meta": { "top_p": 0.9 } });
+        let claimed = app.post(&episode.path("/claims")).json(&claim).ok().await;
+        let other = claimed["swarm_token"].as_str().expect("a token");
+        app.pass(Duration::from_secs(10));
+        loop {
+            for token in [&*episode.swarm, other] {
+                let seen = app.get("/swarm/obs?wait=60").token(token).ok().await;
+                if seen["finished"] == true {
+                    return;
+                }
+                let seen = crate::app::list(&seen["observations"]);
+                let acts: Vec<_> = seen.iter().map(|seen| self.act(episode, seen)).collect();
+                app.post("/swarm/act").token(token).json(&json!({ "acts": acts })).ok().await;
             }
         }
     }

@@ -24,6 +24,10 @@ const CASES: u64 = 200;
 /// A game as it is played on a server.
 struct Played {
     episode: Episode,
+    /// Whoever holds seats: the last of them, and the token for all. Every third game has several holders.
+    holders: Vec<(usize, String)>,
+    /// The tokens of all seats, whosever they are.
+    seats: Vec<String>,
     game: Game,
     receipts: Vec<String>,
 }
@@ -42,7 +46,7 @@ struct Receipts<'a> {
 }
 
 impl Played {
-    async fn new(app: &TestApp, dice: &mut Dice) -> [Self; 2] {
+    async fn new(app: &TestApp, seed: u64, dice: &mut Dice) -> [Self; 2] {
         let settings = oracle::settings(dice);
         let request = json!({
             "task": settings.task, "rules": settings.rules, "control": settings.control,
@@ -51,13 +55,49 @@ impl Played {
             "max_round": settings.max_round, "noise": settings.noise, "max_delay": settings.max_delay,
         });
         let game = Game { settings, states: Vec::new(), deeds: Vec::new() };
-        let (one, other) = (app.create(request.clone()).await, app.create(request).await);
-        let mut both =
-            [one, other].map(|episode| Self { episode, game: game.clone(), receipts: Vec::new() });
-        for played in &mut both {
-            played.look(app).await;
+        let mut claims = Vec::new();
+        // Who holds what is drawn apart: the games of a seed are the same, whoever plays them.
+        let mut dice = Dice(!seed);
+        if dice.below(3) == 0 {
+            let agents = usize::try_from(game.settings.num_agents).expect("a few");
+            let mut open = dice.below(agents + 1);
+            while open > 0 {
+                claims.push(1 + dice.below(open));
+                open -= claims[claims.len() - 1];
+            }
         }
-        both
+        let one = Self::create(app, request.clone(), &claims, game.clone()).await;
+        [one, Self::create(app, request, &claims, game).await]
+    }
+
+    /// Creates an episode of which others claim so many seats, one after the other.
+    async fn create(app: &TestApp, mut request: Value, claims: &[usize], game: Game) -> Self {
+        request["open_seats"] = json!(claims.iter().sum::<usize>());
+        let episode = app.create(request).await;
+        let mut seats: Vec<String> = episode.seats().map(str::to_owned).collect();
+        let mut holders = vec![(seats.len(), episode.swarm.clone())];
+        for count in claims {
+            let claim =
+                app.post(&episode.path("/claims")).json(&json!({ "seats": count })).ok().await;
+            let text = |value: &Value| value.as_str().expect("a text").to_owned();
+            seats.extend(list(&claim["seats"]).iter().map(|seat| text(&seat["token"])));
+            holders.push((seats.len(), text(&claim["swarm_token"])));
+        }
+        let mut played = Self { episode, holders, seats, game, receipts: Vec::new() };
+        played.look(app).await;
+        played
+    }
+
+    /// The holders, each with a token and its agents of these.
+    fn by_holder(&self, agents: &[usize]) -> Vec<(&str, Vec<usize>)> {
+        let mut first = 0;
+        let mut all = Vec::with_capacity(self.holders.len());
+        for (end, token) in &self.holders {
+            let own = agents.iter().copied().filter(|agent| (first..*end).contains(agent));
+            all.push((token.as_str(), own.collect()));
+            first = *end;
+        }
+        all
     }
 
     /// Notes the state as a spectator sees it.
@@ -88,11 +128,16 @@ impl Played {
                 act
             })
             .collect();
-        let call = app.post("/swarm/act").token(&self.episode.swarm).json(&json!({ "acts": acts }));
-        let text = call.send().await.text();
-        let answer: Receipts<'_> = serde_json::from_str(&text).expect("receipts");
-        self.receipts =
-            answer.receipts.iter().map(|receipt| self.anonymous(receipt.get())).collect();
+        let mut acts = acts.into_iter();
+        let mut receipts = Vec::new();
+        for (token, own) in self.by_holder(&self.alive(round)) {
+            let acts: Vec<Value> = acts.by_ref().take(own.len()).collect();
+            let call = app.post("/swarm/act").token(token).json(&json!({ "acts": acts }));
+            let text = call.send().await.text();
+            let answer: Receipts<'_> = serde_json::from_str(&text).expect("receipts");
+            receipts.extend(answer.receipts.iter().map(|receipt| self.anonymous(receipt.get())));
+        }
+        self.receipts = receipts;
         self.game.deeds.push(deeds);
         self.look(app).await;
     }
@@ -106,17 +151,19 @@ impl Played {
     /// What each agent is sent now, to the byte; the escaped ask for themselves. Nothing once the episode has
     /// ended: its result names a head, which stands for everything.
     async fn sent(&self, app: &TestApp) -> Option<Vec<String>> {
-        let call = app.get("/swarm/obs?prompt=true&limit=1024").token(&self.episode.swarm);
-        let text = call.send().await.text();
-        let many: Many<'_> = serde_json::from_str(&text).expect("observations");
-        if many.finished {
-            return None;
-        }
-        let living = self.alive(self.game.deeds.len());
-        assert_eq!(many.observations.len(), living.len(), "{text}");
         let mut sent = vec![String::new(); self.game.state().agents.len()];
-        for (agent, seen) in living.into_iter().zip(many.observations) {
-            sent[agent] = self.anonymous(seen.get());
+        for (token, living) in self.by_holder(&self.alive(self.game.deeds.len())) {
+            let call = app.get("/swarm/obs?prompt=true&limit=1024").token(token);
+            let text = call.send().await.text();
+            let many: Many<'_> = serde_json::from_str(&text).expect("observations");
+            if many.finished {
+                return None;
+            }
+            // Nobody is sent what another's agent sees.
+            assert_eq!(many.observations.len(), living.len(), "{text}");
+            for (agent, seen) in living.into_iter().zip(many.observations) {
+                sent[agent] = self.anonymous(seen.get());
+            }
         }
         for (agent, seen) in sent.iter_mut().enumerate() {
             if seen.is_empty() {
@@ -128,7 +175,7 @@ impl Played {
 
     /// What one agent gets by its own token.
     async fn obs(&self, app: &TestApp, agent: usize) -> String {
-        let call = app.get("/obs?prompt=true").token(self.episode.seat(agent));
+        let call = app.get("/obs?prompt=true").token(&self.seats[agent]);
         self.anonymous(&call.send().await.text())
     }
 
@@ -192,7 +239,7 @@ async fn compare(app: &TestApp, seeds: Range<u64>, blind: Blind) -> Count {
 async fn compare_pair(app: &TestApp, seed: u64, blind: Blind) -> Count {
     let mut count = Count::default();
     let mut dice = Dice(seed);
-    let [mut one, mut other] = Played::new(app, &mut dice).await;
+    let [mut one, mut other] = Played::new(app, seed, &mut dice).await;
     let alike = dice.below(4);
     let observer = dice.below(one.game.state().agents.len());
     for round in 0..alike + 1 + dice.below(4) {

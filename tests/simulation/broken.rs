@@ -26,6 +26,8 @@ pub(crate) enum Flaw {
     GoesOnAfterFailure,
     /// The journal does not tell of one job in twenty.
     ForgetsToTell,
+    /// The journal forgets who claimed seats.
+    ForgetsClaims,
     /// The journal does not know when the last act came.
     ForgetsTheLastAct,
     /// The journal lists an unfinished episode that does not exist.
@@ -44,7 +46,7 @@ pub(crate) enum Flaw {
 
 /// Each flaw and the invariant that it breaks. `OtherChance` is not here: it breaks none of them,
 /// but that a run follows from its seed.
-pub(crate) const FLAWS: [(Flaw, Invariant); 15] = [
+pub(crate) const FLAWS: [(Flaw, Invariant); 16] = [
     (Flaw::AcknowledgesEarly, Invariant::Durable),
     (Flaw::LosesActs, Invariant::Barrier),
     (Flaw::TearsPieces, Invariant::Barrier),
@@ -54,6 +56,7 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 15] = [
     (Flaw::AltersDigests, Invariant::Replay),
     (Flaw::GoesOnAfterFailure, Invariant::NoFalseAck),
     (Flaw::ForgetsToTell, Invariant::Progress),
+    (Flaw::ForgetsClaims, Invariant::Seats),
     (Flaw::ForgetsTheLastAct, Invariant::Idle),
     (Flaw::ListsAGhost, Invariant::Quotas),
     (Flaw::TwoServers, Invariant::OneAct),

@@ -8,18 +8,22 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench::clock::{after, millis, until};
-use swarmbench::episode::actor::ActError;
+use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
 use swarmbench::episode::lockstep::{Given, Receipt, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
+use swarmbench::episode::seating::Taken;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
+use swarmbench::house;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, RawRecord, Record, Source, round_record};
 use swarmbench::journal::replay::{acts_of, living, verify};
-use swarmbench::journal::{ActRow, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow};
+use swarmbench::journal::{
+    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, SeatingRow,
+};
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
@@ -54,6 +58,9 @@ pub(crate) enum Invariant {
     Closing,
     /// What is counted against a cap is there, and is given back.
     Quotas,
+    /// A seat has one holder; an episode starts once, when all have one; the server plays its seats as
+    /// if it had never fallen over.
+    Seats,
 }
 
 /// Something that does not hold.
@@ -132,6 +139,15 @@ pub(crate) struct Episode {
     pub(crate) waiting: bool,
     pub(crate) end: Option<(Ending, Head)>,
     owner: Option<OwnerKey>,
+    /// By agent, the number of its holder; everything is the creator's where nobody claims.
+    holders: Vec<Option<u32>>,
+    /// The seats that the server plays, once they have a holder.
+    hosted: Vec<(AgentId, String)>,
+    /// The players of them, shown everything so far.
+    players: Option<house::Players>,
+    /// The head after the opening.
+    opening_head: Head,
+    seated: bool,
     /// The head after each round.
     heads: Vec<Head>,
     digests: Vec<[u8; 32]>,
@@ -140,6 +156,7 @@ pub(crate) struct Episode {
     /// What was done in each round, the open one too.
     acts: Vec<BTreeMap<AgentId, Kept>>,
     last_act_at: Timestamp,
+    created_at: Timestamp,
     /// When the open round began: with the creation, the start, or the end of the round before.
     began_at: Timestamp,
     /// The journal as a file.
@@ -172,6 +189,22 @@ impl Episode {
 
     fn act(&self, round: u32, agent: AgentId) -> Option<&Kept> {
         self.acts.get(round as usize)?.get(&agent)
+    }
+
+    /// Whether the server plays this seat.
+    fn is_hosted(&self, agent: AgentId) -> bool {
+        self.hosted.iter().any(|(hosted, _)| *hosted == agent)
+    }
+
+    /// Whether a client holds this seat. Nobody else has a token of it.
+    pub(crate) fn is_clients(&self, agent: AgentId) -> bool {
+        self.holders[agent.index()].is_some() && !self.is_hosted(agent)
+    }
+
+    /// How many seats nobody holds.
+    pub(crate) fn count_open(&self) -> u16 {
+        let open = self.holders.iter().filter(|holder| holder.is_none()).count();
+        u16::try_from(open).expect("few")
     }
 
     fn bank(&self, agent: AgentId) -> Duration {
@@ -263,6 +296,10 @@ impl Checker {
         let Some(episode) = self.episodes.get(&row.episode) else { return };
         let Some(round_deadline) = episode.spec.round_deadline else { return };
         let Ok(record) = row.record.read::<ActRecord>() else { return };
+        if episode.is_hosted(row.agent) && record.source == Source::Player {
+            // The server sent it to itself.
+            return;
+        }
         let (now, started_at, bank) = (self.now, self.started_at, episode.bank(row.agent));
         let opened = episode.opened.filter(|(round, ..)| *round == row.round);
         let name = format!("{} {} in round {}", episode.id, row.agent, row.round);
@@ -346,12 +383,16 @@ impl Checker {
                         let (was_waiting, id) = (episode.waiting, episode.id.clone());
                         episode.waiting = false;
                         episode.last_act_at = *at;
+                        let seated = episode.seated || !episode.spec.is_seated();
                         episode.began_at = *at;
                         let is_open = !episode.is_closed(*at);
                         self.check(Invariant::Closing, is_open, || format!("{id}: a late start"));
                         self.check(Invariant::OneAct, was_waiting, || format!("{id}: two starts"));
+                        self.check(Invariant::Seats, seated, || format!("{id}: started too early"));
                     }
                 }
+                Entry::Claim(row) => self.claim(row),
+                Entry::Seat(row) => self.seat(row),
                 Entry::Act(row) => self.act(row),
                 Entry::Round(row) => self.round(row),
                 Entry::End(row) => self.end(row),
@@ -382,11 +423,24 @@ impl Checker {
             waiting: row.waiting,
             end: None,
             owner: row.owner,
+            holders: (spec.agents())
+                .map(|agent| (!spec.open_seats.contains(&agent)).then_some(0))
+                .collect(),
+            hosted: match &spec.player {
+                Some(player) => (spec.agents().filter(|agent| !spec.open_seats.contains(agent)))
+                    .map(|agent| (agent, player.clone()))
+                    .collect(),
+                None => Vec::new(),
+            },
+            players: None,
+            opening_head: head,
+            seated: false,
             heads: vec![head],
             digests: vec![world.digest().0],
             banks: vec![vec![spec.bank; usize::from(spec.config.num_agents())]],
             acts: vec![BTreeMap::new()],
             last_act_at: row.at,
+            created_at: row.at,
             began_at: row.at,
             lines: row.record.line(head),
             opened: None,
@@ -399,6 +453,71 @@ impl Checker {
         self.creating.remove(&row.id);
         self.keys.insert(row.id.clone(), row.episode);
         self.episodes.insert(row.episode, episode);
+    }
+
+    fn claim(&mut self, row: &ClaimRow) {
+        let Some(episode) = self.episodes.get_mut(&row.episode) else { return };
+        let name = format!("{}: claim {}", episode.id, row.holder.number);
+        let mut wrong = Vec::new();
+        if row.holder.number == 0 {
+            let own: Vec<AgentId> = (episode.world.agents())
+                .filter(|agent| episode.spec.is_mixed() && !episode.spec.open_seats.contains(agent))
+                .collect();
+            if own != row.agents || row.holder.player != episode.spec.player {
+                wrong.push(format!("{name} is not the creator's"));
+            }
+        } else {
+            if episode.seated || !episode.waiting || episode.end.is_some() {
+                wrong.push(format!("{name} comes after the start"));
+            }
+            for agent in &row.agents {
+                if episode.holders[agent.index()].replace(row.holder.number).is_some() {
+                    wrong.push(format!("{name}: {agent} had a holder"));
+                }
+                if let Some(player) = &row.holder.player {
+                    episode.hosted.push((*agent, player.clone()));
+                }
+            }
+            match (&row.holder.player, episode.spec.fill_after) {
+                (None, _) => self.stats.count("seats claimed", row.agents.len()),
+                (Some(_), Some(time)) => {
+                    self.stats.count("seats filled", row.agents.len());
+                    if row.holder.at < after(episode.created_at, time) {
+                        wrong.push(format!("{name} fills seats too early"));
+                    }
+                }
+                (Some(_), None) => wrong.push(format!("{name} is of nobody")),
+            }
+        }
+        for what in wrong {
+            self.broken(Invariant::Seats, what);
+        }
+    }
+
+    fn seat(&mut self, row: &SeatingRow) {
+        let Some(episode) = self.episodes.get_mut(&row.episode) else { return };
+        let name = format!("{}: who holds which seat", episode.id);
+        let mut wrong = Vec::new();
+        if std::mem::replace(&mut episode.seated, true) || episode.world.round() > 0 {
+            wrong.push((Invariant::Seats, format!("{name} is told twice, or too late")));
+        }
+        let told = match row.record.read() {
+            Ok(Record::Seats(told)) => told.seats.iter().map(|seat| Some(seat.holder)).collect(),
+            _ => Vec::new(),
+        };
+        if told != episode.holders || told.contains(&None) {
+            let holders = &episode.holders;
+            wrong.push((Invariant::Seats, format!("{name}: {told:?}, it is {holders:?}")));
+        }
+        let head = episode.opening_head.link(row.record.as_str().as_bytes());
+        if head != row.head {
+            wrong.push((Invariant::Replay, format!("{name}: another head")));
+        }
+        episode.heads[0] = head;
+        episode.lines.push_str(&row.record.line(head));
+        for (invariant, what) in wrong {
+            self.broken(invariant, what);
+        }
     }
 
     fn act(&mut self, row: &ActRow) {
@@ -466,6 +585,18 @@ impl Checker {
             living(&episode.world).filter(|agent| !given.contains_key(agent)).collect();
         if !missing.is_empty() {
             wrong.push((Invariant::Barrier, format!("{name} is resolved without {missing:?}")));
+        }
+        // What the server's players do follows from what they were shown, whatever happened to it.
+        let players = episode.players.get_or_insert_with(|| {
+            episode.hosted.sort_unstable();
+            house::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
+        });
+        for (agent, decided) in players.decide(&episode.world) {
+            let kept = given.get(&agent).filter(|kept| kept.by_player());
+            self.stats.count("acts of the server", usize::from(kept.is_some()));
+            if kept.is_some_and(|kept| !same(&kept.record, &decided.record)) {
+                wrong.push((Invariant::Seats, format!("{name}: {agent} forgot something")));
+            }
         }
         let mut banks = episode.banks[row.round as usize].clone();
         for (agent, kept) in given {
@@ -636,6 +767,7 @@ impl Checker {
             return self.broken(Invariant::Durable, format!("{name}, and is not durable"));
         };
         let head = match (is_over, episode.end) {
+            (false, _) if snapshot.status == Status::Waiting => episode.opening_head,
             (false, _) => head,
             (true, Some((ending, head))) if ending.status() == snapshot.status => head,
             (true, _) => return self.broken(Invariant::Durable, format!("{name}: no such end")),
@@ -693,9 +825,39 @@ impl Checker {
             }
             Answer::NotTakenUp(RecoveryError::Journal(error))
             | Answer::State(_, Err(RecoveryError::Journal(error)))
-            | Answer::Started(Err(error))
+            | Answer::Started(Err(StartError::Journal(error)))
+            | Answer::Claimed(_, Err(ClaimError::Journal(error)))
             | Answer::Aborted(Err(error)) => {
                 return self.failure(&id, failed, &error);
+            }
+            Answer::Started(Err(StartError::SeatsOpen(_))) => {
+                self.stats.count("refused: seats_open", 1);
+                let mixed = self.episode(&id).is_some_and(|episode| episode.spec.is_mixed());
+                self.check(Invariant::TrueRefusals, mixed, || format!("{id} has no open seats"));
+                false
+            }
+            Answer::Claimed(_, Ok(Claimed { number, agents })) => {
+                let is_kept = self.episode(&id).is_some_and(|episode| {
+                    let holds = |agent: &AgentId| episode.holders[agent.index()] == Some(number);
+                    !agents.is_empty() && agents.iter().all(holds)
+                });
+                let what = || format!("{id}: claim {number} of {agents:?} is not kept");
+                self.check(Invariant::Durable, is_kept, what);
+                true
+            }
+            Answer::Claimed(_, Err(ClaimError::Over)) => {
+                let is_over = self.episode(&id).is_some_and(|episode| episode.end.is_some());
+                self.check(Invariant::TrueRefusals, is_over, || format!("{id} is not over"));
+                false
+            }
+            Answer::Claimed(_, Err(ClaimError::Taken(taken))) => {
+                self.stats.count("refused: seat_taken", 1);
+                let is_true = self.episode(&id).is_some_and(|episode| match taken {
+                    Taken::Seat(agent) => episode.holders[agent.index()].is_some(),
+                    Taken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
+                });
+                self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
+                false
             }
             Answer::Created(Ok(())) => {
                 let is_durable = self.keys.contains_key(&id);

@@ -8,14 +8,15 @@ use futures::future::select;
 use jiff::Timestamp;
 use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
-use swarmbench::episode::actor::{Handle, Outcomes};
+use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::recovery::{RecoveryError, state_at};
 use swarmbench::episode::registry::{CreateError, Creation, Registry};
+use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
-use swarmbench::ids::EpisodeId;
-use swarmbench::journal::JournalError;
+use swarmbench::ids::{EpisodeId, TokenHash};
 use swarmbench::journal::record::{ActRecord, Source, Usage};
+use swarmbench::journal::{Holder, JournalError};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
 };
@@ -49,6 +50,8 @@ pub(crate) enum Request {
     Turn(Vec<AgentId>, u64),
     /// Acts that were thought of earlier.
     Send(Acts),
+    /// Open seats.
+    Claim(Wanted),
     /// The manual start.
     Start,
     /// The end.
@@ -78,7 +81,8 @@ pub(crate) enum Answer {
     Looked,
     /// What became of acts, and what is published when that is known.
     Acted(Acts, Outcomes, Arc<Snapshot>),
-    Started(Result<(), JournalError>),
+    Claimed(Wanted, Result<Claimed, ClaimError>),
+    Started(Result<(), StartError>),
     Aborted(Result<(), JournalError>),
     /// The digest of the state after so many rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
@@ -147,6 +151,20 @@ pub(crate) async fn serve(
             }
         }
         Request::Send(acts) => send(&handle, acts, say).await,
+        Request::Claim(wanted) => {
+            let holder = Holder {
+                number: 0,
+                owner: None,
+                key: None,
+                model: "a holder".to_owned(),
+                agent_meta: serde_json::Map::new(),
+                player: None,
+                at: clock.now(),
+            };
+            let (seats, swarm) = (Vec::new(), TokenHash([0; 32]));
+            let claim = Claim { holder, wanted, seats, swarm, idempotency: None };
+            Answer::Claimed(wanted, handle.claim(claim).await)
+        }
         Request::Start => Answer::Started(handle.start().await),
         Request::Abort => Answer::Aborted(handle.abort().await),
         Request::State(round) => {
@@ -255,6 +273,13 @@ pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
         .expect("most settings can be played");
     let clocked = dice.below(2) < times.clocked;
     let bank = [0, 0, 2_500, 60_000][dice.below(4)];
+    let seats = config.num_agents();
+    let mixed = dice.below(4) == 0;
+    let open = if mixed { 1 + u16::try_from(dice.below(seats.into())).expect("few") } else { 0 };
+    let fill_after = (mixed && dice.below(2) == 0)
+        .then(|| Duration::from_millis([0, 700, 6_000][dice.below(3)]));
+    // The one that draws: what it does shows whether it remembers.
+    let player = (open < seats && dice.below(5) == 0).then(|| "random".to_owned());
     let closes_ms = [20, 3_000, 60_000, 1_500_000][dice.below(4)];
     let closes_at = (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
     let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
@@ -273,10 +298,10 @@ pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
         run: None,
         salt: None,
         closes_at,
-        open_seats: Vec::new(),
-        fill_after: None,
-        fill_with: None,
-        player: None,
+        open_seats: (seats - open..seats).map(AgentId).collect(),
+        fill_with: fill_after.map(|_| "random".to_owned()),
+        fill_after,
+        player,
     }
 }
 

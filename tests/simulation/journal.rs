@@ -9,8 +9,8 @@ use swarmbench::episode::Status;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench::journal::{
-    ActRow, Committed, EndRow, Entry, EpisodeKey, Journal, JournalError, OpeningRow, RoundActs,
-    RoundRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
+    ActRow, ClaimRow, Committed, EndRow, Entry, EpisodeKey, Held, Journal, JournalError,
+    OpeningRow, RoundActs, RoundRow, SeatingRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
@@ -228,6 +228,20 @@ impl State {
         })
     }
 
+    fn seating(&self, key: EpisodeKey) -> Option<&SeatingRow> {
+        self.durable.iter().find_map(|entry| match entry {
+            Entry::Seat(row) if row.episode == key => Some(row),
+            _ => None,
+        })
+    }
+
+    fn claims(&self, key: EpisodeKey) -> impl Iterator<Item = &ClaimRow> {
+        self.durable.iter().filter_map(move |entry| match entry {
+            Entry::Claim(row) if row.episode == key => Some(&**row),
+            _ => None,
+        })
+    }
+
     fn started_at(&self, key: EpisodeKey) -> Option<jiff::Timestamp> {
         self.durable.iter().find_map(|entry| match entry {
             Entry::Start { episode, at } if *episode == key => Some(*at),
@@ -252,10 +266,16 @@ impl State {
             run: row.run.map(|(run, _)| run),
             revealed: false,
             opening: row.record.clone(),
+            seating: self.seating(key).map(|row| row.record.clone()),
             status: status.to_owned(),
             reason: end.map(|end| end.reason.to_owned()),
             end: end.map(|end| end.record.clone()),
-            head: end.map_or_else(|| last.map_or(row.head, |round| round.head), |end| end.head),
+            head: match (end, last, self.seating(key)) {
+                (Some(end), ..) => end.head,
+                (None, Some(round), _) => round.head,
+                (None, None, Some(seating)) => seating.head,
+                (None, None, None) => row.head,
+            },
             rounds: last.map_or(0, |round| round.round + 1),
             score: last.map_or(0.0, |round| round.score),
             created_at: row.at,
@@ -325,6 +345,18 @@ impl Journal for MemoryJournal {
             all.sort_by_key(|episode| (!episode.clocked, episode.episode));
             Ok(all)
         }))
+    }
+
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
+        let forgets = self.flaw == Some(Flaw::ForgetsClaims);
+        Box::pin(self.read(move |state| {
+            let claims = state.claims(episode).filter(|row| !forgets || row.holder.number == 0);
+            Ok(claims.map(|row| (row.holder.clone(), row.agents.clone())).collect())
+        }))
+    }
+
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {
+        Box::pin(self.read(move |_| Ok(Some(format!("key_{}", owner.0)))))
     }
 
     fn acts(

@@ -31,7 +31,7 @@ const SEEDS: u64 = 500;
 const SEEDS_OF_A_FLAW: u64 = 200;
 
 /// What the seeds of a test have to reach, all together.
-const REACHED: [&str; 27] = [
+const REACHED: [&str; 32] = [
     "episodes",
     "rounds",
     "clocks run out",
@@ -45,6 +45,11 @@ const REACHED: [&str; 27] = [
     "refused: round_over",
     "refused: no_room",
     "refused: full",
+    "refused: seat_taken",
+    "refused: seats_open",
+    "seats claimed",
+    "seats filled",
+    "acts of the server",
     "refused: unavailable",
     "ended: task done",
     "ended: rounds played",

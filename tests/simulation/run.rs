@@ -10,12 +10,16 @@ use futures::FutureExt;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench::clock::Clock;
+use swarmbench::episode::actor::Handle;
 use swarmbench::episode::quota::{Caps, Quotas};
 use swarmbench::episode::registry::Registry;
+use swarmbench::episode::seating::Wanted;
+use swarmbench::house::{self, Turns};
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::{Entry, EpisodeKey};
+use swarmbench::journal::{Entry, EpisodeKey, Journal};
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
+use tokio::sync::mpsc::UnboundedReceiver;
 
 use crate::broken::Flaw;
 use crate::checker::{Checker, Episode, Invariant, Stats, Violation};
@@ -188,6 +192,9 @@ struct Run {
 
 struct Server {
     registry: Registry,
+    /// Episodes of which the server plays seats.
+    hosted: UnboundedReceiver<Handle>,
+    turns: Turns,
     quotas: Arc<Quotas>,
     sweep: Option<TaskId>,
 }
@@ -266,7 +273,8 @@ impl Run {
         );
         let recovery = registry.clone();
         self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
-        Server { registry, quotas, sweep: None }
+        let hosted = registry.take_hosted().expect("nobody else plays");
+        Server { registry, hosted, turns: Turns::default(), quotas, sweep: None }
     }
 
     /// All steps that are drawn.
@@ -459,8 +467,21 @@ impl Run {
         self.start();
     }
 
+    /// Starts whoever plays for the server.
+    fn host(&mut self) {
+        for server in &mut self.servers {
+            while let Ok(handle) = server.hosted.try_recv() {
+                let journal: Arc<dyn Journal> = Arc::clone(&self.journal) as _;
+                let turns = server.turns.clone();
+                let playing = async move { drop(house::play(handle, &journal, &turns).await) };
+                self.executor.spawn(playing.boxed());
+            }
+        }
+    }
+
     /// Takes what the step has led to.
     fn look(&mut self) {
+        self.host();
         for entries in self.journal.take_handed() {
             for entry in &entries {
                 self.note(format!("  handed over: {}", line(entry)));
@@ -523,7 +544,19 @@ impl Run {
         let of = if live.is_empty() || dice.below(8) == 0 { &known } else { &live };
         let episode = of[dice.below(of.len())];
         let (id, round) = (episode.id.clone(), episode.world.round());
-        let seats: Vec<AgentId> = episode.world.agents().collect();
+        let mut seats: Vec<AgentId> = episode.world.agents().collect();
+        let one = AgentId(u16::try_from(dice.below(seats.len())).expect("few"));
+        if episode.spec.is_mixed() && episode.waiting && dice.below(2) == 0 {
+            let some = u16::try_from(1 + dice.below(2)).expect("few");
+            let wanted = if dice.below(2) == 0 { Wanted::Seat(one) } else { Wanted::Any(some) };
+            return Some((id, Request::Claim(wanted)));
+        }
+        // Nobody has tokens of seats that are open, or that the server plays.
+        seats.retain(|agent| episode.is_clients(*agent));
+        if seats.is_empty() {
+            seats.push(one);
+            return Some((id, Request::Look));
+        }
         let one = seats[dice.below(seats.len())];
         let strays = self.options.strays * 10;
         let weights = [30, 10, strays, strays, 4, 3, 2, if self.options.aborts { 2 } else { 0 }];
@@ -567,6 +600,7 @@ impl Run {
             }
             4 => Request::Wait(round),
             5 if episode.waiting => Request::Start,
+            5 if episode.spec.is_mixed() => Request::Claim(Wanted::Any(1)),
             5 => Request::Look,
             6 => Request::State(u32::try_from(dice.below(round as usize + 1)).expect("a round")),
             _ => Request::Abort,
@@ -615,7 +649,8 @@ impl Run {
 
     fn unfinished(&self) -> Vec<(EpisodeId, bool, Vec<AgentId>)> {
         let open = self.checker.episodes.values().filter(|episode| episode.end.is_none());
-        open.map(|e| (e.id.clone(), e.waiting, e.world.agents().collect())).collect()
+        let seats = |e: &Episode| e.world.agents().filter(|agent| e.is_clients(*agent)).collect();
+        open.map(|e| (e.id.clone(), e.waiting, seats(e))).collect()
     }
 
     /// Clients play all that is unfinished to its end.
@@ -624,6 +659,11 @@ impl Run {
         for _ in 0..3 * ROUNDS_MAX {
             for (id, waiting, seats) in self.unfinished() {
                 if waiting {
+                    let open = self.checker.episode(&id).map_or(0, Episode::count_open);
+                    if open > 0 {
+                        self.ask(id.clone(), Request::Claim(Wanted::Any(open)));
+                        self.settle();
+                    }
                     self.ask(id.clone(), Request::Start);
                     self.settle();
                 }
@@ -640,7 +680,8 @@ impl Run {
     fn ask_for_the_escaped(&mut self, id: EpisodeId) {
         let Some(episode) = self.checker.episode(&id) else { return };
         let round = episode.world.round();
-        let gone = episode.world.agents().filter(|&agent| !episode.world.is_alive(agent));
+        let gone = (episode.world.agents())
+            .filter(|&agent| !episode.world.is_alive(agent) && episode.is_clients(agent));
         let acts: Acts = gone
             .map(|agent| (agent, act(&mut self.dice, &episode.spec.config, agent, round)))
             .collect();
@@ -686,10 +727,11 @@ impl Run {
                 .filter(|(agent, act)| receipts.contains(&(id.clone(), act.round, *agent)));
             let acts: Acts = known.collect();
             if !acts.is_empty() {
+                // One after the other: of those that come at once a seat gets some refused.
                 self.ask(id, Request::Send(acts));
+                self.settle();
             }
         }
-        self.settle();
     }
 
     /// What has ended leaves the memory and is counted no more.
@@ -760,6 +802,11 @@ fn line(entry: &Entry) -> String {
             format!("{} round {} resolved: {}", row.episode.0, row.round, row.head)
         }
         Entry::End(row) => format!("{} ends at {}: {}", row.episode.0, row.at, row.record.as_str()),
+        Entry::Claim(row) => format!(
+            "{} {:?} are claimed by {}, {:?}",
+            row.episode.0, row.agents, row.holder.number, row.holder.player
+        ),
+        Entry::Seat(row) => format!("{} is seated: {}", row.episode.0, row.record.as_str()),
         _ => "not of an episode".to_owned(),
     }
 }
@@ -795,6 +842,7 @@ fn told(answer: &Answer) -> String {
             });
             format!("{:?}", brief.collect::<Vec<_>>())
         }
+        Answer::Claimed(wanted, result) => format!("claimed {wanted:?}: {result:?}"),
         Answer::Started(result) => format!("started {result:?}"),
         Answer::Aborted(result) => format!("aborted {result:?}"),
         Answer::State(round, result) => format!("state after {round}: {}", result.is_ok()),

@@ -6,7 +6,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{AgentId, Config, Settings};
+use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
 use super::super::App;
 use super::super::answer;
@@ -19,6 +19,7 @@ use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
+use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
 use crate::keys::OwnerKey;
@@ -58,9 +59,11 @@ pub(in super::super) async fn create_episode(
     let key = idempotency_key(&headers, owner, &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
-    let Some(key) = key else { return new_episode(&app, owner, spec, None).await };
+    let shows_seed = caller.is_organizer() || !spec.is_mixed();
+    let Some(key) = key else { return new_episode(&app, owner, spec, shows_seed, None).await };
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move { create_or_repeat(&app, owner, spec, key, body).await }).await
+    App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await })
+        .await
 }
 
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.
@@ -68,22 +71,24 @@ async fn create_or_repeat(
     app: &App,
     owner: Option<OwnerKey>,
     spec: Spec,
+    shows_seed: bool,
     key: String,
     body: [u8; 32],
 ) -> Result<Response, ApiError> {
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
-        None => new_episode(app, owner, spec, Some((key, body))).await,
+        None => new_episode(app, owner, spec, shows_seed, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((id, _)) => {
             let handle = app.episode(&id).await?;
-            let tokens = Tokens::new(app, handle.spec.config.num_agents());
-            let entry = Entry::ReplaceTokens { episode: handle.key, tokens: tokens.rows() };
+            let tokens = Tokens::new(app, &handle.spec);
+            let (episode, tokens_now) = (handle.key, tokens.rows());
+            let entry = Entry::ReplaceTokens { episode, holder: None, tokens: tokens_now };
             app.store.keep(vec![entry]).await?;
             app.forget_tokens(
                 |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if *episode == id),
             );
-            Ok(created(&handle, &tokens))
+            Ok(created(&handle, &tokens, shows_seed))
         }
     }
 }
@@ -92,6 +97,7 @@ async fn new_episode(
     app: &App,
     owner: Option<OwnerKey>,
     spec: Spec,
+    shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
     let least = app.limits.disk_free_percent_min;
@@ -99,23 +105,25 @@ async fn new_episode(
         return Err(ApiError::disk_full(least));
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
-    let tokens = Tokens::new(app, spec.config.num_agents());
+    let tokens = Tokens::new(app, &spec);
     let creation = Creation { id, owner, run: None, spec, tokens: tokens.rows(), idempotency };
     let handle = app.registry.create(creation).await?;
-    Ok(created(&handle, &tokens))
+    Ok(created(&handle, &tokens, shows_seed))
 }
 
-/// The tokens of one episode in clear.
+/// The tokens of the creator's seats in clear.
 struct Tokens {
     seats: Vec<(AgentId, Token)>,
     swarm: Token,
 }
 
 impl Tokens {
-    fn new(app: &App, agents: u16) -> Self {
+    fn new(app: &App, spec: &Spec) -> Self {
         let token = |kind| Token::new(kind, &*app.entropy);
         Self {
-            seats: (0..agents).map(|agent| (AgentId(agent), token(TokenKind::Seat))).collect(),
+            seats: (spec.agents().filter(|agent| spec.is_creators(*agent)))
+                .map(|agent| (agent, token(TokenKind::Seat)))
+                .collect(),
             swarm: token(TokenKind::Swarm),
         }
     }
@@ -133,7 +141,7 @@ impl Tokens {
     }
 }
 
-fn created(handle: &Handle, tokens: &Tokens) -> Response {
+fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
     let seat = |(agent, token): &(AgentId, Token)| SeatToken {
         agent: agent.to_string(),
         token: token.reveal().to_owned(),
@@ -141,7 +149,7 @@ fn created(handle: &Handle, tokens: &Tokens) -> Response {
     let body = CreatedEpisode {
         id: handle.id.to_string(),
         status: handle.snapshot().status.into(),
-        config: config(&handle.spec, true),
+        config: config(&handle.spec, shows_seed),
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),
     };
@@ -178,17 +186,47 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     };
     let (round_deadline, bank, idle) =
         problems.clocks(request.round_deadline_s, request.bank_s, request.idle_timeout_s);
+    let fill_after = request
+        .fill_after_s
+        .map(|value| problems.seconds("fill_after_s", Some(value), 0.0, 0.0, 604_800.0));
     let start = request.start.as_deref().unwrap_or("now");
     if !["now", "manual"].contains(&start) {
         problems.refuse("start", format!("must be one of now, manual, is {:?}", short(start)));
     }
     let visibility = problems.visibility(app, request.visibility.as_deref());
-    let model = request.model.unwrap_or_else(|| "unnamed".to_owned());
+    let open = request.open_seats.unwrap_or(0);
+    let agents = settings.num_agents;
+    if !(0..=agents).contains(&open) {
+        let problem = format!("must be from 0 to the number of agents, {agents}, is {open}");
+        problems.refuse("open_seats", problem);
+    }
+    if fill_after.is_some() && open == 0 {
+        problems.refuse("fill_after_s", "goes with `open_seats`: no seat is open");
+    } else if fill_after.is_some_and(|after| after >= idle) {
+        problems.refuse("fill_after_s", "must be less than idle_timeout_s");
+    }
+    if request.fill_with.is_some() && fill_after.is_none() {
+        problems.refuse("fill_with", "goes with `fill_after_s`");
+    }
+    if request.player.is_some() && open > 0 && open == agents {
+        let problem = "has no seat to play: all are open; `fill_with` names who fills open ones";
+        problems.refuse("player", problem);
+    }
+    let task = request.task.as_deref().and_then(TaskName::parse);
+    let mut built_in = |field: &str, name: Option<&str>| {
+        house::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
+    };
+    let fill_with = fill_after.and_then(|_| built_in("fill_with", request.fill_with.as_deref()));
+    let player = request.player.as_deref().and_then(|name| built_in("player", Some(name)));
+    let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));
+    let model = request.model.unwrap_or_else(usual);
     problems.model(&app.limits, &model);
     let agent_meta = request.agent_meta.unwrap_or_default();
     problems.agent_meta(&app.limits, &agent_meta);
     problems.template(request.prompt_template.as_deref());
     let (checked, visibility) = problems.none_or(checked.ok().zip(visibility))?;
+    let agents = checked.num_agents();
+    let own = agents.saturating_sub(u16::try_from(open).unwrap_or(agents));
     Ok(Spec {
         config: Arc::new(checked),
         round_deadline,
@@ -203,10 +241,10 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         run: None,
         salt: None,
         closes_at: None,
-        open_seats: Vec::new(),
-        fill_after: None,
-        fill_with: None,
-        player: None,
+        open_seats: (own..agents).map(AgentId).collect(),
+        fill_after,
+        fill_with,
+        player,
     })
 }
 

@@ -16,8 +16,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::chain::Head;
-use crate::journal::record::{RawRecord, round_record};
+use crate::journal::record::{RawRecord, first_lines, round_record};
 use crate::journal::{Journal, JournalError, StoredEpisode};
 use crate::wire::problem::Problem;
 
@@ -50,13 +49,17 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, visibility) = app.known(&caller, id).await?;
+    let (stored, spec) = app.known(&caller, id).await?;
     if !app.may_read_journal(&caller, &stored) {
-        let detail = "a journal holds the seed: until the end only the creator may read it";
+        let detail = if spec.is_mixed() {
+            "a journal holds the seed and what all holders of seats answer: it is shown after the end"
+        } else {
+            "a journal holds the seed: until the end only the creator may read it"
+        };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let turn = app.journal_turn()?;
-    app.note_look(&caller, &stored, visibility).await?;
+    app.note_look(&caller, &stored, spec.visibility).await?;
     // Its last record, too, and all as it stands now.
     let stored = app.store.find_episode(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
@@ -107,9 +110,8 @@ impl JournalReader {
             match self.at {
                 Place::Opening => {
                     self.at = Place::Round(0);
-                    let opening = &self.stored.opening;
-                    let head = Head::START.link(opening.as_str().as_bytes());
-                    return Ok(Some(opening.line(head).into()));
+                    let StoredEpisode { opening, seating, .. } = &self.stored;
+                    return Ok(Some(first_lines(opening, seating.as_ref()).into()));
                 }
                 Place::Round(round) if round < self.stored.rounds => {
                     let to = self.stored.rounds.min(round + CHUNK);

@@ -27,12 +27,16 @@ use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let (stored, visibility) = self.known(caller, id).await?;
-        if !caller.may_read(&self.access, subject(&stored, visibility)) {
-            let detail = "until the end of this episode only its creator may read this";
+        let (stored, spec) = self.known(caller, id).await?;
+        if !caller.may_read(&self.access, subject(&stored, &spec)) {
+            let detail = if spec.is_mixed() {
+                "several hold seats of this episode: until its end nobody may read this"
+            } else {
+                "until the end of this episode only its creator may read this"
+            };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.note_look(caller, &stored, visibility).await?;
+        self.note_look(caller, &stored, spec.visibility).await?;
         self.episode(&stored.id).await
     }
 
@@ -52,8 +56,8 @@ impl App {
 
     /// An episode that the caller created.
     async fn owned(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
-        let (stored, visibility) = self.known(caller, id).await?;
-        if !caller.owns(subject(&stored, visibility)) {
+        let (stored, spec) = self.known(caller, id).await?;
+        if !caller.owns(subject(&stored, &spec)) {
             let detail = "only the creator of an episode may do this: send its swarm token, or the key with which it was created";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
@@ -62,28 +66,28 @@ impl App {
 
     /// What is stored of an episode of which the caller may know. Nothing is taken up for somebody
     /// who may not read it, or who wants to know no more.
-    async fn known(
+    pub(super) async fn known(
         &self,
         caller: &Caller,
         id: String,
-    ) -> Result<(StoredEpisode, Visibility), ApiError> {
+    ) -> Result<(StoredEpisode, Spec), ApiError> {
         let unknown = || ApiError::not_found("the episode");
         let stored = self.store.find_summary(&EpisodeId::from_text(id)).await?;
         let stored = stored.ok_or_else(unknown)?;
-        let visibility = spec(&stored)?.visibility;
-        if caller.may_know(&self.access, subject(&stored, visibility)) {
-            Ok((stored, visibility))
+        let spec = spec(&stored)?;
+        if caller.may_know(&self.access, subject(&stored, &spec)) {
+            Ok((stored, spec))
         } else {
             Err(unknown())
         }
     }
 
     /// Whether the caller may read all that was played, seed and acts included. Until the end that is
-    /// the creator's alone.
+    /// the creator's alone, and where several hold seats nobody's but an organizer's.
     pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
         let Ok(spec) = spec(stored) else { return false };
-        let subject = subject(stored, spec.visibility);
-        caller.may_read(&self.access, subject) && (subject.is_over || caller.owns(subject))
+        let subject = subject(stored, &spec);
+        caller.may_read(&self.access, subject) && (subject.is_over || caller.oversees(subject))
     }
 
     /// An episode as it is shown, from what is stored of it.
@@ -100,7 +104,7 @@ impl App {
     ) -> Result<EpisodeSummary, ApiError> {
         let spec = spec(stored)?;
         let status = Status::parse(&stored.status).ok_or_else(|| broken("an unknown status"))?;
-        let subject = subject(stored, spec.visibility);
+        let subject = subject(stored, &spec);
         let may_read = caller.may_read(&self.access, subject);
         let reason = stored.reason.as_ref().filter(|_| may_read);
         let result = reason.map(|reason| EpisodeResult {
@@ -109,7 +113,7 @@ impl App {
             rounds: stored.rounds,
             journal_head: stored.head.to_string(),
         });
-        let may_know_seed = caller.owns(subject) || (may_read && subject.is_over);
+        let may_know_seed = caller.oversees(subject) || (may_read && subject.is_over);
         Ok(EpisodeSummary {
             id: stored.id.to_string(),
             status: status.into(),
@@ -129,13 +133,14 @@ impl App {
 }
 
 /// What decides who may do what with a stored episode.
-fn subject(stored: &StoredEpisode, visibility: Visibility) -> Subject<'_> {
+fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
     let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
     Subject {
         id: Some(&stored.id),
         owner: stored.owner,
         run: stored.run,
-        visibility,
+        visibility: spec.visibility,
+        is_mixed: spec.is_mixed(),
         is_over,
         is_revealed: stored.revealed,
     }
@@ -152,7 +157,7 @@ fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
         Ok(Record::Opening(opening)) => {
             Spec::from_opening(&opening).map_err(|problem| broken(&problem))
         }
-        Ok(Record::Round(_) | Record::End(_)) => Err(broken("no opening")),
+        Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => Err(broken("no opening")),
         Err(error) => Err(broken(&error.to_string())),
     }
 }
@@ -181,5 +186,9 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
         model: spec.model.clone(),
         agent_meta: spec.agent_meta.clone(),
         prompt_template: spec.custom_template.then(|| spec.prompt_template.to_string()),
+        open_seats: u16::try_from(spec.open_seats.len()).expect("at most 1,024 agents"),
+        fill_after_s: spec.fill_after.map(Seconds::of),
+        fill_with: spec.fill_with.clone(),
+        player: spec.player.clone(),
     }
 }

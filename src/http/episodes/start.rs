@@ -27,7 +27,7 @@ use crate::wire::problem::Problem;
         QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`episode_over`", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`episode_over`; `seats_open`: seats of it can still be claimed", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn start_episode(

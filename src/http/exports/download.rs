@@ -19,14 +19,14 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
+use super::super::extract::{Id, Params, one_of};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
 use crate::dataset::files::Archive;
 use crate::episode::Status;
 use crate::ids::EpisodeId;
 use crate::journal::Journal;
-use crate::store::episodes::Filter;
+use crate::store::episodes::{Filter, Readable};
 
 /// Bytes that are sent on at once.
 const PIECE_BYTES: usize = 64 * 1024;
@@ -177,29 +177,18 @@ async fn selection(
     caller: &Caller,
     params: ExportParams,
 ) -> Result<Selection, ApiError> {
-    let malformed = |detail: String| Err(ApiError::new(Code::Malformed, detail));
-    if params.status.as_ref().is_some_and(|status| Status::parse(status).is_none()) {
-        let names = Status::ALL.map(Status::name).join(", ");
-        return malformed(format!("status must be one of {names}"));
-    }
-    if params.task.as_ref().is_some_and(|task| TaskName::parse(task).is_none()) {
-        let names = TaskName::ALL.map(TaskName::name).join(", ");
-        return malformed(format!("task must be one of {names}"));
-    }
-    let run = match &params.run {
-        None => None,
-        Some(id) => {
-            let run = app.store.run_with_id(id).await?;
-            Some(run.ok_or_else(|| ApiError::not_found("the run"))?)
+    one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
+    one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
+    let mut readable = caller.readable(&app.access);
+    let mut run = None;
+    if let Some(id) = params.run {
+        match app.store.find_run(&id).await? {
+            Some(found) => run = Some(found.run),
+            None => readable = Readable::Nothing,
         }
-    };
-    let filter = Filter {
-        status: params.status,
-        task: params.task,
-        model: params.model,
-        run,
-        readable: caller.readable(&app.access),
-    };
+    }
+    let filter =
+        Filter { status: params.status, task: params.task, model: params.model, run, readable };
     Ok(Selection { filter, episode: params.episode.map(EpisodeId::from_text) })
 }
 

@@ -8,8 +8,8 @@ use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::error::ApiError;
+use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
 use super::super::openapi::{QueryRefusals, TokenRefusals};
 use crate::journal::ImportKey;
 use crate::store::imports::ImportFilter;
@@ -50,23 +50,9 @@ pub(in super::super) async fn list_imports(
     caller: Caller,
     Params(params): Params<ImportParams>,
 ) -> Result<Json<ImportList>, ApiError> {
-    let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
-    let most = app.limits.page_items_max;
-    let limit = params.limit.unwrap_or(app.limits.page_items_default);
-    if !(1..=most).contains(&limit) {
-        let detail = format!("limit must be from 1 to {most}, is {limit}");
-        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
-    }
-    if params.task.as_ref().is_some_and(|task| TaskName::parse(task).is_none()) {
-        let names = TaskName::ALL.map(TaskName::name).join(", ");
-        return Err(malformed(format!("task must be one of {names}")));
-    }
-    let before = match &params.cursor {
-        None => None,
-        Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
-            malformed("cursor must be the next_cursor of an earlier page".to_owned())
-        })?),
-    };
+    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
+    one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
+    let before = read_cursor(params.cursor.as_deref())?.map(ImportKey);
     if !caller.may_read_what_is_over(&app.access) {
         return Ok(Json(ImportList { items: Vec::new(), next_cursor: None }));
     }
@@ -74,15 +60,7 @@ pub(in super::super) async fn list_imports(
     let mut stored = app.store.list_imports(&filter, before, limit + 1).await?;
     let has_more = stored.len() > limit as usize;
     stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key));
+    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key.0));
     let items = stored.into_iter().map(Into::into).collect();
     Ok(Json(ImportList { items, next_cursor }))
-}
-
-fn write_cursor(key: ImportKey) -> String {
-    format!("i{:x}", key.0)
-}
-
-fn read_cursor(text: &str) -> Option<ImportKey> {
-    i64::from_str_radix(text.strip_prefix('i')?, 16).ok().filter(|key| *key >= 0).map(ImportKey)
 }

@@ -43,6 +43,7 @@ impl Known {
             owner: self.stored.owner,
             run: Some(self.stored.run),
             visibility: self.visibility,
+            is_mixed: false,
             is_over: self.stored.ended_at.is_some(),
             is_revealed: self.stored.revealed,
         }

@@ -158,9 +158,12 @@ async fn take(
     };
     let group = group.as_mut().map_err(|error| error.clone())?;
     let config = &group.seated.handle.spec.config;
-    let agent = AgentId::parse(&agent)
-        .filter(|&agent| agent.0 < config.num_agents() && group.seated.holds(agent));
+    let agent = AgentId::parse(&agent).filter(|agent| agent.0 < config.num_agents());
     let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
+    if !group.seated.holds(agent) {
+        let detail = format!("this token does not stand for the seat of {agent}");
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
     group.submissions.push((agent, submission(act, config, agent)?));
     group.places.push(place);
     Ok(())

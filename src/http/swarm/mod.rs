@@ -28,7 +28,7 @@ impl Seated {
     /// Whether this seat is one of them.
     fn holds(&self, agent: AgentId) -> bool {
         match &self.seats {
-            Seats::Creators => !self.handle.spec.open_seats.contains(&agent),
+            Seats::Creators => self.handle.spec.is_creators(agent),
             Seats::Claimed(seats) => seats.contains(&agent),
         }
     }

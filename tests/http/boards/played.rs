@@ -5,15 +5,19 @@ use std::time::Duration;
 
 use serde_json::Map;
 use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
-use swarmbench::episode::actor::{Handle, Spawn};
+use swarmbench::episode::Status;
+use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::{Creation, Registry};
+use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::http::limits::Limits;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{EpisodeId, Token, TokenKind};
 use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench::journal::{Entry, EpisodeKey, ImportRow, ImportSettings, Journal, RunKey, RunRow};
+use swarmbench::journal::{
+    Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
+};
 use swarmbench::keys::OwnerKey;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
@@ -234,13 +238,35 @@ impl Offline {
         self.store.keep(vec![entry; times]).await.expect("it is kept");
     }
 
-    /// Plays a game of two agents, the second of whom sits on an open seat.
-    pub(super) async fn mixed(&mut self, score: u32, noise: f64) {
+    /// Plays a game of two agents. The seat of the second is claimed for a model, or the server takes it.
+    pub(super) async fn mixed(&mut self, score: u32, noise: f64, other: Option<&str>) {
         let mut suite = definition("", 1).suite;
         suite.settings = SuiteSettings { num_agents: 2, noise, ..suite.settings };
         let mut spec = spec(&suite, "Synchronization", 27, "=ours");
         spec.open_seats = vec![AgentId(1)];
-        let handle = self.create(spec, None, None).await;
+        if other.is_none() {
+            spec.fill_after = Some(Duration::ZERO);
+            spec.fill_with = Some("random".to_owned());
+        }
+        let handle = self.create(spec, Some(OwnerKey(1)), None).await;
+        if let Some(model) = other {
+            let holder = Holder {
+                number: 0,
+                owner: None,
+                key: None,
+                model: model.to_owned(),
+                agent_meta: Map::new(),
+                player: None,
+                at: self.clock.now(),
+            };
+            let seats = vec![Token::new(TokenKind::Seat, &self.entropy).hash()];
+            let swarm = Token::new(TokenKind::Swarm, &self.entropy).hash();
+            let wanted = Wanted::Seat(AgentId(1));
+            let claim = Claim { holder, wanted, seats, swarm, idempotency: None };
+            handle.claim(claim).await.expect("it is open");
+        }
+        let runs = |now: &Arc<swarmbench::episode::Snapshot>| now.status == Status::Running;
+        handle.follow().wait_for(runs).await.expect("it starts");
         self.together(&handle, score).await;
         for round in score..ROUNDS {
             submit(&handle, round, &["STAY", "STAY"]).await;

@@ -1,0 +1,122 @@
+//! How much of each seat may wait for its episode.
+//!
+//! The acts of an episode are decided one after another. So that a seat that sends more than its game
+//! needs delays nobody but itself, only so many of its acts wait at once, from their arrival until they
+//! are answered; the others find their places free.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use swarmbench_engine::AgentId;
+
+/// Acts of one seat that wait at once, in several calls. One call may hold any number where no other
+/// act of the seat waits.
+pub const SEAT_ACTS_WAITING_MAX: u32 = 16;
+
+/// By agent, how many of its acts wait.
+#[derive(Debug)]
+pub(super) struct Places(Box<[AtomicU32]>);
+
+impl Places {
+    pub(super) fn new(agents: u16) -> Arc<Self> {
+        Arc::new(Self((0..agents).map(|_| AtomicU32::new(0)).collect()))
+    }
+
+    /// Takes a place for each act of a call. Returns the places, and the agents that get none as too
+    /// many of their acts wait already.
+    pub(super) fn take(
+        self: &Arc<Self>,
+        acts: impl Iterator<Item = AgentId>,
+    ) -> (Taken, BTreeSet<AgentId>) {
+        let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
+        for agent in acts {
+            *counts.entry(agent).or_default() += 1;
+        }
+        let mut refused = BTreeSet::new();
+        counts.retain(|agent, count| {
+            let fits = |waiting: u32| {
+                let all = waiting.saturating_add(*count);
+                (waiting == 0 || all <= SEAT_ACTS_WAITING_MAX).then_some(all)
+            };
+            let waiting = &self.0[agent.index()];
+            let taken = waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, fits).is_ok();
+            if !taken {
+                refused.insert(*agent);
+            }
+            taken
+        });
+        (Taken { places: Arc::clone(self), counts }, refused)
+    }
+}
+
+/// Places that are taken until this goes.
+#[derive(Debug)]
+pub(super) struct Taken {
+    places: Arc<Places>,
+    counts: BTreeMap<AgentId, u32>,
+}
+
+impl Taken {
+    /// Parts with the places of these acts.
+    pub(super) fn split(&mut self, acts: impl Iterator<Item = AgentId>) -> Self {
+        let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
+        for agent in acts {
+            if let Some(left) = self.counts.get_mut(&agent).filter(|left| **left > 0) {
+                *left -= 1;
+                *counts.entry(agent).or_default() += 1;
+            }
+        }
+        Self { places: Arc::clone(&self.places), counts }
+    }
+}
+
+impl Drop for Taken {
+    fn drop(&mut self) {
+        for (agent, count) in &self.counts {
+            self.places.0[agent.index()].fetch_sub(*count, Ordering::AcqRel);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ONE: AgentId = AgentId(0);
+    const OTHER: AgentId = AgentId(1);
+
+    fn times(agent: AgentId, count: u32) -> impl Iterator<Item = AgentId> {
+        (0..count).map(move |_| agent)
+    }
+
+    #[test]
+    fn a_seat_fills_its_own_places_and_no_others() {
+        let places = Places::new(2);
+        let (all, refused) = places.take(times(ONE, SEAT_ACTS_WAITING_MAX));
+        assert!(refused.is_empty());
+        let (more, refused) = places.take([ONE, OTHER].into_iter());
+        assert_eq!(refused, BTreeSet::from([ONE]));
+        drop(all);
+        // The other's place is still taken, and counts for itself alone.
+        let (_, refused) = places.take(times(ONE, 1).chain(times(OTHER, SEAT_ACTS_WAITING_MAX)));
+        assert_eq!(refused, BTreeSet::from([OTHER]));
+        drop(more);
+        assert!(places.take(times(OTHER, SEAT_ACTS_WAITING_MAX)).1.is_empty());
+    }
+
+    #[test]
+    fn one_call_may_hold_many_acts_and_gives_back_what_it_took() {
+        let places = Places::new(2);
+        let (mut all, refused) = places.take(times(ONE, 1024).chain(times(OTHER, 3)));
+        assert!(refused.is_empty());
+        assert_eq!(places.take(times(ONE, 1)).1, BTreeSet::from([ONE]));
+        let part = all.split(times(ONE, 1020).chain(times(OTHER, 9)));
+        drop(all);
+        let counts =
+            || places.0.iter().map(|count| count.load(Ordering::Relaxed)).collect::<Vec<_>>();
+        assert_eq!(counts(), [1020, 3]);
+        drop(part);
+        assert_eq!(counts(), [0, 0]);
+    }
+}

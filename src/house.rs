@@ -1,0 +1,234 @@
+//! Players that the server itself hosts.
+//!
+//! A hosted seat is played like any other: its player is shown the engine's observation of that seat
+//! and nothing else, and its acts go the way of all acts, to the barrier and into the journal. What a
+//! player decides follows from what it was shown before. So it is shown every round in which its agent
+//! lives, once and in order, also those that went by without it; after a restart that are all rounds
+//! so far, and the game goes on as if nothing had happened.
+
+use std::sync::Arc;
+
+use futures::future::{Either, select};
+use sha2::{Digest, Sha256};
+use swarmbench_engine::{AgentId, TaskName, World};
+use swarmbench_players::{Player, Seat, default_for, find};
+use tokio::sync::{Semaphore, mpsc};
+use tokio_util::sync::CancellationToken;
+
+use crate::episode::Status;
+use crate::episode::actor::{ActError, Handle, is_heavy};
+use crate::episode::lockstep::Submission;
+use crate::episode::recovery::{RecoveryError, off_thread, state_at};
+use crate::episode::spec::Spec;
+use crate::journal::record::{ActRecord, Source};
+use crate::journal::{Journal, JournalError};
+
+/// Episodes of which players decide at once. The others wait for their turn, so that hosted games,
+/// which would play as fast as the disk goes, leave most of the processors to everybody else.
+const DECIDING_MAX: usize = 1;
+
+/// The name of the player that plays a task: the one of this name, or the task's own.
+///
+/// # Errors
+/// Where no player of that name plays the task; the text names those that do.
+pub fn player(name: Option<&str>, task: TaskName) -> Result<String, String> {
+    match name {
+        None => Ok(default_for(task).name.to_owned()),
+        Some(name) => {
+            let found = find(name, task).map_err(|error| error.to_string())?;
+            Ok(found.name.to_owned())
+        }
+    }
+}
+
+/// Turns to decide, shared by all hosted episodes of a server.
+#[derive(Clone, Debug)]
+pub struct Turns(Arc<Semaphore>);
+
+impl Default for Turns {
+    fn default() -> Self {
+        Self(Arc::new(Semaphore::new(DECIDING_MAX)))
+    }
+}
+
+/// Plays the server's seats of all episodes that come, until it is told to stop.
+pub async fn run(
+    mut episodes: mpsc::UnboundedReceiver<Handle>,
+    journal: Arc<dyn Journal>,
+    stop: CancellationToken,
+) {
+    let turns = Turns::default();
+    while let Either::Left((Some(handle), _)) =
+        select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
+    {
+        let (journal, stop, turns) = (Arc::clone(&journal), stop.clone(), turns.clone());
+        tokio::spawn(async move {
+            let id = handle.id.clone();
+            let playing = Box::pin(play(handle, &journal, &turns));
+            match select(playing, Box::pin(stop.cancelled())).await {
+                Either::Left((Err(error), _)) => {
+                    tracing::error!(episode = %id, %error, "the server plays its seats no more");
+                }
+                Either::Left((Ok(()), _)) | Either::Right(_) => {}
+            }
+        });
+    }
+}
+
+/// Why seats are not played on.
+#[derive(Debug, thiserror::Error)]
+pub enum HouseError {
+    /// An episode names a player that is not built in.
+    #[error("{0}")]
+    Unknown(String),
+    /// What was shown before cannot be shown again.
+    #[error(transparent)]
+    Recovery(#[from] RecoveryError),
+    /// An act could not be kept.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+/// Plays the server's seats of one episode to its end.
+///
+/// # Errors
+/// Where players or their memory cannot be had, or the journal keeps nothing.
+pub async fn play(
+    handle: Handle,
+    journal: &Arc<dyn Journal>,
+    turns: &Turns,
+) -> Result<(), HouseError> {
+    let mut published = handle.follow();
+    let mut players: Option<Players> = None;
+    loop {
+        let snapshot = Arc::clone(&published.borrow_and_update());
+        match snapshot.status {
+            Status::Finished | Status::Aborted | Status::Abandoned => return Ok(()),
+            Status::Waiting => {}
+            Status::Running => {
+                let mut all = match players.take() {
+                    Some(players) => players,
+                    None => Players::new(&handle.spec, handle.hosted())?,
+                };
+                if all.seats.is_empty() {
+                    return Ok(());
+                }
+                let round = snapshot.world.round();
+                let mut last = None;
+                while all.shown < round {
+                    let world = state_at(journal, &handle, all.shown, last.as_ref()).await?;
+                    (all, _) = all.take_turn(&world, turns).await?;
+                    last = Some(world);
+                }
+                if all.shown == round {
+                    let decided;
+                    (all, decided) = all.take_turn(&snapshot.world, turns).await?;
+                    // After a restart some of them may have acted before it.
+                    let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
+                    for outcome in handle.submit(acts.collect()).await {
+                        match outcome {
+                            // A clock may have run out, or the episode ended.
+                            Ok(_) | Err(ActError::Refused(_) | ActError::Busy) => {}
+                            Err(ActError::Journal(error)) => return Err(error.into()),
+                        }
+                    }
+                }
+                players = Some(all);
+            }
+        }
+        if published.changed().await.is_err() {
+            // Its actor is gone; whoever takes it up again tells of it.
+            return Ok(());
+        }
+    }
+}
+
+/// The players of one episode's hosted seats.
+pub struct Players {
+    seats: Vec<(AgentId, Box<dyn Player>)>,
+    /// The first round that they were not shown.
+    shown: u32,
+    is_heavy: bool,
+}
+
+impl Players {
+    /// The players of these seats, by their names; they were shown nothing yet.
+    ///
+    /// # Errors
+    /// Where one is not built in.
+    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
+        let made = hosted.iter().map(|(agent, name)| {
+            let built_in = find(name, spec.config.task());
+            let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
+            Ok((*agent, built_in.make(&seat(spec, *agent))))
+        });
+        let seats = made.collect::<Result<_, HouseError>>()?;
+        Ok(Self { seats, shown: 0, is_heavy: is_heavy(&spec.config) })
+    }
+
+    /// Shows all that live their observations of the next round, and asks what they do.
+    pub fn decide(&mut self, world: &World) -> Vec<(AgentId, Submission)> {
+        let seats = self.seats.iter_mut().filter(|(agent, _)| world.is_alive(*agent));
+        let decided = seats.map(|(agent, player)| (*agent, decision(world, *agent, &mut **player)));
+        let decided = decided.collect();
+        self.shown = world.round() + 1;
+        decided
+    }
+
+    /// Has them decide when it is their turn.
+    async fn take_turn(
+        mut self,
+        world: &Arc<World>,
+        turns: &Turns,
+    ) -> Result<(Self, Vec<(AgentId, Submission)>), HouseError> {
+        // The semaphore is never closed.
+        let _turn = turns.0.acquire().await;
+        let (world, is_heavy) = (Arc::clone(world), self.is_heavy);
+        let work = move || {
+            let decided = self.decide(&world);
+            (self, decided)
+        };
+        Ok(off_thread(is_heavy, work).await?)
+    }
+}
+
+fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submission {
+    let act = player.decide(&world.observe(agent));
+    // Whoever decides nothing stays where it is.
+    let action = act.action.map_or("STAY", |action| action.name());
+    let record = ActRecord {
+        agent: agent.to_string(),
+        source: Source::Player,
+        action: Some(action.to_owned()),
+        message: act.message.map(|message| message.to_string()),
+        to: act.to.map(|to| to.to_string()),
+        valid: true,
+        response: None,
+        usage: None,
+        reasoning: None,
+        bank_spent_ms: 0,
+    };
+    Submission { round: world.round(), record }
+}
+
+/// What a player may know of its seat before the game. Its own seed follows from the episode's, so that
+/// the same episode is played the same again, but tells nothing of it.
+fn seat(spec: &Spec, agent: AgentId) -> Seat {
+    let settings = spec.config.settings();
+    let size = |value: i64| u16::try_from(value).expect("a checked map is small");
+    let mut hash = Sha256::new();
+    hash.update("the player of a seat");
+    hash.update(settings.seed.to_be_bytes());
+    hash.update(agent.0.to_be_bytes());
+    hash.update(spec.salt.as_deref().unwrap_or_default());
+    let hash: [u8; 32] = hash.finalize().into();
+    Seat {
+        agent,
+        num_agents: spec.config.num_agents(),
+        width: size(settings.width),
+        height: size(settings.height),
+        task: spec.config.task(),
+        rules: spec.config.rules(),
+        seed: u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes")),
+    }
+}

@@ -1,0 +1,187 @@
+//! `POST /api/v1/episodes/{id}/claims`.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+use sha2::{Digest, Sha256};
+use swarmbench_engine::AgentId;
+
+use super::super::App;
+use super::super::answer;
+use super::super::auth::Caller;
+use super::super::checks::{Problems, short};
+use super::super::error::ApiError;
+use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
+use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::episode::actor::{Claim, Claimed, Handle};
+use crate::episode::seating::Wanted;
+use crate::episode::spec::Spec;
+use crate::ids::{Token, TokenKind};
+use crate::journal::{Entry, Holder, Journal, TokenRow};
+use crate::store::tokens::{Grant, Seats};
+use crate::wire::claim::{ClaimRequest, CreatedClaim};
+use crate::wire::episode::SeatToken;
+use crate::wire::problem::Problem;
+
+/// Claim open seats of an episode.
+///
+/// The tokens are shown this once, and stand for these seats alone. A repeat with the same
+/// `Idempotency-Key` and body gives the same seats with fresh tokens, and the earlier ones are revoked.
+/// With the last open seat the episode starts, unless its creator wants to start it.
+#[utoipa::path(
+    post,
+    path = "/api/v1/episodes/{id}/claims",
+    operation_id = "create_claim",
+    tag = "episodes",
+    params(
+        ("id" = String, Path, description = "The episode's id"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Any text of at most 200 characters that names this claim"),
+    ),
+    request_body(content = ClaimRequest, description = "At most 256 KiB"),
+    security((), ("key" = [])),
+    responses(
+        (status = 201, description = "The seats, with their tokens", body = CreatedClaim),
+        BodyRefusals,
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: a token of an episode claims no seats; a server without keys is open to programs on its own machine only", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "`seat_taken`: the seat has a holder, or fewer seats are open than were asked for; `episode_over`", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(in super::super) async fn create_claim(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+    headers: HeaderMap,
+    Json(request, body): Json<ClaimRequest>,
+) -> Result<Response, ApiError> {
+    let (owner, key) = caller.claimant(&app)?;
+    let (stored, spec) = app.known(&caller, id).await?;
+    let name = idempotency_key(&headers, owner, &app.limits)?;
+    let model = request.model.clone().unwrap_or_else(|| "unnamed".to_owned());
+    let agent_meta = request.agent_meta.clone().unwrap_or_default();
+    let mut problems = Problems::default();
+    problems.model(&app.limits, &model);
+    problems.agent_meta(&app.limits, &agent_meta);
+    let wanted = wanted(&request, &spec, &mut problems);
+    let wanted = problems.none_or(wanted)?;
+    let at = app.clock.now();
+    let holder = Holder { number: 0, owner, key, model, agent_meta, player: None, at };
+    // Everybody has names of their own in each episode.
+    let name = name.map(|name| format!("{}/{name}", stored.id));
+    let idempotency = name.map(|name| (name, Sha256::digest(&body).into()));
+    let handle = app.episode(&stored.id).await?;
+    // A repeat must find what the first one claims, whoever has hung up meanwhile.
+    App::to_its_end(
+        async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await },
+    )
+    .await
+}
+
+/// Claims seats, or gives out new tokens for those that were claimed with this key and body.
+async fn claim_or_repeat(
+    app: &App,
+    handle: &Handle,
+    holder: Holder,
+    wanted: Wanted,
+    idempotency: Option<(String, [u8; 32])>,
+) -> Result<Response, ApiError> {
+    let Some((name, body)) = idempotency else {
+        return new_claim(app, handle, holder, wanted, None).await;
+    };
+    let _one_by_one = app.one_by_one(&name).await;
+    match app.store.claimed_with(&name).await? {
+        None => new_claim(app, handle, holder, wanted, Some((name, body))).await,
+        Some((_, first)) if first != body => Err(ApiError::other_body()),
+        Some((number, _)) => {
+            let agents = app.store.seats_of(handle.key, number).await?;
+            let tokens = Tokens::new(app, agents.len());
+            let row = |hash, agent| TokenRow { hash, agent, holder: Some(number) };
+            let seats = tokens.seats.iter().zip(&agents);
+            let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
+            let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
+            let entry =
+                Entry::ReplaceTokens { episode: handle.key, holder: Some(number), tokens: rows };
+            app.store.keep(vec![entry]).await?;
+            app.forget_tokens(|grant| match grant {
+                Grant::Seat { episode, agent, .. } => {
+                    *episode == handle.id && agents.contains(agent)
+                }
+                Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
+                    *episode == handle.id && **seats == *agents
+                }
+                Grant::Swarm { .. } | Grant::Run { .. } | Grant::Key(_) => false,
+            });
+            Ok(created(handle, &Claimed { number, agents }, &tokens))
+        }
+    }
+}
+
+async fn new_claim(
+    app: &App,
+    handle: &Handle,
+    holder: Holder,
+    wanted: Wanted,
+    idempotency: Option<(String, [u8; 32])>,
+) -> Result<Response, ApiError> {
+    let count = match wanted {
+        Wanted::Seat(_) => 1,
+        Wanted::Any(count) => count.into(),
+    };
+    let tokens = Tokens::new(app, count);
+    let seats = tokens.seats.iter().map(Token::hash).collect();
+    let claim = Claim { holder, wanted, seats, swarm: tokens.swarm.hash(), idempotency };
+    let claimed = handle.claim(claim).await?;
+    Ok(created(handle, &claimed, &tokens))
+}
+
+/// The tokens of one claim in clear.
+struct Tokens {
+    seats: Vec<Token>,
+    swarm: Token,
+}
+
+impl Tokens {
+    fn new(app: &App, seats: usize) -> Self {
+        let token = |kind| Token::new(kind, &*app.entropy);
+        let swarm = token(TokenKind::Swarm);
+        Self { seats: (0..seats).map(|_| token(TokenKind::Seat)).collect(), swarm }
+    }
+}
+
+fn created(handle: &Handle, claimed: &Claimed, tokens: &Tokens) -> Response {
+    let seat = |(agent, token): (&AgentId, &Token)| SeatToken {
+        agent: agent.to_string(),
+        token: token.reveal().to_owned(),
+    };
+    let body = CreatedClaim {
+        episode: handle.id.to_string(),
+        status: handle.snapshot().status.into(),
+        claim: claimed.number,
+        seats: claimed.agents.iter().zip(&tokens.seats).map(seat).collect(),
+        swarm_token: tokens.swarm.reveal().to_owned(),
+    };
+    answer::with_tokens(StatusCode::CREATED, body)
+}
+
+/// Which seats are asked for.
+fn wanted(request: &ClaimRequest, spec: &Spec, problems: &mut Problems) -> Option<Wanted> {
+    let agents = spec.config.num_agents();
+    let seats = request.seats.unwrap_or(1);
+    let count = u16::try_from(seats).ok().filter(|count| (1..=agents).contains(count));
+    if count.is_none() {
+        problems.refuse("seats", format!("must be from 1 to {agents}, is {seats}"));
+    }
+    let Some(name) = request.agent.as_deref() else { return count.map(Wanted::Any) };
+    if request.seats.is_some() {
+        problems.refuse("seats", "goes without `agent`, which names one seat");
+    }
+    let agent = AgentId::parse(name).filter(|agent| agent.0 < agents);
+    if agent.is_none() {
+        let (last, shown) = (agents - 1, short(name));
+        problems.refuse("agent", format!("must be one of Agent_0 to Agent_{last}, is {shown:?}"));
+    }
+    agent.map(Wanted::Seat)
+}

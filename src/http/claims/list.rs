@@ -1,0 +1,69 @@
+//! `GET /api/v1/episodes/{id}/claims`.
+
+use axum::Json;
+use axum::extract::State;
+use swarmbench_engine::AgentId;
+
+use super::super::App;
+use super::super::auth::Caller;
+use super::super::error::ApiError;
+use super::super::extract::{Id, Nothing, Params};
+use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::wire::claim::{SeatHolder, SeatList};
+
+/// List who holds which seat of an episode.
+#[utoipa::path(
+    get,
+    path = "/api/v1/episodes/{id}/claims",
+    operation_id = "list_claims",
+    tag = "episodes",
+    params(("id" = String, Path, description = "The episode's id")),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "All seats", body = SeatList),
+        IdRefusals,
+        QueryRefusals,
+        TokenRefusals,
+    )
+)]
+pub(in super::super) async fn list_claims(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    _: Params<Nothing>,
+) -> Result<Json<SeatList>, ApiError> {
+    let (stored, spec) = app.known(&caller, id).await?;
+    let mut held = app.store.held_seats(stored.episode).await?.into_iter().peekable();
+    let seat = |agent: AgentId| {
+        let name = agent.to_string();
+        if let Some(seat) = held.next_if(|seat| seat.agent == agent) {
+            let server = seat.player.as_ref().map(|_| SERVER.to_owned());
+            return SeatHolder {
+                agent: name,
+                claim: Some(seat.holder),
+                holder: server.or(seat.name),
+                model: Some(seat.model),
+                player: seat.player,
+                claimed_at: Some(seat.claimed_at),
+            };
+        }
+        if spec.open_seats.contains(&agent) {
+            return SeatHolder { agent: name, ..SeatHolder::default() };
+        }
+        // The creator holds all seats: those are not noted one by one.
+        SeatHolder {
+            agent: name,
+            claim: Some(0),
+            holder: spec.player.as_ref().map(|_| SERVER.to_owned()),
+            model: Some(spec.model.clone()),
+            player: spec.player.clone(),
+            claimed_at: Some(stored.created_at),
+        }
+    };
+    let seats: Vec<SeatHolder> = spec.agents().map(seat).collect();
+    let open = seats.iter().filter(|seat| seat.claim.is_none()).count();
+    Ok(Json(SeatList { open: u16::try_from(open).expect("at most 1,024 agents"), seats }))
+}
+
+/// Whose name stands at seats that the server plays.
+const SERVER: &str = "server";
