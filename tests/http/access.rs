@@ -161,34 +161,6 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_key() => None,
             _ => Some(403),
         },
-        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
-            (stage.private && kind == Kind::None).then_some(401)
-        }
-        "register_entrant" => match kind {
-            Kind::None => None,
-            _ if kind.is_key() => None,
-            _ => Some(403),
-        },
-        "start_attempt" => match kind {
-            Kind::None => Some(401),
-            Entrant => None,
-            _ => Some(403),
-        },
-        "show_entrant" => match kind {
-            Kind::None => Some(401),
-            Entrant | Organizer => None,
-            _ => Some(403),
-        },
-        "list_attempts" => match kind {
-            Kind::None => Some(401),
-            _ if kind.is_key() => None,
-            _ => Some(403),
-        },
-        "export_competition" => match kind {
-            Kind::None if stage.private => Some(401),
-            Organizer => None,
-            _ => Some(403),
-        },
         // What may not be read is left out.
         "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
@@ -227,13 +199,56 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "create_competition"
-        | "create_codes" | "change_entrant" | "void_attempt" | "list_audit" => match kind {
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit" => {
+            organizers_alone(kind)
+        }
+        of_competitions => refusal_in_competitions(of_competitions, kind, stage),
+    }
+}
+
+/// The same of the routes of competitions.
+fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
+    match operation {
+        "create_competition" | "create_codes" | "change_entrant" | "void_attempt" => {
+            organizers_alone(kind)
+        }
+        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
+            (stage.private && kind == Kind::None).then_some(401)
+        }
+        "register_entrant" => match kind {
+            Kind::None => None,
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "start_attempt" => match kind {
             Kind::None => Some(401),
+            Entrant => None,
+            _ => Some(403),
+        },
+        "show_entrant" => match kind {
+            Kind::None => Some(401),
+            Entrant | Organizer => None,
+            _ => Some(403),
+        },
+        "list_attempts" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "export_competition" => match kind {
+            Kind::None if stage.private => Some(401),
             Organizer => None,
             _ => Some(403),
         },
         new => panic!("{new} is a new route: say here who may use it"),
+    }
+}
+
+fn organizers_alone(kind: Kind) -> Option<u16> {
+    match kind {
+        Kind::None => Some(401),
+        Organizer => None,
+        _ => Some(403),
     }
 }
 

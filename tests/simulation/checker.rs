@@ -836,29 +836,7 @@ impl Checker {
                 self.check(Invariant::TrueRefusals, mixed, || format!("{id} has no open seats"));
                 false
             }
-            Answer::Claimed(_, Ok(Claimed { number, agents })) => {
-                let is_kept = self.episode(&id).is_some_and(|episode| {
-                    let holds = |agent: &AgentId| episode.holders[agent.index()] == Some(number);
-                    !agents.is_empty() && agents.iter().all(holds)
-                });
-                let what = || format!("{id}: claim {number} of {agents:?} is not kept");
-                self.check(Invariant::Durable, is_kept, what);
-                true
-            }
-            Answer::Claimed(_, Err(ClaimError::Over)) => {
-                let is_over = self.episode(&id).is_some_and(|episode| episode.end.is_some());
-                self.check(Invariant::TrueRefusals, is_over, || format!("{id} is not over"));
-                false
-            }
-            Answer::Claimed(_, Err(ClaimError::Taken(taken))) => {
-                self.stats.count("refused: seat_taken", 1);
-                let is_true = self.episode(&id).is_some_and(|episode| match taken {
-                    Taken::Seat(agent) => episode.holders[agent.index()].is_some(),
-                    Taken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
-                });
-                self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
-                false
-            }
+            Answer::Claimed(_, claimed) => self.claim_answered(&id, claimed),
             Answer::Created(Ok(())) => {
                 let is_durable = self.keys.contains_key(&id);
                 self.check(Invariant::Durable, is_durable, || format!("{id} is created, not kept"));
@@ -921,6 +899,36 @@ impl Checker {
         self.check(Invariant::NoFalseAck, !(acks && too_late), || {
             format!("{id}: request {number} is acknowledged after a failed commit")
         });
+    }
+
+    /// What came of a claim, but for failures of the journal; true where it was acknowledged.
+    fn claim_answered(&mut self, id: &EpisodeId, claimed: Result<Claimed, ClaimError>) -> bool {
+        match claimed {
+            Ok(Claimed { number, agents }) => {
+                let is_kept = self.episode(id).is_some_and(|episode| {
+                    let holds = |agent: &AgentId| episode.holders[agent.index()] == Some(number);
+                    !agents.is_empty() && agents.iter().all(holds)
+                });
+                let what = || format!("{id}: claim {number} of {agents:?} is not kept");
+                self.check(Invariant::Durable, is_kept, what);
+                true
+            }
+            Err(ClaimError::Over) => {
+                let is_over = self.episode(id).is_some_and(|episode| episode.end.is_some());
+                self.check(Invariant::TrueRefusals, is_over, || format!("{id} is not over"));
+                false
+            }
+            Err(ClaimError::Taken(taken)) => {
+                self.stats.count("refused: seat_taken", 1);
+                let is_true = self.episode(id).is_some_and(|episode| match taken {
+                    Taken::Seat(agent) => episode.holders[agent.index()].is_some(),
+                    Taken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
+                });
+                self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
+                false
+            }
+            Err(ClaimError::Journal(_)) => unreachable!("failures are told before"),
+        }
     }
 
     /// The server could not keep something: that must be so.
