@@ -246,7 +246,8 @@ async fn a_client_that_does_not_read_is_cut() {
     while deaf.answer().await.is_some() {
         answered += 1;
     }
-    assert!((1..asked).contains(&answered), "{answered}");
+    // The first answer may be larger than what the hosts hold for a client that is cut.
+    assert!(answered < asked, "{answered}");
 }
 
 #[tokio::test]
