@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn depth_is_counted_outside_of_texts() {
         let bounds = Bounds { depth_max: 2, ..Bounds::default() };
-        assert_eq!(read(r#"[{"a": "[[[[{{{{\"[[["}, {"b": 1}]"#, None, &bounds), Ok(35));
+        assert_eq!(read(r#"[{"a": "[[[[{{{{\"[[["}, {"b": 1}]"#, None, &bounds), Ok(34));
         assert!(
             read("[[[]]]", None, &bounds).is_err_and(|problem| problem.contains("more than 2"))
         );

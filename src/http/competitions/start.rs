@@ -58,8 +58,8 @@ pub(in super::super) async fn start_attempt(
     let competition = app.competition(&caller, &id).await?;
     let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
     let name = idempotency_key(&headers, owner, &app.limits)?;
-    // So has every competition.
-    let name = name.map(|name| format!("{}/{name}", competition.id));
+    // So has every entrant: two of one key start attempts at the same time, and each finds its own.
+    let name = name.map(|name| format!("{}/{name}", entrant.entrant.id));
     let body: [u8; 32] = Sha256::digest(&body).into();
     let idempotency = name.map(|name| (name, body));
     // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
