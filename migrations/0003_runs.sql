@@ -114,6 +114,7 @@ CREATE TABLE entries (
     name           TEXT    NOT NULL,
     model          TEXT    NOT NULL,
     declaration    TEXT    NOT NULL,                 -- JSON: all that was declared
+    template       TEXT,                             -- tells prompt templates apart, which are large
     status         TEXT    NOT NULL,                 -- active withdrawn disqualified
     reason         TEXT,
     vouched        INTEGER NOT NULL DEFAULT 0,

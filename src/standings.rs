@@ -288,7 +288,7 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, JournalError> {
     let task = task.ok_or_else(|| broken(format!("there is no task {:?}", config.task)))?;
     let settings = serde_json::to_string(&settings(&config)).map_err(|e| broken(e.to_string()))?;
     let setting = Setting { task, rules: config.rules, settings };
-    let model = |(name, vouched)| Model { name, vouched };
+    let model = |(name, vouched, owner)| Model { name, vouched, owner };
     Ok(MixedGame {
         setting,
         score: stored.score,

@@ -35,6 +35,8 @@ pub struct Model {
     pub name: String,
     /// Whether somebody answers for it that this was the model.
     pub vouched: bool,
+    /// Whose seats it played, by the number of a key; none where that is not known.
+    pub owner: Option<i64>,
 }
 
 /// Two models that played together; twice the same where two holders played with it.
@@ -69,6 +71,10 @@ pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
         let mut here: BTreeMap<[&str; 2], bool> = BTreeMap::new();
         for (place, one) in game.models.iter().enumerate() {
             for other in &game.models[place + 1..] {
+                if one.owner.is_some() && one.owner == other.owner {
+                    // Whoever holds the seats of both plays with itself.
+                    continue;
+                }
                 let mut names = [one.name.as_str(), other.name.as_str()];
                 names.sort_unstable();
                 *here.entry(names).or_insert(true) &= one.vouched && other.vouched;
@@ -103,7 +109,8 @@ mod tests {
     }
 
     fn game(settings: &str, score: f64, models: &[&str]) -> MixedGame {
-        let model = |name: &&str| Model { name: (*name).to_owned(), vouched: *name != "z" };
+        let model =
+            |name: &&str| Model { name: (*name).to_owned(), vouched: *name != "z", owner: None };
         let models = models.iter().map(model).collect();
         MixedGame { setting: setting(TaskName::Foraging, settings), score, models }
     }

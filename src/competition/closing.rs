@@ -43,6 +43,8 @@ async fn close(
             runs.advance(attempt.run).await?;
         }
     }
+    // Whoever began to start an attempt in time has started it.
+    let _closed = runs.while_nobody_enters().await;
     let attempts = store.attempts(competition.key, None).await?;
     let is_over = attempts
         .iter()

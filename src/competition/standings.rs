@@ -3,6 +3,7 @@
 //! Attempts count once they are over, however they ended; one that the host broke does not. What an attempt is
 //! worth, and when two totals are the same, is decided in [`crate::board`].
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use jiff::Timestamp;
@@ -54,13 +55,18 @@ pub struct Declaration {
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
+    /// What tells prompt templates apart, where it is known without the text.
+    #[serde(skip)]
+    pub template: Option<String>,
 }
 
 impl Declaration {
     /// Tells prompt templates apart; none for the built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
-        self.prompt_template.as_deref().map(crate::run::definition::digest_of_template)
+        let of_text =
+            self.prompt_template.as_deref().map(crate::run::definition::digest_of_template);
+        of_text.or_else(|| self.template.clone())
     }
 }
 
@@ -194,11 +200,16 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
         Counts::First | Counts::Last => Pick::Last,
     };
     let view = View { tasks: definition.tasks(), sort: None, pick };
+    let mut by_entrant: HashMap<&str, Vec<&Attempt>> = HashMap::new();
+    for attempt in attempts {
+        by_entrant.entry(&attempt.entrant).or_default().push(attempt);
+    }
+    let attempts_of =
+        |entrant: &Entrant| by_entrant.get(entrant.id.as_str()).map_or(&[][..], Vec::as_slice);
     let counting = |entrant: &Entrant| -> Vec<Arc<RunResult>> {
-        let mut own: Vec<&Attempt> = attempts
-            .iter()
-            .filter(|attempt| attempt.entrant == entrant.id && attempt.is_over && !attempt.voided)
-            .collect();
+        let own = attempts_of(entrant).iter().copied();
+        let mut own: Vec<&Attempt> =
+            own.filter(|attempt| attempt.is_over && !attempt.voided).collect();
         own.sort_by_key(|attempt| (attempt.created_at, &attempt.run));
         if definition.counts == Counts::First {
             own.truncate(1);
@@ -210,17 +221,18 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
     let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
     let ranked = rank(&runs, [], &view);
     let row = |entrant: &Entrant, of: Option<&Ranked>| {
-        row(entrant, of, attempts, &view.tasks, definition)
+        row(entrant, of, attempts_of(entrant), &view.tasks, definition)
     };
     let mut rows: Vec<Row> = Vec::with_capacity(entrants.len());
+    let by_id: HashMap<&str, &Entrant> = active.iter().map(|e| (e.id.as_str(), *e)).collect();
     for of in &ranked {
-        let id = of.shown().and_then(|shown| shown.run.player.owner.as_ref()).map(|o| &o.id);
-        rows.extend(active.iter().find(|e| Some(&e.id) == id).map(|e| row(e, Some(of))));
+        let owner = of.shown().and_then(|shown| shown.run.player.owner.as_ref());
+        let entrant = owner.and_then(|owner| by_id.get(owner.id.as_str()));
+        rows.extend(entrant.map(|entrant| row(entrant, Some(of))));
     }
-    for entrant in &active {
-        if rows.iter().all(|row| row.entrant != entrant.id) {
-            rows.push(row(entrant, None));
-        }
+    let ranked: HashSet<String> = rows.iter().map(|row| row.entrant.clone()).collect();
+    for entrant in active.iter().filter(|entrant| !ranked.contains(&entrant.id)) {
+        rows.push(row(entrant, None));
     }
     for entrant in gone {
         let mut alone = rank(&counting(entrant), [], &view);
@@ -235,11 +247,11 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
 fn row(
     entrant: &Entrant,
     ranked: Option<&Ranked>,
-    attempts: &[Attempt],
+    attempts: &[&Attempt],
     tasks: &[TaskName],
     definition: &Definition,
 ) -> Row {
-    let own = || attempts.iter().filter(|attempt| attempt.entrant == entrant.id);
+    let own = || attempts.iter().copied();
     let shown = ranked.and_then(Ranked::shown);
     let count = |of: &dyn Fn(&&Attempt) -> bool| {
         u32::try_from(own().filter(of).count()).unwrap_or(u32::MAX)
@@ -282,6 +294,7 @@ mod tests {
                 top_p: None,
                 agent_meta: serde_json::Map::new(),
                 prompt_template: None,
+                template: None,
             },
             status: EntrantStatus::Active,
             reason: None,

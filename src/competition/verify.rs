@@ -256,6 +256,12 @@ fn check_competition(
     let sealed = Sealed { salt, seeds };
     let found = sealed.commitment();
     let show = |bytes: &[u8; 32]| data_encoding::HEXLOWER.encode(bytes);
+    if competition.revealed_at.is_some_and(|at| at < definition.closes_at) {
+        return Err(format!(
+            "it says that it was revealed before it closed, at {}",
+            definition.closes_at
+        ));
+    }
     if *commitment != show(&found) {
         return Err(format!(
             "the commitment is {commitment}, but salt and seeds hash to {}",

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::{Map, Value};
+use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 
 use super::App;
 use super::error::ApiError;
@@ -89,6 +90,8 @@ impl Problems {
         if !(1..=most).contains(&text.chars().count()) || text.chars().any(char::is_control) {
             let problem = format!("must be 1 to {most} characters without control characters");
             self.refuse(field, problem);
+        } else if text.trim().is_empty() || text.chars().any(is_invisible) {
+            self.refuse(field, "must be seen: it has invisible characters, or nothing else");
         }
     }
 
@@ -110,6 +113,18 @@ impl Problems {
             self.refuse("prompt_template", error.to_string());
         }
     }
+}
+
+/// Whether a character is not seen, or turns others around: names that look the same would be different ones.
+fn is_invisible(character: char) -> bool {
+    matches!(
+        character.general_category(),
+        GeneralCategory::Format
+            | GeneralCategory::LineSeparator
+            | GeneralCategory::ParagraphSeparator
+            | GeneralCategory::PrivateUse
+            | GeneralCategory::Unassigned
+    )
 }
 
 /// As much of a text as a message shows.

@@ -201,6 +201,8 @@ pub struct EntrantRow {
     pub model: String,
     /// JSON: what it declared of who plays.
     pub declaration: String,
+    /// Tells prompt templates apart; none for the built-in one.
+    pub template: Option<String>,
     /// Whether somebody answers for its model.
     pub vouched: bool,
     /// The hash of the invitation code that it uses up, if any.

@@ -115,6 +115,8 @@ struct Shared {
     parts: Parts,
     next_key: AtomicI64,
     locks: [tokio::sync::Mutex<()>; LOCKS],
+    /// Held by many who enter competitions, and by one who reveals them.
+    entering: tokio::sync::RwLock<()>,
     /// Of runs at which somebody looks.
     tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
 }
@@ -127,6 +129,7 @@ impl Runs {
             next_key: AtomicI64::new(parts.last_key + 1),
             parts,
             locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
+            entering: tokio::sync::RwLock::default(),
             tables: Mutex::default(),
         }))
     }
@@ -138,6 +141,17 @@ impl Runs {
     async fn turn(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
         let place = usize::try_from(run.0).unwrap_or(0) % LOCKS;
         self.0.locks[place].lock().await
+    }
+
+    /// As long as this is held no competition is revealed: whoever looks at the clock and enters one, or
+    /// starts an attempt in it, does both before that.
+    pub async fn while_closed_competitions_wait(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
+        self.0.entering.read().await
+    }
+
+    /// As long as this is held nobody enters a competition.
+    pub(crate) async fn while_nobody_enters(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
+        self.0.entering.write().await
     }
 
     /// Creates a run and opens its first games. It is durable when this returns; its token is to be

@@ -73,8 +73,24 @@ pub struct StoredAttempt {
 const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
                            revealed_at FROM competitions ";
 
-const ENTRANT: &str = "SELECT key, id, competition, owner, name, declaration, status, reason, \
-                       vouched, registered_at FROM entries ";
+/// How much of what entrants declared is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Declared {
+    /// All of it.
+    Whole,
+    /// All but the prompt template and the free metadata, which may be large.
+    Short,
+}
+
+fn select_entrants(declared: Declared) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new("SELECT key, id, competition, owner, name, template, ");
+    query.push(match declared {
+        Declared::Whole => "declaration",
+        Declared::Short => "json_remove(declaration, '$.prompt_template', '$.agent_meta')",
+    });
+    query.push(" AS declaration, status, reason, vouched, registered_at FROM entries ");
+    query
+}
 
 const ATTEMPT: &str = "
     SELECT r.key, r.id, r.entry, r.attempt, r.status, r.created_at, r.ended_at, r.voided_at,
@@ -138,7 +154,7 @@ impl Store {
         competition: CompetitionKey,
         id: &str,
     ) -> Result<Option<StoredEntrant>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(ENTRANT);
+        let mut query = select_entrants(Declared::Whole);
         query.push("WHERE competition = ").push_bind(competition.0);
         query.push(" AND id = ").push_bind(id);
         let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
@@ -153,8 +169,9 @@ impl Store {
         &self,
         competition: CompetitionKey,
         owner: Option<OwnerKey>,
+        declared: Declared,
     ) -> Result<Vec<StoredEntrant>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(ENTRANT);
+        let mut query = select_entrants(declared);
         query.push("WHERE competition = ").push_bind(competition.0);
         if let Some(owner) = owner {
             query.push(" AND owner = ").push_bind(owner.0);
@@ -232,8 +249,9 @@ pub(super) async fn add_entrant(
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, model, declaration, status, vouched, registered_at)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, 'active', ?, ?)",
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched,
+                              registered_at)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?)",
     )
     .bind(&row.id)
     .bind(row.competition.0)
@@ -241,6 +259,7 @@ pub(super) async fn add_entrant(
     .bind(&row.name)
     .bind(&row.model)
     .bind(&row.declaration)
+    .bind(&row.template)
     .bind(row.vouched)
     .bind(row.at.as_millisecond())
     .execute(&mut *connection)
@@ -342,8 +361,9 @@ fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
 fn entrant(row: &SqliteRow) -> Result<StoredEntrant, sqlx::Error> {
     let status: String = row.try_get("status")?;
     let status = EntrantStatus::parse(&status);
-    let declaration: Declaration =
+    let mut declaration: Declaration =
         serde_json::from_str(&row.try_get::<String, _>("declaration")?).map_err(decode)?;
+    declaration.template = row.try_get("template")?;
     Ok(StoredEntrant {
         key: EntryKey(row.try_get("key")?),
         competition: CompetitionKey(row.try_get("competition")?),

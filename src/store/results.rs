@@ -191,8 +191,9 @@ pub struct BoardMixed {
     pub opening: RawRecord,
     /// Its score.
     pub score: f64,
-    /// For each holder the model's name, and whether the server plays there or an organizer answers for the name.
-    pub models: Vec<(String, bool)>,
+    /// For each holder the model's name, whether the server plays there or an organizer answers for the name, and the number
+    /// of the holder's key.
+    pub models: Vec<(String, bool, Option<i64>)>,
 }
 
 /// Runs on boards: those that are over, that the host did not break, and that are no attempt in a competition whose
@@ -327,7 +328,7 @@ impl Store {
         episode: EpisodeKey,
     ) -> Result<Option<BoardMixed>, JournalError> {
         let rows = sqlx::query(
-            "SELECT DISTINCT e.opening, r.score, s.holder, s.model,
+            "SELECT DISTINCT e.opening, r.score, s.holder, s.model, s.owner,
                     s.player IS NOT NULL OR coalesce(k.role = 'organizer', 0) AS vouched
              FROM seats s JOIN results r ON r.episode = s.episode JOIN episodes e ON e.key = s.episode
              LEFT JOIN keys k ON k.number = s.owner
@@ -343,7 +344,9 @@ impl Store {
         let read = || {
             let opening = RawRecord::from_stored(first.try_get("opening")?)
                 .map_err(|error| sqlx::Error::Decode(error.into()))?;
-            let model = |row: &SqliteRow| Ok((row.try_get("model")?, row.try_get("vouched")?));
+            let model = |row: &SqliteRow| {
+                Ok((row.try_get("model")?, row.try_get("vouched")?, row.try_get("owner")?))
+            };
             let models = rows.iter().map(model).collect::<Result<_, sqlx::Error>>()?;
             Ok(BoardMixed { episode, opening, score: first.try_get("score")?, models })
         };

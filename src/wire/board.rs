@@ -479,7 +479,8 @@ fn maybe<T: ToString>(value: Option<T>) -> String {
 
 /// A text as a cell. Names come from strangers, and spreadsheets run what begins like a formula: such a text gets an
 /// apostrophe before it, which they do not show.
-fn text(cell: &str) -> String {
+#[must_use]
+pub fn text(cell: &str) -> String {
     if cell.trim_start().starts_with(['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠'])
     {
         format!("'{cell}")

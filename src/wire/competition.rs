@@ -596,6 +596,7 @@ impl CompetitionRow {
         #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
         let share =
             |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+        let games: u32 = row.tasks.iter().map(|task| task.games).sum();
         Self {
             rank: row.rank,
             entrant: entrant.into(),
@@ -603,7 +604,8 @@ impl CompetitionRow {
             run: row.run.clone(),
             run_status: row.run_status.clone(),
             tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },
-            total: row.total,
+            // Of a single game the total is its score, which nobody is to know before the end.
+            total: row.total.filter(|_| with_tasks || games >= 2),
             invalid_share: share(row.invalid, row.answers),
             clock_share: share(row.clock_outs, row.answers + row.clock_outs),
             voided_games: row.voided_games,

@@ -315,6 +315,61 @@ async fn a_start_that_is_repeated_gives_the_same_attempt_a_new_token() {
 }
 
 #[tokio::test]
+async fn entrants_of_one_key_give_their_starts_the_same_name() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "entries_per_key": 8 })).await;
+    let (member, _) = app.key(json!({ "name": "a member" })).await;
+    let mut entrants = Vec::new();
+    for number in 0..8 {
+        let entry = json!({ "name": format!("team {number}"), "model": "m" });
+        let made = app.post(&cup.path("/entrants")).token(&member).json(&entry).ok().await;
+        entrants.push(made["id"].clone());
+    }
+    let starts = entrants.iter().map(|entrant| {
+        let call = app.post(&cup.path("/attempts")).token(&member);
+        call.header("idempotency-key", "the same").json(&json!({ "entrant": entrant })).send()
+    });
+    let started = futures::future::join_all(starts).await;
+    let runs: BTreeSet<String> =
+        started.iter().map(|start| start.json()["run"].to_string()).collect();
+    assert!(started.iter().all(|start| start.status == 201));
+    assert_eq!(runs.len(), 8, "each has its own");
+    app.get("/readyz").ok().await;
+}
+
+#[tokio::test]
+async fn names_that_look_the_same_are_the_same() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    cup.enter(&app, "blue").await;
+    let enter = |name: &str| {
+        let entry = json!({ "name": name, "model": "m" });
+        app.post(&cup.path("/entrants")).json(&entry).send()
+    };
+    for name in ["blue", " BLUE", "blu\u{435}", "bl\u{200b}ue", "\u{202e}eulb", "   ", "a\u{2028}b"]
+    {
+        let refused = enter(name).await;
+        assert_eq!(refused.status, 422, "{name:?}: {}", refused.text());
+        assert_eq!(refused.json()["fields"][0]["field"], "name");
+    }
+    assert_eq!(enter("green").await.status, 201);
+}
+
+#[tokio::test]
+async fn nobody_else_gets_onto_the_board_of_a_competition() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let (member, _) = app.key(json!({ "name": "a member" })).await;
+    let suite = json!({ "name": cup.id, "tasks": ["Pursuit"], "seeds": [1] });
+    let call = app.post("/api/v1/runs").token(&member);
+    let refused = call.json(&json!({ "suite": suite, "model": "m" })).send().await;
+    assert_eq!(
+        (refused.status, &refused.json()["fields"][0]["field"]),
+        (422, &json!("suite.name"))
+    );
+}
+
+#[tokio::test]
 async fn only_the_organizer_ends_a_ranked_game() {
     let app = server().await;
     let cup = Cup::open(&app, json!({})).await;

@@ -436,7 +436,15 @@ mod ending {
         assert_eq!(before["tasks"][0]["mean"], before["games"][0]["score"]);
         assert_eq!(before["tasks"][1]["mean"], Value::Null);
 
-        let place = look(&app, &run, "").await;
+        // Both games that are open are seen; whatever is told of them next is their end.
+        let seen = |place: &Value| {
+            let all = place["observations"].as_array().expect("observations").iter();
+            all.map(|seen| text(seen, "episode").to_owned()).collect::<BTreeSet<_>>().len()
+        };
+        let mut place = look(&app, &run, "").await;
+        while seen(&place) < 2 {
+            place = look(&app, &run, "").await;
+        }
         let place = format!("?wait=60&after={}", text(&place, "cursor"));
         let abort = app.delete(&run.path("")).token(&run.token);
         let (looked, aborted) = tokio::join!(look(&app, &run, &place), abort.ok());

@@ -8,6 +8,7 @@ use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::store::competitions::Declared;
 use crate::wire::competition::AttemptList;
 use crate::wire::problem::Problem;
 
@@ -35,7 +36,7 @@ pub(in super::super) async fn list_attempts(
 ) -> Result<Json<AttemptList>, ApiError> {
     let number = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
-    let field = app.field(competition).await?;
+    let field = app.field(competition, Declared::Short).await?;
     let sees_all = caller.is_organizer();
     let items = field.summaries(|entrant| sees_all || number == Some(entrant.owner))?;
     Ok(Json(AttemptList { items, next_cursor: None }))

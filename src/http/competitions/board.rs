@@ -13,6 +13,8 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
+use crate::store::competitions::Declared;
+use crate::wire::board::text as safe_cell;
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
 
 /// How the board is to be written.
@@ -72,15 +74,11 @@ pub(in super::super) async fn show_board(
         BoardView::TotalsBefore(at) => ("totals", Some(at)),
         BoardView::All => ("all", None),
     };
-    let mut items = Vec::new();
+    let mut items: Vec<CompetitionRow> = Vec::new();
     if view != BoardView::Nothing {
-        let field = app.field(competition).await?;
-        for row in field.rows(before)? {
-            let entrant = field.entrants.iter().find(|entrant| entrant.entrant.id == row.entrant);
-            let entrant = entrant.map(|entrant| &entrant.entrant);
-            let with_tasks = view == BoardView::All;
-            items.extend(entrant.map(|entrant| CompetitionRow::of(&row, entrant, with_tasks)));
-        }
+        let field = app.field(competition, Declared::Short).await?;
+        let with_tasks = view == BoardView::All;
+        items = app.render(move || field.shown(before, with_tasks)).await??;
     }
     let board =
         CompetitionBoard { shows: shows.to_owned(), frozen_at: before, items, next_cursor: None };
@@ -138,13 +136,13 @@ fn cells(row: &CompetitionRow, tasks: &[&str]) -> Vec<String> {
     let mut cells = vec![
         text(row.rank),
         entrant.id.clone(),
-        guarded(&entrant.name),
-        guarded(&entrant.model),
+        safe_cell(&entrant.name),
+        safe_cell(&entrant.model),
         text(entrant.temperature),
         text(entrant.top_p),
         text(entrant.prompt_template.clone()),
         entrant.status.clone(),
-        guarded(entrant.reason.as_deref().unwrap_or_default()),
+        safe_cell(entrant.reason.as_deref().unwrap_or_default()),
         entrant.vouched.to_string(),
         text(row.decentralization.clone()),
         text(row.attempt),
@@ -169,9 +167,4 @@ fn cells(row: &CompetitionRow, tasks: &[&str]) -> Vec<String> {
         row.voided_attempts.to_string(),
     ]);
     cells
-}
-
-/// A text that somebody else chose: programs for tables take one that begins so for a formula.
-fn guarded(text: &str) -> String {
-    if text.starts_with(['=', '+', '-', '@']) { format!("'{text}") } else { text.to_owned() }
 }

@@ -105,8 +105,10 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
     let counts = one_of(request.counts, Counts::ALL, Counts::name, "counts", &mut refuse);
     let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
     // Where they are missing, that was said; nothing else is to be said of them.
-    let opens_at = request.opens_at.unwrap_or(now);
-    let closes_at = request.closes_at.unwrap_or(Timestamp::MAX);
+    // Times are kept to the millisecond.
+    let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
+    let opens_at = whole(request.opens_at.unwrap_or(now));
+    let closes_at = whole(request.closes_at.unwrap_or(Timestamp::MAX));
     let attempts = match request.attempts.unwrap_or(Attempts::Count(1)) {
         Attempts::Count(count) if count as usize > ATTEMPTS_MAX => {
             refuse("attempts", format!("must be from 1 to {ATTEMPTS_MAX}, is {count}"));

@@ -8,6 +8,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Ids, Nothing, Params};
 use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::store::competitions::Declared;
 use crate::wire::competition::{EntrantDetail, EntrantList};
 use crate::wire::problem::Problem;
 
@@ -33,7 +34,7 @@ pub(in super::super) async fn list_entrants(
     _: Params<Nothing>,
 ) -> Result<Json<EntrantList>, ApiError> {
     let competition = app.competition(&caller, &id).await?;
-    let entrants = app.store.entrants(competition.key, None).await?;
+    let entrants = app.store.entrants(competition.key, None, Declared::Short).await?;
     let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
     Ok(Json(EntrantList { items, next_cursor: None }))
 }
@@ -70,7 +71,7 @@ pub(in super::super) async fn show_entrant(
         let detail = "an entrant's results are shown to its own key; the board is at …/board";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let field = app.field(competition).await?;
+    let field = app.field(competition, Declared::Short).await?;
     let attempts = field.summaries(|entrant| entrant.key == stored.key)?;
     Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), attempts }))
 }

@@ -23,7 +23,7 @@ use crate::competition::export::{
 };
 use crate::ids::EpisodeId;
 use crate::journal::{Journal, JournalError};
-use crate::store::competitions::StoredCompetition;
+use crate::store::competitions::{Declared, StoredCompetition};
 use crate::wire::problem::Problem;
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
@@ -61,7 +61,7 @@ pub(in super::super) async fn export_competition(
         app.store.keep(vec![deed]).await?;
     }
     let turn = app.journal_turn()?;
-    let field = app.field(competition).await?;
+    let field = app.field(competition, Declared::Whole).await?;
     let reader = Reader::new(app, &field)?;
     let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
         let lines = reader.next().await?;

@@ -13,6 +13,8 @@ pub(super) mod show;
 pub(super) mod start;
 pub(super) mod void;
 
+use std::collections::HashMap;
+
 use jiff::Timestamp;
 use swarmbench_engine::TaskName;
 
@@ -22,9 +24,9 @@ use super::error::{ApiError, Code};
 use crate::board::{Game, Slot};
 use crate::competition::standings::{self, Attempt, Entrant, standings};
 use crate::run::RunStatus;
-use crate::store::competitions::{StoredAttempt, StoredCompetition, StoredEntrant};
+use crate::store::competitions::{Declared, StoredAttempt, StoredCompetition, StoredEntrant};
 use crate::store::runs::StoredGame;
-use crate::wire::competition::{AttemptSummary, Competition, Revealed};
+use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow, Revealed};
 
 impl App {
     /// A competition of which the caller may know.
@@ -45,8 +47,12 @@ impl App {
     }
 
     /// All who take part in a competition, with all that they played.
-    async fn field(&self, competition: StoredCompetition) -> Result<Field, ApiError> {
-        let entrants = self.store.entrants(competition.key, None).await?;
+    async fn field(
+        &self,
+        competition: StoredCompetition,
+        declared: Declared,
+    ) -> Result<Field, ApiError> {
+        let entrants = self.store.entrants(competition.key, None, declared).await?;
         let attempts = self.store.attempts(competition.key, None).await?;
         let keys: Vec<_> = attempts.iter().map(|attempt| attempt.run).collect();
         let mut games = self.store.games_of_all(&keys).await?;
@@ -75,6 +81,7 @@ fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
 /// A competition with all who take part and all that they played.
 struct Field {
     competition: StoredCompetition,
+    /// In the order in which they registered, which is that of their numbers.
     entrants: Vec<StoredEntrant>,
     /// In the order in which they were started.
     attempts: Vec<(StoredAttempt, Vec<StoredGame>)>,
@@ -82,7 +89,8 @@ struct Field {
 
 impl Field {
     fn entrant_of(&self, attempt: &StoredAttempt) -> Result<&StoredEntrant, ApiError> {
-        let found = self.entrants.iter().find(|entrant| entrant.key == attempt.entry);
+        let found = self.entrants.binary_search_by_key(&attempt.entry, |entrant| entrant.key);
+        let found = found.ok().map(|place| &self.entrants[place]);
         found.ok_or_else(|| ApiError::new(Code::Internal, "an attempt without an entrant"))
     }
 
@@ -141,6 +149,21 @@ impl Field {
             }
         }
         Ok(standings(&self.competition.definition, &self.all_entrants(), &attempts))
+    }
+
+    /// The rows of the board as they are shown, with the results in each task or without.
+    fn shown(
+        &self,
+        before: Option<Timestamp>,
+        with_tasks: bool,
+    ) -> Result<Vec<CompetitionRow>, ApiError> {
+        let entrants = self.entrants.iter().map(|entrant| (&entrant.entrant.id, &entrant.entrant));
+        let entrants: HashMap<_, _> = entrants.collect();
+        let rows = self.rows(before)?;
+        let shown = rows.iter().filter_map(|row| {
+            Some(CompetitionRow::of(row, entrants.get(&row.entrant)?, with_tasks))
+        });
+        Ok(shown.collect())
     }
 
     /// The attempts of all whom `is_of` names, as they see them themselves.

@@ -4,6 +4,8 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 
+use unicode_security::confusable_detection::skeleton;
+
 use super::super::App;
 use super::super::answer::with_tokens;
 use super::super::auth::Caller;
@@ -11,13 +13,14 @@ use super::super::checks::Problems;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::competition::EntrantStatus;
 use crate::competition::definition::Admission;
 use crate::competition::new_entrant_id;
 use crate::competition::standings::Declaration;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::store::competitions::StoredCompetition;
+use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
 use crate::wire::problem::Problem;
 
@@ -95,6 +98,12 @@ async fn register(
     own_key: Option<Key>,
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
+    let least = app.limits.disk_free_percent_min;
+    if app.disk.is_full(least) {
+        return Err(ApiError::disk_full(least));
+    }
+    // Nothing is revealed meanwhile.
+    let _open = app.runs.while_closed_competitions_wait().await;
     let now = app.clock.now();
     let definition = &competition.definition;
     if definition.closes_at <= now {
@@ -102,9 +111,11 @@ async fn register(
         return Err(ApiError::new(Code::Closed, detail));
     }
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
-    let others = app.store.entrants(competition.key, None).await?;
+    let others = app.store.entrants(competition.key, None, Declared::Short).await?;
     let most = app.limits.entrants_max;
-    if others.len() >= most {
+    // Whoever was excluded leaves a place to somebody else.
+    let is_active = |other: &&StoredEntrant| other.entrant.status == EntrantStatus::Active;
+    if others.iter().filter(is_active).count() >= most {
         let detail = "as many have entered as there may be; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
@@ -137,6 +148,7 @@ async fn register(
         top_p: request.top_p,
         agent_meta: request.agent_meta.unwrap_or_default(),
         prompt_template: request.prompt_template,
+        template: None,
     };
     let id = new_entrant_id(now, &*app.entropy);
     entries.push(Entry::AddEntrant(Box::new(EntrantRow {
@@ -145,6 +157,7 @@ async fn register(
         owner,
         name: request.name,
         model: request.model,
+        template: declaration.template_digest(),
         declaration: serde_json::to_string(&declaration).expect("string keys"),
         vouched: is_vouched,
         invitation,
@@ -188,5 +201,6 @@ async fn invitation(
 
 /// Whether two names look the same on a board.
 fn is_same(one: &str, other: &str) -> bool {
-    one.trim().to_lowercase() == other.trim().to_lowercase()
+    let seen = |name: &str| skeleton(&name.trim().to_lowercase()).collect::<String>();
+    seen(one) == seen(other)
 }

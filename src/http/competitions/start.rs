@@ -16,7 +16,7 @@ use crate::competition::phase::attempt as choose;
 use crate::ids::Token;
 use crate::keys::OwnerKey;
 use crate::run::manager::NewRun;
-use crate::store::competitions::{StoredCompetition, StoredEntrant};
+use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
 use crate::store::tokens::Grant;
 use crate::wire::competition::{AttemptRequest, StartedAttempt};
 use crate::wire::problem::Problem;
@@ -65,6 +65,8 @@ pub(in super::super) async fn start_attempt(
     // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
     App::to_its_end(async move {
         let _one_by_one = app.one_by_one(&format!("attempt {}", entrant.entrant.id)).await;
+        // It may have been excluded while others started.
+        check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         if let Some((name, body)) = &idempotency
             && let Some((run, first)) = app.store.run_created_with(name).await?
         {
@@ -72,6 +74,12 @@ pub(in super::super) async fn start_attempt(
                 return Err(ApiError::other_body());
             }
             let number = run.attempt.map_or(0, |(_, number)| number);
+            if let Some(reason) = &run.void_reason {
+                let detail = format!(
+                    "this attempt does not count, start it again under another Idempotency-Key: {reason}"
+                );
+                return Err(ApiError::new(Code::Closed, detail));
+            }
             let token = app.runs.replace_token(run.run, Vec::new()).await?;
             app.forget_tokens(
                 |grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run),
@@ -91,7 +99,7 @@ async fn entrant(
     id: Option<&str>,
 ) -> Result<StoredEntrant, ApiError> {
     let own = match owner {
-        Some(owner) => app.store.entrants(competition.key, Some(owner)).await?,
+        Some(owner) => app.store.entrants(competition.key, Some(owner), Declared::Short).await?,
         None => Vec::new(),
     };
     let count = own.len();
@@ -108,6 +116,16 @@ async fn entrant(
     }
 }
 
+/// Refuses whoever takes no part any more.
+fn check_active(entrant: &StoredEntrant) -> Result<(), ApiError> {
+    if entrant.entrant.status == EntrantStatus::Active {
+        return Ok(());
+    }
+    let reason = entrant.entrant.reason.as_deref().unwrap_or("no reason was given");
+    let detail = format!("this entrant is {}: {reason}", entrant.entrant.status.name());
+    Err(ApiError::new(Code::Forbidden, detail))
+}
+
 async fn start(
     app: &App,
     competition: &StoredCompetition,
@@ -115,14 +133,9 @@ async fn start(
     wanted: Option<u32>,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
-    // It may have been excluded while others started.
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
-    if entrant.entrant.status != EntrantStatus::Active {
-        let reason = entrant.entrant.reason.as_deref().unwrap_or("no reason was given");
-        let status = entrant.entrant.status.name();
-        let detail = format!("this entrant is {status}: {reason}");
-        return Err(ApiError::new(Code::Forbidden, detail));
-    }
+    // Nothing is revealed between the look at the clock and the new run.
+    let _open = app.runs.while_closed_competitions_wait().await;
     let attempts = app.store.attempts(competition.key, Some(entrant.key)).await?;
     let counting = attempts.iter().filter(|attempt| attempt.void_reason.is_none());
     let used: Vec<u32> = counting.map(|attempt| attempt.number).collect();

@@ -11,6 +11,7 @@ use super::super::extract::{Ids, Json, Nothing, Params};
 use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::run::RunStatus;
+use crate::store::competitions::Declared;
 use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
 use crate::wire::problem::Problem;
@@ -51,6 +52,7 @@ pub(in super::super) async fn void_attempt(
     App::to_its_end(async move {
         let stored = app.store.find_competition(&id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+        let _one_by_one = app.one_by_one(&format!("void {run}")).await;
         let attempts = app.store.attempts(competition.key, None).await?;
         let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
@@ -65,7 +67,7 @@ pub(in super::super) async fn void_attempt(
                 app.store.keep(deeds).await?;
             }
         }
-        let field = app.field(competition).await?;
+        let field = app.field(competition, Declared::Short).await?;
         let summary = field.summaries(|entrant| entrant.key == attempt.entry)?;
         let summary = summary.into_iter().find(|summary| summary.run == run);
         Ok(axum::Json(summary.ok_or_else(|| ApiError::not_found("the attempt"))?))

@@ -29,7 +29,9 @@ impl App {
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
         if !caller.may_read(&self.access, subject(&stored, &spec)) {
-            let detail = if spec.is_mixed() {
+            let detail = if spec.visibility == Visibility::Sealed {
+                "this game is sealed: until its competition is revealed only organizers may read this"
+            } else if spec.is_mixed() {
                 "several hold seats of this episode: until its end nobody may read this"
             } else {
                 "until the end of this episode only its creator may read this"

@@ -169,12 +169,19 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
 }
 
 /// A suite of the caller's own.
+/// How ids of competitions begin.
+const COMPETITION_PREFIX: &str = "cmp_";
+
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
     let OwnSuite { name, tasks, seeds, settings } = own;
     let settings = settings.unwrap_or_default();
     problems.text("suite.name", &name, app.limits.suite_name_chars_max);
     if Suite::BUILT_IN.contains(&name.as_str()) {
         problems.refuse("suite.name", "is that of a built-in suite; choose another");
+    }
+    // Suites of competitions have their ids for names, and nobody else gets onto their boards.
+    if name.trim_start().to_lowercase().starts_with(COMPETITION_PREFIX) {
+        problems.refuse("suite.name", "is like that of a competition; choose another");
     }
     let all = || TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
     let tasks = tasks.unwrap_or_else(all);
