@@ -243,6 +243,9 @@ fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
         })
         .collect::<Result<Vec<_>, JournalError>>()?;
     let is_hosted = definition.player.is_some();
+    // That a built-in player plays is certain; that it is what its creator calls it is not, unless that is its name.
+    let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
+    let is_own_name = own_name.as_ref() == Some(&definition.model);
     let template = definition.template_digest();
     let run = Run {
         player: Player {
@@ -255,7 +258,7 @@ fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
         id: stored.id,
         status: stored.status,
         created_at: stored.created_at,
-        vouched: stored.vouched || is_hosted,
+        vouched: stored.vouched || is_own_name,
         decentralization: match definition.suite.settings.control.as_str() {
             "centralized" => None,
             _ if is_hosted => Some(Decentralization::Enforced),

@@ -25,6 +25,8 @@ pub struct Difference {
     pub high: f64,
     /// How many seeds both have, over all tasks.
     pub pairs: usize,
+    /// Whether every task has several seeds: of one seed alone nothing can be said of chance.
+    pub is_known: bool,
 }
 
 /// The differences of two rows, task by task and seed by seed.
@@ -73,6 +75,7 @@ impl Pairs {
             low: resampled[OUTSIDE],
             high: resampled[RESAMPLES - 1 - OUTSIDE],
             pairs: self.tasks.iter().map(Vec::len).sum(),
+            is_known: self.tasks.iter().all(|task| task.len() > 1),
         }
     }
 

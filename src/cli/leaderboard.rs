@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use comfy_table::{CellAlignment, Table};
+use comfy_table::{CellAlignment, ContentArrangement, Table};
 use swarmbench_engine::TaskName;
 
 use super::play::table;
@@ -16,7 +16,7 @@ use crate::store::{OpenError, Store};
 use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
 
 /// Columns of a terminal from which on a row also says how sure its place is, and what went wrong.
-const WIDE: u16 = 110;
+const WIDE: u16 = 132;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -164,13 +164,10 @@ fn show(board: &Leaderboard) {
         return;
     }
     println!("{}", rows(board, width));
-    println!(
-        "? nobody vouches for this name   declared/enforced: whether each seat decided for itself   * of the paper"
-    );
+    println!("? nobody vouches for this name   * a row of the paper");
+    println!("declared, enforced: whether each seat decided for itself");
     if width < WIDE {
-        println!(
-            "A terminal of {WIDE} columns, or --csv, also shows how sure each place is and what went wrong."
-        );
+        println!("{WIDE} columns, or --csv, also show how sure a place is and what went wrong");
     }
 }
 
@@ -183,6 +180,7 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         headings.extend(["below the row above", "what went wrong"]);
     }
     let mut shown = table(&headings);
+    fit(&mut shown, width);
     for row in &board.items {
         let mut cells = vec![row.rank.map_or_else(|| "–".to_owned(), |rank| rank.to_string())];
         cells.push(player(row));
@@ -192,9 +190,11 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         cells.push(row.total.map_or_else(String::new, |total| format!("{total:.2}")));
         if is_wide {
             cells.push(row.difference.as_ref().map_or_else(String::new, |difference| {
-                let [mean, low, high] = [difference.mean, difference.low, difference.high]
-                    .map(|number| format!("{number:.2}"));
-                format!("{mean}\n95 %: {low} to {high}")
+                let sure = match (difference.low, difference.high) {
+                    (Some(low), Some(high)) => format!("95 %: {low:.2} to {high:.2}"),
+                    _ => "one seed: no interval".to_owned(),
+                };
+                format!("{:.2}\n{sure}", difference.mean)
             }));
             cells.push(wrong(row));
         }
@@ -206,6 +206,13 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         }
     }
     shown
+}
+
+/// Breaks cells so that the table fits a terminal.
+fn fit(table: &mut Table, width: u16) {
+    if width < u16::MAX {
+        table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width);
+    }
 }
 
 /// The heading of a task: the longest name would take too much of a terminal.

@@ -133,7 +133,9 @@ impl<'a> Export<'a> {
         let runtime = Handle::current();
         let Selection { filter, episode } = selection;
         let wanted = |stored: &StoredEpisode| {
-            (filter.status.is_some() || stored.ended_at.is_some()) && may(stored)
+            // What the host broke counts nowhere: whoever wants it asks for that episode.
+            let counts = stored.void_reason.is_none() || episode.is_some();
+            (filter.status.is_some() || stored.ended_at.is_some()) && counts && may(stored)
         };
         let mut keys = Vec::new();
         if let Some(id) = episode {

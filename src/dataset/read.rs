@@ -89,7 +89,7 @@ pub trait Taker {
 /// # Errors
 /// Where it cannot be read at all, or a game cannot be kept.
 pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Result<()> {
-    let mut place = Place::open(path, bounds)?;
+    let mut place = Place::open(path, bounds, taker)?;
     let batches = Batches::of(place.names(), taker);
     let of = batches.0.values().map(|batch| batch.games.len() as u64).sum();
     let mut done = 0;
@@ -193,13 +193,16 @@ enum Place {
 }
 
 impl Place {
-    fn open(path: &Path, bounds: &Bounds) -> Result<Self, ReadError> {
+    fn open(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> Result<Self, ReadError> {
         let failed = |source| ReadError::Io { path: path.to_owned(), source };
         if fs::metadata(path).map_err(failed)?.is_dir() {
-            let mut files = Vec::new();
-            walk(path, "", bounds.folders_max, bounds, &mut files)?;
-            files.sort();
-            return Ok(Self::Folder(files));
+            let mut found = Found::default();
+            walk(path, "", bounds.folders_max, bounds, &mut found)?;
+            found.files.sort();
+            for (name, problem) in found.skipped {
+                taker.problem(Problem::new(name, &problem));
+            }
+            return Ok(Self::Folder(found.files));
         }
         let mut file = File::open(path).map_err(failed)?;
         if declared(&mut file).map_err(failed)? > bounds.entries_max as u64 {
@@ -237,28 +240,49 @@ impl Place {
     }
 }
 
+/// What a folder has.
+#[derive(Default)]
+struct Found {
+    files: Vec<(String, PathBuf)>,
+    /// What is not read, and why.
+    skipped: Vec<(String, String)>,
+}
+
+impl Found {
+    fn skip(&mut self, name: &str, why: &str) {
+        self.skipped.push((name.escape_debug().to_string(), why.to_owned()));
+    }
+}
+
 /// Lists the files of a folder. Links are not followed.
 fn walk(
     folder: &Path,
     name: &str,
     deeper: usize,
     bounds: &Bounds,
-    files: &mut Vec<(String, PathBuf)>,
+    found: &mut Found,
 ) -> Result<(), ReadError> {
     let failed = |source| ReadError::Io { path: folder.to_owned(), source };
     for entry in fs::read_dir(folder).map_err(failed)? {
         let entry = entry.map_err(failed)?;
         let kind = entry.file_type().map_err(failed)?;
-        let Ok(own) = entry.file_name().into_string() else { continue };
+        let is_text = entry.file_name().to_str().is_some();
+        let own = entry.file_name().to_string_lossy().into_owned();
         let name = if name.is_empty() { own } else { format!("{name}/{own}") };
-        if kind.is_file() {
-            files.push((name, entry.path()));
-            if files.len() > bounds.entries_max {
+        if !is_text {
+            found.skip(&name, "has a name that is not UTF-8");
+        } else if kind.is_file() {
+            found.files.push((name, entry.path()));
+            if found.files.len() > bounds.entries_max {
                 let most = bounds.entries_max;
                 return Err(ReadError::Entries { path: folder.to_owned(), most });
             }
         } else if kind.is_dir() && deeper > 0 {
-            walk(&entry.path(), &name, deeper - 1, bounds, files)?;
+            walk(&entry.path(), &name, deeper - 1, bounds, found)?;
+        } else if kind.is_dir() {
+            found.skip(&name, &format!("is more than {} folders deep", bounds.folders_max));
+        } else {
+            found.skip(&name, "is a link or no file, and is not followed");
         }
     }
     Ok(())

@@ -329,7 +329,7 @@ impl Store {
     ) -> Result<Option<BoardMixed>, JournalError> {
         let rows = sqlx::query(
             "SELECT DISTINCT e.opening, r.score, s.holder, s.model, s.owner,
-                    s.player IS NOT NULL OR coalesce(k.role = 'organizer', 0) AS vouched
+                    coalesce(s.model = 'built-in/' || s.player, 0) OR coalesce(k.role = 'organizer', 0) AS vouched
              FROM seats s JOIN results r ON r.episode = s.episode JOIN episodes e ON e.key = s.episode
              LEFT JOIN keys k ON k.number = s.owner
              WHERE s.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL

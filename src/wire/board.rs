@@ -121,10 +121,10 @@ pub struct RowDifference {
     /// By how much that one is better in the seeds that both have.
     pub mean: f64,
     /// The lower end of the interval that holds 95 % of 2,000 resamples of these seeds. Below 0 the order of the
-    /// two is not sure.
-    pub low: f64,
-    /// Its upper end.
-    pub high: f64,
+    /// two is not sure. Null where a task has a single seed.
+    pub low: Option<f64>,
+    /// Its upper end; null where a task has a single seed.
+    pub high: Option<f64>,
     /// How many seeds both have, over all tasks.
     pub pairs: u32,
 }
@@ -218,8 +218,8 @@ impl Leaderboard {
         let difference = row.difference.as_ref();
         cells.extend([
             maybe(difference.map(|difference| difference.mean)),
-            maybe(difference.map(|difference| difference.low)),
-            maybe(difference.map(|difference| difference.high)),
+            maybe(difference.and_then(|difference| difference.low)),
+            maybe(difference.and_then(|difference| difference.high)),
             maybe(difference.map(|difference| difference.pairs)),
             maybe(row.invalid_share),
             maybe(row.clock_out_share),
@@ -238,8 +238,8 @@ impl BoardRow {
         let difference = ranked.difference(place, memory).map(|(to, difference)| RowDifference {
             to: to.id().to_string(),
             mean: difference.mean,
-            low: difference.low,
-            high: difference.high,
+            low: difference.is_known.then_some(difference.low),
+            high: difference.is_known.then_some(difference.high),
             pairs: whole(difference.pairs),
         });
         let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());

@@ -134,7 +134,8 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     if let (Some(suite), true) = (&suite, has_rules) {
         check_games(suite, request.player.as_deref(), &mut problems);
     }
-    let model = request.model.unwrap_or_default();
+    let usual = || request.player.as_ref().map(|player| format!("built-in/{player}"));
+    let model = request.model.or_else(usual).unwrap_or_default();
     problems.model(limits, &model);
     for (field, value, most) in
         [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
@@ -168,10 +169,10 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     })
 }
 
-/// A suite of the caller's own.
 /// How ids of competitions begin.
 const COMPETITION_PREFIX: &str = "cmp_";
 
+/// A suite of the caller's own.
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
     let OwnSuite { name, tasks, seeds, settings } = own;
     let settings = settings.unwrap_or_default();
