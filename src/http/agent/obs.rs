@@ -102,7 +102,31 @@ pub(in super::super) async fn observation(
     agent: AgentId,
     with_prompt: bool,
 ) -> Result<Vec<u8>, ApiError> {
-    let mut moment = moment(app, handle, snapshot, agent);
+    let acted = snapshot.has_acted(agent);
+    written(app, handle, snapshot, agent, acted, with_prompt).await
+}
+
+/// The observation of a seat that waited for an act when it was looked at, as it was then: it may have acted
+/// while others were written out.
+pub(in super::super) async fn waiting_observation(
+    app: &App,
+    handle: &Handle,
+    snapshot: &Snapshot,
+    agent: AgentId,
+    with_prompt: bool,
+) -> Result<Vec<u8>, ApiError> {
+    written(app, handle, snapshot, agent, false, with_prompt).await
+}
+
+async fn written(
+    app: &App,
+    handle: &Handle,
+    snapshot: &Snapshot,
+    agent: AgentId,
+    acted: bool,
+    with_prompt: bool,
+) -> Result<Vec<u8>, ApiError> {
+    let mut moment = moment(app, handle, snapshot, agent, acted);
     if with_prompt {
         let sight = sight(handle, snapshot, agent);
         let spec = std::sync::Arc::clone(&handle.spec);
@@ -141,8 +165,7 @@ pub(in super::super) fn result(snapshot: &Snapshot) -> Option<EpisodeResult> {
     })
 }
 
-fn moment(app: &App, handle: &Handle, snapshot: &Snapshot, agent: AgentId) -> Moment {
-    let acted = snapshot.has_acted(agent);
+fn moment(app: &App, handle: &Handle, snapshot: &Snapshot, agent: AgentId, acted: bool) -> Moment {
     let deadline = snapshot.deadline(&handle.spec, agent);
     let Some(deadline) = deadline else { return Moment { acted, ..Moment::default() } };
     let left = until(app.clock.now(), deadline);

@@ -13,7 +13,7 @@ use tokio::sync::watch;
 use utoipa::IntoParams;
 
 use super::super::App;
-use super::super::agent::obs::{json, observation, with_field};
+use super::super::agent::obs::{json, waiting_observation, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
@@ -81,7 +81,8 @@ pub(in super::super) async fn get_swarm_obs(
     let mut cursor = after;
     for Open { seat, seated, snapshot } in open.into_iter().take(limit) {
         let agent = AgentId(seat.agent);
-        let body = observation(&app, &seated.handle, &snapshot, agent, params.prompt).await?;
+        let body =
+            waiting_observation(&app, &seated.handle, &snapshot, agent, params.prompt).await?;
         if observations.len() > 1 {
             observations.push(b',');
         }
