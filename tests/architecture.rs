@@ -20,7 +20,13 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
-    ("run", &["board", "clock", "episode", "host", "ids", "journal", "keys", "prompt", "store"]),
+    (
+        "run",
+        &[
+            "board", "clock", "episode", "host", "house", "ids", "journal", "keys", "prompt",
+            "store",
+        ],
+    ),
     ("competition", &["board", "clock", "episode", "ids", "journal", "run", "store"]),
     ("standings", &["board", "journal", "run", "store"]),
     (
@@ -99,7 +105,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("minijinja", &["prompt"]),
     ("reqwest", &["players", "loadtest"]),
     ("clap", &["cli", "keys", "telemetry"]),
-    ("swarmbench_players", &["players", "house", "cli", "run"]),
+    ("swarmbench_players", &["players", "house", "cli"]),
     ("indicatif", &["cli"]),
     ("zip", &["dataset"]),
     ("parquet", &["dataset"]),

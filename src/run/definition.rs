@@ -11,6 +11,7 @@ use swarmbench_engine::{Config, TaskName};
 
 use super::suite::{Game, Suite};
 use crate::episode::spec::{Spec, Visibility};
+use crate::house;
 use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
@@ -129,10 +130,5 @@ pub fn digest_of_template(text: &str) -> String {
 /// # Errors
 /// Where no such player plays it.
 pub fn player(name: &str, task: TaskName) -> Result<String, String> {
-    let player = if name == EACH_TASKS_OWN {
-        swarmbench_players::default_for(task)
-    } else {
-        swarmbench_players::find(name, task).map_err(|error| error.to_string())?
-    };
-    Ok(player.name.to_owned())
+    house::player((name != EACH_TASKS_OWN).then_some(name), task)
 }
