@@ -214,21 +214,12 @@ fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submissio
 /// What a player may know of its seat before the game. Its own seed follows from the episode's, so that
 /// the same episode is played the same again, but tells nothing of it.
 fn seat(spec: &Spec, agent: AgentId) -> Seat {
-    let settings = spec.config.settings();
-    let size = |value: i64| u16::try_from(value).expect("a checked map is small");
     let mut hash = Sha256::new();
     hash.update("the player of a seat");
-    hash.update(settings.seed.to_be_bytes());
+    hash.update(spec.config.settings().seed.to_be_bytes());
     hash.update(agent.0.to_be_bytes());
     hash.update(spec.salt.as_deref().unwrap_or_default());
     let hash: [u8; 32] = hash.finalize().into();
-    Seat {
-        agent,
-        num_agents: spec.config.num_agents(),
-        width: size(settings.width),
-        height: size(settings.height),
-        task: spec.config.task(),
-        rules: spec.config.rules(),
-        seed: u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes")),
-    }
+    let seed = u64::from_be_bytes(*hash.first_chunk().expect("a hash has 32 bytes"));
+    Seat { seed, ..Seat::of(&spec.config, agent, 0) }
 }

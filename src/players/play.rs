@@ -139,7 +139,7 @@ fn seat(
         height: u16::try_from(height).ok()?,
         task: TaskName::parse(task)?,
         rules: RuleSet::ALL.into_iter().find(|known| known.name() == rules)?,
-        seed: seed.wrapping_mul(1 << 16).wrapping_add(u64::from(agent.0)),
+        seed: Seat::seed_of(agent, seed),
     })
 }
 

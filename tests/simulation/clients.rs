@@ -21,10 +21,10 @@ use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
 };
 use swarmbench_players::default_for;
+use swarmbench_players::game::play;
 
 use crate::dice::Dice;
 use crate::executor::pause;
-use crate::game;
 use crate::run::ROUNDS_MAX;
 use crate::time::SimClock;
 
@@ -187,7 +187,8 @@ static REHEARSED: LazyLock<(Settings, Vec<Vec<Act>>)> = LazyLock::new(|| {
     let standard = Settings::standard(TaskName::Transport, 393);
     let settings =
         Settings { num_agents: 6, width: 8, height: 8, max_round: ROUNDS_MAX, ..standard };
-    let (_, acts) = game::play(default_for(TaskName::Transport), &settings, 1);
+    let (_, acts) =
+        play(default_for(TaskName::Transport), &settings, 1).expect("playable settings");
     (settings, acts)
 });
 

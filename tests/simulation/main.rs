@@ -11,8 +11,6 @@ mod clients;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 mod executor;
-#[path = "../../crates/players/tests/players/game.rs"]
-mod game;
 mod journal;
 mod run;
 mod time;

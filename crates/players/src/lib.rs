@@ -4,15 +4,13 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use swarmbench_engine::{AgentId, Config, RuleSet, Settings, TaskName, World};
+//! use swarmbench_engine::{AgentId, Config, Settings, TaskName, World};
 //! use swarmbench_players::{Player, Seat, default_for};
 //!
 //! let task = TaskName::Synchronization;
 //! let mut world = World::new(Arc::new(Config::check(&Settings::standard(task, 27))?));
-//! let seat = |agent| Seat {
-//!     agent, num_agents: 12, width: 10, height: 10, task, rules: RuleSet::Paper, seed: 1,
-//! };
-//! let mut players: Vec<_> = world.agents().map(|agent| default_for(task).make(&seat(agent))).collect();
+//! let make = |agent| default_for(task).make(&Seat::of(world.config(), agent, 1));
+//! let mut players: Vec<_> = world.agents().map(make).collect();
 //! while !world.is_over() {
 //!     let decide = |(agent, player): (AgentId, &mut Box<dyn Player>)| {
 //!         player.decide(&world.observe(agent))
@@ -24,25 +22,28 @@
 //! # Ok::<(), swarmbench_engine::SettingErrors>(())
 //! ```
 //!
+//! [`game::play`] does the same in one call.
+//!
 //! # Adding a player
 //!
-//! Write a file that is named like the player, with a type that implements [`Player`] and a function
-//! `make` that makes one for a seat. Add a line to the table in this file: its name, the tasks that
-//! it plays, what it does in one sentence, and `make`. The tests play every line of the table, so
-//! nothing else has to be told. A player keeps to what it was shown: it may remember anything, draw
+//! Write a file that is named like the player, in the folder of its task, with a type that implements
+//! [`Player`] and a function `make` that makes one for a seat. Add a line to the table in the folder's
+//! `mod.rs`: its name, the tasks that it plays, what it does in one sentence, and `make`. The tests play
+//! every line of every table, so nothing else has to be told. A player keeps to what it was shown: it may remember anything, draw
 //! from a generator seeded by its seat, and must cope with any observation without a panic.
 
 mod chance;
 mod chart;
-mod close_in;
-mod map_and_carry;
-mod meet_in_the_middle;
-mod push_and_leave;
+mod flocking;
+mod foraging;
+pub mod game;
+mod pursuit;
 mod random;
-mod round_clock;
+mod synchronization;
 mod talk;
+mod transport;
 
-use swarmbench_engine::{Act, AgentId, Observation, RuleSet, TaskName};
+use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 
 /// A player for one seat. Deterministic given how it was made and what it was shown.
 pub trait Player: Send {
@@ -69,6 +70,30 @@ pub struct Seat {
     pub seed: u64,
 }
 
+impl Seat {
+    /// The seat of an agent in a game of these settings, where `seed` is the whole swarm's own.
+    #[must_use]
+    pub fn of(config: &Config, agent: AgentId, seed: u64) -> Self {
+        let settings = config.settings();
+        let size = |cells: i64| u16::try_from(cells).expect("a checked map is small");
+        Self {
+            agent,
+            num_agents: config.num_agents(),
+            width: size(settings.width),
+            height: size(settings.height),
+            task: config.task(),
+            rules: config.rules(),
+            seed: Self::seed_of(agent, seed),
+        }
+    }
+
+    /// The seed of one agent's player, made of the whole swarm's.
+    #[must_use]
+    pub const fn seed_of(agent: AgentId, swarm: u64) -> u64 {
+        swarm.wrapping_mul(1 << 16).wrapping_add(agent.0 as u64)
+    }
+}
+
 /// A built-in player as it is chosen by name.
 #[derive(Debug)]
 pub struct BuiltIn {
@@ -89,50 +114,19 @@ impl BuiltIn {
     }
 }
 
-/// Every built-in player. The first that plays a task after `random` is the task's default.
-static BUILT_INS: [BuiltIn; 6] = [
-    BuiltIn {
-        name: "random",
-        tasks: &TaskName::ALL,
-        summary: "Picks any action, every one equally likely, and says nothing.",
-        make: random::make,
-    },
-    BuiltIn {
-        name: "push-and-leave",
-        tasks: &[TaskName::Transport],
-        summary: "Lines up behind the block, pushes it free and out, then leaves through the gap.",
-        make: push_and_leave::make,
-    },
-    BuiltIn {
-        name: "close-in",
-        tasks: &[TaskName::Pursuit],
-        summary: "Calls out where the prey is and walks to the nearest free cell beside it.",
-        make: close_in::make,
-    },
-    BuiltIn {
-        name: "round-clock",
-        tasks: &[TaskName::Synchronization],
-        summary: "Turns its light on in even rounds and off in odd ones.",
-        make: round_clock::make,
-    },
-    BuiltIn {
-        name: "map-and-carry",
-        tasks: &[TaskName::Foraging],
-        summary: "Explores with a remembered map, then walks between food and nest, and tells where they are.",
-        make: map_and_carry::make,
-    },
-    BuiltIn {
-        name: "meet-in-the-middle",
-        tasks: &[TaskName::Flocking],
-        summary: "Fills the outline of the square in the middle of the map, nearest free cell first.",
-        make: meet_in_the_middle::make,
-    },
+/// Every built-in player, task by task and the best of each task first; `random` plays all tasks.
+static BUILT_INS: [&[BuiltIn]; 6] = [
+    transport::PLAYERS,
+    pursuit::PLAYERS,
+    synchronization::PLAYERS,
+    foraging::PLAYERS,
+    flocking::PLAYERS,
+    &[random::PLAYER],
 ];
 
-/// Every built-in player.
-#[must_use]
-pub fn all() -> &'static [BuiltIn] {
-    &BUILT_INS
+/// Every built-in player, task by task and the best of each task first.
+pub fn all() -> impl Iterator<Item = &'static BuiltIn> {
+    BUILT_INS.iter().copied().flatten()
 }
 
 /// The player `name`, if it plays `task`.
@@ -145,16 +139,15 @@ pub fn find(name: &str, task: TaskName) -> Result<&'static BuiltIn, UnknownPlaye
         .ok_or_else(|| UnknownPlayer { name: name.to_owned(), task })
 }
 
-/// The sensible player of a task, used where nobody names one.
+/// The best player of a task, used where nobody names one.
 #[must_use]
 pub fn default_for(task: TaskName) -> &'static BuiltIn {
-    let [random, ..] = &BUILT_INS;
-    of_task(task).find(|player| player.name != random.name).unwrap_or(random)
+    of_task(task).next().expect("random plays every task")
 }
 
-/// The players of a task in the order of the table.
-fn of_task(task: TaskName) -> impl Iterator<Item = &'static BuiltIn> {
-    BUILT_INS.iter().filter(move |player| player.tasks.contains(&task))
+/// The players of a task, the best one first and `random` last.
+pub fn of_task(task: TaskName) -> impl Iterator<Item = &'static BuiltIn> {
+    all().filter(move |player| player.tasks.contains(&task))
 }
 
 /// No player of this name plays the task.

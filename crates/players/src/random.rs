@@ -1,18 +1,25 @@
 //! The player that every other one has to beat.
 
-use swarmbench_engine::{Act, Action, Observation};
+use swarmbench_engine::{Act, Action, Observation, TaskName};
 
 use crate::chance::Chance;
-use crate::{Player, Seat};
+use crate::{BuiltIn, Player, Seat};
+
+/// As it is chosen by name.
+pub(crate) const PLAYER: BuiltIn = BuiltIn {
+    name: "random",
+    tasks: &TaskName::ALL,
+    summary: "Picks any action, every one equally likely, and says nothing.",
+    make,
+};
 
 /// Picks any action of the task, every one equally likely, and says nothing.
-pub(crate) struct Random {
+struct Random {
     chance: Chance,
     actions: &'static [Action],
 }
 
-/// Makes the player.
-pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+fn make(seat: &Seat) -> Box<dyn Player> {
     Box::new(Random { chance: Chance::new(seat), actions: Action::of_task(seat.task) })
 }
 

@@ -18,10 +18,10 @@ fn every_player_is_found_by_its_name_for_its_tasks_alone() {
 
 #[test]
 fn names_are_unique() {
-    let mut names: Vec<_> = all().iter().map(|player| player.name).collect();
+    let mut names: Vec<_> = all().map(|player| player.name).collect();
     names.sort_unstable();
     names.dedup();
-    assert_eq!(names.len(), all().len());
+    assert_eq!(names.len(), all().count());
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn an_unknown_name_is_refused_with_the_known_ones() {
     let refused = find("round-clock", TaskName::Transport).unwrap_err().to_string();
     assert_eq!(
         refused,
-        "no built-in player \"round-clock\" plays Transport, only random, push-and-leave"
+        "no built-in player \"round-clock\" plays Transport, only push-and-leave, random"
     );
     let long = find(&"x".repeat(10_000), TaskName::Pursuit).unwrap_err().to_string();
     assert!(long.len() < 200, "{long}");

@@ -5,11 +5,10 @@ use std::sync::Arc;
 use proptest::prelude::*;
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Observation, Pos, RuleSet, Seen, Settings,
-    TaskName, View, World,
+    TaskName, View,
 };
-use swarmbench_players::{Seat, all};
-
-use crate::game::{decide, players};
+use swarmbench_players::game::Game;
+use swarmbench_players::{Seat, all, of_task};
 
 /// What every act has to keep to.
 fn check(task: TaskName, act: &Act) {
@@ -155,15 +154,14 @@ proptest! {
         prop_assume!(config.is_ok());
         let config = Arc::new(config.expect("it was checked"));
         let task = config.task();
-        for built_in in all().iter().filter(|player| player.tasks.contains(&task)) {
-            let mut world = World::new(Arc::clone(&config));
-            let mut players = players(built_in, &world, seed);
-            while !world.is_over() {
-                let acts = decide(&world, &mut players);
+        for built_in in of_task(task) {
+            let mut game = Game::new(Arc::clone(&config), built_in, seed);
+            while !game.world().is_over() {
+                let acts = game.decide();
                 for act in &acts {
                     check(task, act);
                 }
-                world.step(&acts);
+                game.step(&acts);
             }
         }
     }

@@ -1,11 +1,15 @@
 //! Every rule is worth having, and every game can be played again.
 
-use swarmbench_engine::{Settings, TaskName};
-use swarmbench_players::{BuiltIn, default_for, find};
-
-use crate::game::play;
+use swarmbench_engine::{Act, Settings, TaskName};
+use swarmbench_players::game::play as played;
+use swarmbench_players::{BuiltIn, default_for, find, of_task};
 
 const SEEDS: std::ops::Range<u64> = 0..10;
+
+/// A game and all that was decided in it.
+fn play(built_in: &BuiltIn, settings: &Settings, seed: u64) -> (f64, Vec<Vec<Act>>) {
+    played(built_in, settings, seed).expect("playable settings")
+}
 
 /// The mean score at the standard setting.
 fn mean(built_in: &BuiltIn, task: TaskName) -> f64 {
@@ -59,7 +63,7 @@ fn flocking() {
 fn the_same_seeds_give_the_same_game() {
     for task in TaskName::ALL {
         let settings = Settings { max_round: 40, ..Settings::standard(task, 5) };
-        for player in task_players(task) {
+        for player in of_task(task) {
             let (score, record) = play(player, &settings, 8);
             assert_eq!((score, record), play(player, &settings, 8), "{}", player.name);
         }
@@ -69,13 +73,8 @@ fn the_same_seeds_give_the_same_game() {
 #[test]
 fn another_seed_gives_another_game_to_whoever_draws() {
     let settings = Settings::standard(TaskName::Foraging, 5);
-    for player in task_players(TaskName::Foraging) {
+    for player in of_task(TaskName::Foraging) {
         let (one, other) = (play(player, &settings, 8).1, play(player, &settings, 9).1);
         assert_ne!(one, other, "{}", player.name);
     }
-}
-
-/// All players of a task.
-fn task_players(task: TaskName) -> impl Iterator<Item = &'static BuiltIn> {
-    swarmbench_players::all().iter().filter(move |player| player.tasks.contains(&task))
 }

@@ -1,0 +1,163 @@
+//! What the built-in players score, and how long they think, in games in the process.
+//!
+//! ```sh
+//! cargo bench -p swarmbench-players --bench scores -- --task Pursuit --player close-in --seeds 1000..1100
+//! ```
+//!
+//! Every option may be left out: all tasks, all their players and the seeds 0..20 then. `--centralized` plays
+//! under centralized control, `--each` shows the score of every game.
+
+use std::ops::Range;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use swarmbench_engine::{AgentId, Config, Observation, Settings, TaskName, World};
+use swarmbench_players::{BuiltIn, Player, Seat, of_task};
+
+const USAGE: &str = "options: --task NAME, --player NAME, --seeds FROM..TO, --centralized, --each";
+
+/// What is asked for.
+struct Asked {
+    task: Option<String>,
+    player: Option<String>,
+    seeds: Range<u64>,
+    is_centralized: bool,
+    is_each: bool,
+}
+
+impl Asked {
+    fn parse(mut words: impl Iterator<Item = String>) -> Option<Self> {
+        let mut asked =
+            Self { task: None, player: None, seeds: 0..20, is_centralized: false, is_each: false };
+        while let Some(word) = words.next() {
+            match word.as_str() {
+                "--task" => asked.task = Some(words.next()?),
+                "--player" => asked.player = Some(words.next()?),
+                "--seeds" => {
+                    let range = words.next()?;
+                    let (from, to) = range.split_once("..")?;
+                    asked.seeds = from.parse().ok()?..to.parse().ok()?;
+                }
+                "--centralized" => asked.is_centralized = true,
+                "--each" => asked.is_each = true,
+                // Cargo says so.
+                "--bench" => {}
+                _ => return None,
+            }
+        }
+        Some(asked)
+    }
+}
+
+/// Games of one player.
+#[derive(Default)]
+struct Played {
+    /// Seed and score of each.
+    scores: Vec<(u64, f64)>,
+    /// How long each decision took.
+    decisions: Vec<Duration>,
+}
+
+#[expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
+fn timed(player: &mut dyn Player, observation: &Observation) -> (swarmbench_engine::Act, Duration) {
+    let start = Instant::now();
+    let act = player.decide(observation);
+    (act, start.elapsed())
+}
+
+fn play(built_in: &BuiltIn, settings: &Settings, seed: u64, played: &Mutex<Played>) {
+    let config = Config::check(settings).expect("the standard setting");
+    let mut world = World::new(Arc::new(config));
+    let make = |agent: AgentId| built_in.make(&Seat::of(world.config(), agent, seed));
+    let mut players: Vec<_> = world.agents().map(make).collect();
+    let mut decisions = Vec::new();
+    while !world.is_over() {
+        let decide = |(agent, player): (AgentId, &mut Box<dyn Player>)| {
+            let (act, time) = timed(&mut **player, &world.observe(agent));
+            decisions.push(time);
+            act
+        };
+        let acts: Vec<_> = world.agents().zip(&mut players).map(decide).collect();
+        world.step(&acts);
+    }
+    let mut played = played.lock().expect("no game panics");
+    played.scores.push((seed, world.score()));
+    played.decisions.append(&mut decisions);
+}
+
+/// Plays all games on all processors.
+fn play_all(built_in: &BuiltIn, task: TaskName, asked: &Asked) -> Played {
+    let played = Mutex::default();
+    let next = AtomicU64::new(asked.seeds.start);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= asked.seeds.end {
+                        break;
+                    }
+                    let mut settings = Settings::standard(task, seed);
+                    if asked.is_centralized {
+                        "centralized".clone_into(&mut settings.control);
+                    }
+                    play(built_in, &settings, seed, &played);
+                }
+            });
+        }
+    });
+    let mut played = played.into_inner().expect("no game panics");
+    played.scores.sort_by_key(|(seed, _)| *seed);
+    played.decisions.sort();
+    played
+}
+
+#[expect(clippy::cast_precision_loss, reason = "a few games")]
+fn mean_and_deviation(scores: &[f64]) -> (f64, f64) {
+    let count = scores.len() as f64;
+    let mean = scores.iter().sum::<f64>() / count;
+    let squares: f64 = scores.iter().map(|score| (score - mean).powi(2)).sum();
+    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
+}
+
+#[expect(clippy::disallowed_methods, reason = "what is asked for comes from the command line")]
+fn main() -> ExitCode {
+    let Some(asked) = Asked::parse(std::env::args().skip(1)) else {
+        eprintln!("{USAGE}");
+        return ExitCode::FAILURE;
+    };
+    println!(
+        "{:16} {:22} mean ± deviation   least   most  decision: median, 99 %, most",
+        "task", "player"
+    );
+    let is_asked =
+        |asked: &Option<String>, name: &str| asked.as_deref().is_none_or(|word| word == name);
+    for task in TaskName::ALL.into_iter().filter(|task| is_asked(&asked.task, task.name())) {
+        for player in of_task(task).filter(|player| is_asked(&asked.player, player.name)) {
+            let played = play_all(player, task, &asked);
+            let scores: Vec<f64> = played.scores.iter().map(|(_, score)| *score).collect();
+            let (mean, deviation) = mean_and_deviation(&scores);
+            let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let time = |share: usize| played.decisions[(played.decisions.len() - 1) * share / 100];
+            println!(
+                "{:16} {:22} {mean:6.2} ± {deviation:5.2}   {least:7.2} {most:7.2}  {:.1?}, {:.1?}, {:.1?}",
+                task.name(),
+                player.name,
+                time(50),
+                time(99),
+                time(100),
+            );
+            if asked.is_each {
+                for (seed, score) in &played.scores {
+                    println!("    seed {seed:5} {score:6.2}");
+                }
+            }
+        }
+    }
+    ExitCode::SUCCESS
+}

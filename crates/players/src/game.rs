@@ -1,0 +1,62 @@
+//! Whole games in the process, for tests and benchmarks: the same players as over the network, shown the
+//! same observations.
+
+use std::sync::Arc;
+
+use swarmbench_engine::{Act, Config, SettingErrors, Settings, World};
+
+use crate::{BuiltIn, Player, Seat};
+
+/// A game and the players of all its seats.
+pub struct Game {
+    world: World,
+    players: Vec<Box<dyn Player>>,
+}
+
+impl Game {
+    /// Lays a game out, with one player of a kind on every seat. Seeds of players have nothing to do with
+    /// that of the layout.
+    #[must_use]
+    pub fn new(config: Arc<Config>, built_in: &BuiltIn, seed: u64) -> Self {
+        let world = World::new(config);
+        let make = |agent| built_in.make(&Seat::of(world.config(), agent, seed));
+        let players = world.agents().map(make).collect();
+        Self { world, players }
+    }
+
+    /// How it stands.
+    #[must_use]
+    pub const fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// What all agents decide in the current round, in the order of their numbers.
+    pub fn decide(&mut self) -> Vec<Act> {
+        let seats = self.world.agents().zip(&mut self.players);
+        seats.map(|(agent, player)| player.decide(&self.world.observe(agent))).collect()
+    }
+
+    /// Resolves the current round with these acts.
+    pub fn step(&mut self, acts: &[Act]) {
+        self.world.step(acts);
+    }
+}
+
+/// Plays a game to its end. Returns the score and everything that was decided, by round and agent.
+///
+/// # Errors
+/// Where the settings cannot be played.
+pub fn play(
+    built_in: &BuiltIn,
+    settings: &Settings,
+    seed: u64,
+) -> Result<(f64, Vec<Vec<Act>>), SettingErrors> {
+    let mut game = Game::new(Arc::new(Config::check(settings)?), built_in, seed);
+    let mut record = Vec::new();
+    while !game.world.is_over() {
+        let acts = game.decide();
+        game.step(&acts);
+        record.push(acts);
+    }
+    Ok((game.world.score(), record))
+}
