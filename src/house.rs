@@ -16,9 +16,10 @@ use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::episode::Status;
-use crate::episode::actor::{ActError, Handle, is_heavy};
+use crate::episode::actor::{ActError, Handle};
+use crate::episode::heavy::{is_heavy, off_thread};
 use crate::episode::lockstep::Submission;
-use crate::episode::recovery::{RecoveryError, off_thread, state_at};
+use crate::episode::recovery::{RecoveryError, state_at};
 use crate::episode::spec::Spec;
 use crate::journal::record::{ActRecord, Source};
 use crate::journal::{Journal, JournalError};

@@ -14,7 +14,7 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params, idempotency_key};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::clock::millis;
 use crate::ids::Token;
