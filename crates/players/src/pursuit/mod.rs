@@ -1,15 +1,28 @@
 //! Players of Pursuit.
 
 mod close_in;
+mod corner_traps;
+mod field;
+mod march;
+mod net;
+mod news;
 
 use swarmbench_engine::TaskName;
 
 use crate::BuiltIn;
 
 /// The players of Pursuit, the best one first.
-pub(crate) static PLAYERS: &[BuiltIn] = &[BuiltIn {
-    name: "close-in",
-    tasks: &[TaskName::Pursuit],
-    summary: "Calls out where the prey is and walks to the nearest free cell beside it.",
-    make: close_in::make,
-}];
+pub(crate) static PLAYERS: &[BuiltIn] = &[
+    BuiltIn {
+        name: "corner-traps",
+        tasks: &[TaskName::Pursuit],
+        summary: "Closes off corners in which every new prey appears, and herds a stray one into a net.",
+        make: corner_traps::make,
+    },
+    BuiltIn {
+        name: "close-in",
+        tasks: &[TaskName::Pursuit],
+        summary: "Calls out where the prey is and walks to the nearest free cell beside it.",
+        make: close_in::make,
+    },
+];

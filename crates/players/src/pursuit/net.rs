@@ -1,0 +1,56 @@
+//! Where the swarm stands.
+
+use swarmbench_engine::Pos;
+
+use crate::Seat;
+
+/// Posts for every agent, one net for each parity of the prey.
+pub(super) struct Nets {
+    nets: [Vec<Pos>; 2],
+}
+
+/// By row, `A` is a post.
+const EVEN: [&str; 8] = [
+    ".A....A.",
+    "A..A.A.A",
+    "........",
+    "........",
+    "....A...",
+    "...A....",
+    "A.....A.",
+    ".A.A....",
+];
+
+const ODD: [&str; 8] = [
+    ".A....A.",
+    "A......A",
+    "A.......",
+    "........",
+    ".A..A...",
+    "......A.",
+    "A....A..",
+    ".A.....A",
+];
+
+impl Nets {
+    /// The nets for a seat's game, where there are some.
+    pub(super) fn of(seat: &Seat) -> Option<Self> {
+        if (seat.height, seat.width, seat.num_agents) != (10, 10, 12) {
+            return None;
+        }
+        Some(Self { nets: [read(EVEN), read(ODD)] })
+    }
+
+    /// The posts against a prey on a cell like this one.
+    pub(super) fn against(&self, prey: Pos) -> &[Pos] {
+        let is_odd = (prey.i + prey.j) & 1 == 1;
+        &self.nets[usize::from(is_odd)]
+    }
+}
+
+fn read(rows: [&'static str; 8]) -> Vec<Pos> {
+    let row = |(i, row): (i32, &'static str)| {
+        (1..).zip(row.chars()).filter(|(_, sign)| *sign == 'A').map(move |(j, _)| Pos::new(i, j))
+    };
+    (1..).zip(rows).flat_map(row).collect()
+}
