@@ -1,6 +1,5 @@
 //! Pursuit by traps in the corners.
 
-use swarmbench_engine::tasks::pursuit::Ground;
 use swarmbench_engine::{Act, Direction, Kind, Observation, Pos, RuleSet, Seen, View};
 
 use super::field::Field;
@@ -10,6 +9,9 @@ use super::news::{self, Fix, News};
 use crate::chart::{Chart, push};
 use crate::{Player, Seat};
 
+/// After how many rounds without a sight of the prey the swarm tries the other net.
+const LONG: u32 = 12;
+
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
@@ -18,15 +20,15 @@ struct CornerTraps {
     nets: Nets,
     /// What it believed in its last round.
     news: News,
-    /// Where the prey was last believed to be.
-    last_prey: Pos,
     score: f64,
+    /// The round in which the score last grew.
+    scored: u32,
 }
 
 /// Makes the player.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     let Some(nets) = Nets::of(seat) else { return super::close_in::make(seat) };
-    let news = News { agents: vec![None; usize::from(seat.num_agents)], prey: None };
+    let news = News { agents: vec![None; usize::from(seat.num_agents)], prey: None, is_odd: None };
     Box::new(CornerTraps {
         agent: seat.agent.index(),
         rules: seat.rules,
@@ -34,8 +36,8 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
         bare: Field::new(seat.height.into(), seat.width.into()),
         nets,
         news,
-        last_prey: Pos::new(8, 8),
         score: 0.0,
+        scored: 0,
     })
 }
 
@@ -43,10 +45,9 @@ impl Player for CornerTraps {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some(here) = self.chart.look(observation) else { return Act::default() };
         self.listen(observation);
-        self.foresee();
+        self.foresee(observation.round);
         self.see(observation, here);
-        self.score = observation.score;
-        let steps = self.plan();
+        let steps = self.plan(observation.round);
         let step = steps.get(self.agent).copied().flatten();
         let message = news::write(&self.news, observation.round);
         Act { action: Some(step.map_or(swarmbench_engine::Action::Stay, push)), message, to: None }
@@ -65,12 +66,13 @@ impl CornerTraps {
                 }
             }
             take_newer(&mut self.news.prey, told.prey);
+            self.news.is_odd = self.news.is_odd.or(told.is_odd);
         }
     }
 
     /// Moves everybody to where they must be a round later.
-    fn foresee(&mut self) {
-        let steps = self.plan();
+    fn foresee(&mut self, now: u32) {
+        let steps = self.plan(now.saturating_sub(1));
         for (fix, step) in self.news.agents.iter_mut().zip(steps) {
             if let (Some(fix), Some(step)) = (fix.as_mut(), step) {
                 fix.at = fix.at.toward(step);
@@ -88,7 +90,10 @@ impl CornerTraps {
         let now = observation.round;
         if observation.score > self.score {
             self.news.prey = None;
+            self.news.is_odd = None;
+            self.scored = now;
         }
+        self.score = observation.score;
         for (at, seen) in observation.view.iter().flat_map(View::positions) {
             for (agent, fix) in self.news.agents.iter_mut().enumerate() {
                 let is_there = matches!(seen, Seen::Agent { number, .. } if usize::from(number) == agent);
@@ -108,7 +113,8 @@ impl CornerTraps {
             *own = Some(Fix { at: here, seen: now });
         }
         if let Some(prey) = self.news.prey {
-            self.last_prey = prey.at;
+            let is_free = self.field(None).gaps(prey.at).next().is_some();
+            self.news.is_odd = is_free.then_some((prey.at.i + prey.at.j) & 1 == 1);
         }
     }
 
@@ -124,7 +130,7 @@ impl CornerTraps {
     }
 
     /// What all agents do, as far as it is known where they are.
-    fn plan(&self) -> Vec<Step> {
+    fn plan(&self, now: u32) -> Vec<Step> {
         let prey = self.news.prey.map(|fix| fix.at);
         let field = self.field(prey);
         let known: Vec<usize> = (0..self.news.agents.len()).filter(|&a| self.news.agents[a].is_some()).collect();
@@ -137,7 +143,9 @@ impl CornerTraps {
                 }
             }
         }
-        let goals = assign(&places, self.nets.against(self.last_prey));
+        let waited = now.saturating_sub(self.scored);
+        let is_odd = self.news.is_odd.unwrap_or(waited >= LONG && waited / LONG % 2 == 1);
+        let goals = assign(&places, self.nets.against(is_odd));
         let steps = march.go(&goals);
         let mut all = vec![None; self.news.agents.len()];
         for (agent, step) in known.into_iter().zip(steps) {

@@ -22,14 +22,14 @@ const EVEN: [&str; 8] = [
 ];
 
 const ODD: [&str; 8] = [
-    ".A....A.",
-    "A......A",
-    "A.......",
+    ".A......",
+    "A.....A.",
+    "...A...A",
     "........",
+    ".....A..",
+    "....A.A.",
+    "A...A...",
     ".A..A...",
-    "......A.",
-    "A....A..",
-    ".A.....A",
 ];
 
 impl Nets {
@@ -41,9 +41,8 @@ impl Nets {
         Some(Self { nets: [read(EVEN), read(ODD)] })
     }
 
-    /// The posts against a prey on a cell like this one.
-    pub(super) fn against(&self, prey: Pos) -> &[Pos] {
-        let is_odd = (prey.i + prey.j) & 1 == 1;
+    /// The posts against a prey on odd cells, or on even ones.
+    pub(super) fn against(&self, is_odd: bool) -> &[Pos] {
         &self.nets[usize::from(is_odd)]
     }
 }

@@ -27,12 +27,15 @@ pub(super) struct News {
     /// By agent.
     pub(super) agents: Vec<Option<Fix>>,
     pub(super) prey: Option<Fix>,
+    /// Whether the prey that runs free keeps to odd cells (row + column); none where nobody saw it yet.
+    pub(super) is_odd: Option<bool>,
 }
 
 /// Puts news of a round in words; what does not fit stays out.
 pub(super) fn write(news: &News, round: u32) -> Option<Message> {
     let mut text = String::from(HEAD);
     text.push(sign(round % BASE)?);
+    text.push(sign(news.is_odd.map_or(2, u32::from))?);
     let nothing = [sign(BASE - 1)?; 3];
     text.extend(news.prey.and_then(|fix| place(fix, round)).unwrap_or(nothing));
     let mut agents: Vec<(usize, Fix)> =
@@ -55,7 +58,7 @@ pub(super) fn write(news: &News, round: u32) -> Option<Message> {
 /// Reads what an agent told in the round `now` or before, with the round of which it tells; none if it is no
 /// such message.
 pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)> {
-    if !message.is_ascii() || message.len() < 7 {
+    if !message.is_ascii() || message.len() < 8 {
         return None;
     }
     let (text, end) = message.split_at(message.len() - 2);
@@ -71,10 +74,15 @@ pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)
         let at = Pos::new(i32::try_from(i).ok()?, i32::try_from(j).ok()?);
         Some(Fix { at, seen: round.checked_sub(ago)? })
     };
-    let mut news = News { agents: vec![None; agents], prey: None };
-    let prey = values.get(1..4)?;
+    let mut news = News { agents: vec![None; agents], prey: None, is_odd: None };
+    news.is_odd = match values.get(1)? {
+        0 => Some(false),
+        1 => Some(true),
+        _ => None,
+    };
+    let prey = values.get(2..5)?;
     news.prey = if prey[2] == BASE - 1 { None } else { fix(prey) };
-    for agent in values.get(4..)?.chunks_exact(4) {
+    for agent in values.get(5..)?.chunks_exact(4) {
         if let Some(known) = news.agents.get_mut(usize::try_from(agent[0]).ok()?) {
             *known = fix(&agent[1..]);
         }
@@ -113,7 +121,7 @@ mod tests {
     #[test]
     fn news_of_a_whole_swarm_are_read_as_they_were_written() {
         let fix = |i, j, seen| Some(Fix { at: Pos::new(i, j), seen });
-        let mut news = News { agents: vec![fix(3, 4, 120); 12], prey: fix(8, 1, 119) };
+        let mut news = News { agents: vec![fix(3, 4, 120); 12], prey: fix(8, 1, 119), is_odd: Some(true) };
         news.agents[5] = None;
         let message = write(&news, 121).unwrap();
         assert_eq!(read(message.as_str(), 123, 12), Some((121, news)));
@@ -121,7 +129,7 @@ mod tests {
 
     #[test]
     fn no_changed_sign_gets_through() {
-        let news = News { agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })], prey: None };
+        let news = News { agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })], prey: None, is_odd: None };
         let message = write(&news, 6).unwrap();
         for place in 0..message.as_str().len() {
             let mut changed = message.as_str().as_bytes().to_vec();
@@ -132,7 +140,7 @@ mod tests {
 
     #[test]
     fn as_many_agents_as_fit_are_told() {
-        let news = News { agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90], prey: None };
+        let news = News { agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90], prey: None, is_odd: None };
         let message = write(&news, 7).unwrap();
         assert!(message.as_str().len() <= Message::CHARS_MAX);
         let (_, told) = read(message.as_str(), 7, 90).unwrap();
