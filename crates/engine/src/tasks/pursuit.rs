@@ -177,7 +177,7 @@ fn window(center: i32, size: i32) -> (i32, i32) {
 }
 
 /// The danger of one cell.
-fn danger(ground: &impl Ground, cell: Pos) -> f64 {
+pub fn danger(ground: &impl Ground, cell: Pos) -> f64 {
     let (top, bottom) = window(cell.i, ground.height());
     let (left, right) = window(cell.j, ground.width());
     let (mut agents, mut walls) = (0, 0);

@@ -6,11 +6,9 @@ use super::field::Field;
 use super::march::{March, Step, assign};
 use super::net::Nets;
 use super::news::{self, Fix, News};
+use super::quarry::{Quarry, is_odd_cell};
 use crate::chart::{Chart, push};
 use crate::{Player, Seat};
-
-/// After how many rounds without a sight of the prey the swarm tries the other net.
-const LONG: u32 = 12;
 
 struct CornerTraps {
     agent: usize,
@@ -20,9 +18,9 @@ struct CornerTraps {
     nets: Nets,
     /// What it believed in its last round.
     news: News,
+    /// Where the prey may be.
+    quarry: Quarry,
     score: f64,
-    /// The round in which the score last grew.
-    scored: u32,
 }
 
 /// Makes the player.
@@ -37,7 +35,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
         nets,
         news,
         score: 0.0,
-        scored: 0,
+        quarry: Quarry::first(seat.height.into(), seat.width.into()),
     })
 }
 
@@ -45,9 +43,9 @@ impl Player for CornerTraps {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some(here) = self.chart.look(observation) else { return Act::default() };
         self.listen(observation);
-        self.foresee(observation.round);
+        self.foresee();
         self.see(observation, here);
-        let steps = self.plan(observation.round);
+        let steps = self.plan();
         let step = steps.get(self.agent).copied().flatten();
         let message = news::write(&self.news, observation.round);
         Act { action: Some(step.map_or(swarmbench_engine::Action::Stay, push)), message, to: None }
@@ -71,18 +69,22 @@ impl CornerTraps {
     }
 
     /// Moves everybody to where they must be a round later.
-    fn foresee(&mut self, now: u32) {
-        let steps = self.plan(now.saturating_sub(1));
+    fn foresee(&mut self) {
+        let steps = self.plan();
+        let places: Vec<Pos> = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
+        let field = self.field(None);
+        self.quarry.escape(|at| close(&field, &places, at).is_none());
         for (fix, step) in self.news.agents.iter_mut().zip(steps) {
             if let (Some(fix), Some(step)) = (fix.as_mut(), step) {
                 fix.at = fix.at.toward(step);
             }
         }
+        let field = self.field(None);
         if let Some(prey) = self.news.prey {
-            let field = self.field(None);
             let next = field.after_flight(self.rules, prey.at);
             self.news.prey = next.map(|at| Fix { at, ..prey });
         }
+        self.quarry.flee(&field, self.rules);
     }
 
     /// What it sees with own eyes counts more than anything.
@@ -91,7 +93,7 @@ impl CornerTraps {
         if observation.score > self.score {
             self.news.prey = None;
             self.news.is_odd = None;
-            self.scored = now;
+            self.quarry = Quarry::new(&self.field(None));
         }
         self.score = observation.score;
         for (at, seen) in observation.view.iter().flat_map(View::positions) {
@@ -108,13 +110,20 @@ impl CornerTraps {
             } else if self.news.prey.is_some_and(|fix| fix.at == at) {
                 self.news.prey = None;
             }
+            if seen != Seen::Prey {
+                self.quarry.rule_out(at);
+            }
         }
         if let Some(own) = self.news.agents.get_mut(self.agent) {
             *own = Some(Fix { at: here, seen: now });
         }
         if let Some(prey) = self.news.prey {
             let is_free = self.field(None).gaps(prey.at).next().is_some();
-            self.news.is_odd = is_free.then_some((prey.at.i + prey.at.j) & 1 == 1);
+            self.news.is_odd = is_free.then_some(is_odd_cell(prey.at));
+            self.quarry = Quarry::at(prey.at);
+        }
+        if self.quarry.is_nowhere() {
+            self.quarry = Quarry::anywhere(&self.field(None), self.news.is_odd);
         }
     }
 
@@ -130,8 +139,8 @@ impl CornerTraps {
     }
 
     /// What all agents do, as far as it is known where they are.
-    fn plan(&self, now: u32) -> Vec<Step> {
-        let prey = self.news.prey.map(|fix| fix.at);
+    fn plan(&self) -> Vec<Step> {
+        let prey = self.news.prey.map(|fix| fix.at).or(self.quarry.likely());
         let field = self.field(prey);
         let known: Vec<usize> = (0..self.news.agents.len()).filter(|&a| self.news.agents[a].is_some()).collect();
         let places: Vec<Pos> = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
@@ -143,8 +152,7 @@ impl CornerTraps {
                 }
             }
         }
-        let waited = now.saturating_sub(self.scored);
-        let is_odd = self.news.is_odd.unwrap_or(waited >= LONG && waited / LONG % 2 == 1);
+        let is_odd = self.news.is_odd.unwrap_or_else(|| self.quarry.is_odd(&field));
         let goals = assign(&places, self.nets.against(is_odd));
         let steps = march.go(&goals);
         let mut all = vec![None; self.news.agents.len()];

@@ -38,9 +38,10 @@ impl Field {
         }
     }
 
-    /// Whether an agent lies on the cell.
-    pub(super) fn has_agent(&self, at: Pos) -> bool {
-        self.index(at).is_some_and(|index| self.cells[index] == Some(Kind::Agent))
+    /// All empty cells in reading order.
+    pub(super) fn empty_cells(&self) -> impl Iterator<Item = Pos> {
+        let cells = (1..self.height - 1).flat_map(|i| (1..self.width - 1).map(move |j| Pos::new(i, j)));
+        cells.filter(|&cell| self.is_free(cell))
     }
 
     /// Where a prey is after its own move; none where it is caught.

@@ -6,6 +6,7 @@ mod field;
 mod march;
 mod net;
 mod news;
+mod quarry;
 
 use swarmbench_engine::TaskName;
 
