@@ -6,7 +6,7 @@ use super::field::Field;
 use super::march::{March, Step, assign};
 use super::net::Nets;
 use super::news::{self, Fix, News};
-use super::quarry::{Quarry, is_odd_cell};
+use super::quarry::{Quarry, Whereabouts, is_odd_cell};
 use crate::chart::{Chart, push};
 use crate::{Player, Seat};
 
@@ -152,8 +152,12 @@ impl CornerTraps {
                 }
             }
         }
-        let is_odd = self.news.is_odd.unwrap_or_else(|| self.quarry.is_odd(&field));
-        let goals = assign(&places, self.nets.against(is_odd));
+        let whereabouts = match self.news.is_odd {
+            Some(true) => Whereabouts::Odd,
+            Some(false) => Whereabouts::Even,
+            None => self.quarry.whereabouts(&field),
+        };
+        let goals = assign(&places, self.nets.against(whereabouts));
         let steps = march.go(&goals);
         let mut all = vec![None; self.news.agents.len()];
         for (agent, step) in known.into_iter().zip(steps) {

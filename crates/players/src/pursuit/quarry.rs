@@ -92,15 +92,38 @@ impl Quarry {
         self.guesses.iter().find(|(_, weight)| *weight > total / 2.0).map(|(cell, _)| *cell)
     }
 
-    /// Whether a prey that runs free is more likely on odd cells.
-    pub(super) fn is_odd(&self, field: &Field) -> bool {
-        let (mut odd, mut even) = (0.0, 0.0);
+    /// What is most likely of the prey.
+    pub(super) fn whereabouts(&self, field: &Field) -> Whereabouts {
+        let (mut even, mut odd, mut trapped) = (0.0, 0.0, 0.0);
         for &(at, weight) in &self.guesses {
-            let runs_free = field.gaps(at).next().is_some();
-            *(if runs_free && is_odd_cell(at) { &mut odd } else { &mut even }) += weight;
+            let sum = if field.gaps(at).next().is_none() {
+                &mut trapped
+            } else if is_odd_cell(at) {
+                &mut odd
+            } else {
+                &mut even
+            };
+            *sum += weight;
         }
-        odd > even
+        if trapped > even + odd {
+            Whereabouts::Trapped
+        } else if odd > even {
+            Whereabouts::Odd
+        } else {
+            Whereabouts::Even
+        }
     }
+}
+
+/// What the swarm has to know of the prey to take its posts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Whereabouts {
+    /// It sits where it is caught in this round.
+    Trapped,
+    /// It runs free on even cells (row + column).
+    Even,
+    /// It runs free on odd cells.
+    Odd,
 }
 
 /// Whether row and column add up to an odd number. A prey takes two steps, so it keeps to cells of a kind.
