@@ -1,5 +1,6 @@
 //! Players of Pursuit.
 
+mod chase;
 mod close_in;
 mod corner_traps;
 mod field;
@@ -7,6 +8,7 @@ mod march;
 mod net;
 mod news;
 mod quarry;
+mod track;
 
 use swarmbench_engine::TaskName;
 
@@ -25,5 +27,17 @@ pub(crate) static PLAYERS: &[BuiltIn] = &[
         tasks: &[TaskName::Pursuit],
         summary: "Calls out where the prey is and walks to the nearest free cell beside it.",
         make: close_in::make,
+    },
+    BuiltIn {
+        name: "track",
+        tasks: &[TaskName::Pursuit],
+        summary: "Walks to where it last saw the prey, or about the map until it sees it again.",
+        make: track::make,
+    },
+    BuiltIn {
+        name: "chase",
+        tasks: &[TaskName::Pursuit],
+        summary: "Steps towards the prey while it sees it, and wanders otherwise.",
+        make: chase::make,
     },
 ];
