@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, limits};
+use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, View, limits};
 
 use crate::Seat;
 
@@ -35,12 +35,7 @@ impl Chart {
     /// Notes everything in view. Returns where the agent stands: none where it has escaped or where
     /// the observation is of another map, and then there is nothing for it to do.
     pub(crate) fn look(&mut self, observation: &Observation) -> Option<Pos> {
-        let (here, view) = (observation.position?, observation.view.as_ref()?);
-        let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
-        let is_near = near.contains(&view.origin.i) && near.contains(&view.origin.j);
-        if !self.contains(here) || !is_near {
-            return None;
-        }
+        let (here, view) = sights(observation).filter(|(here, _)| self.contains(*here))?;
         self.now = observation.round;
         for (at, seen) in view.positions() {
             self.note(at, seen);
@@ -156,6 +151,15 @@ impl Chart {
         let on_map = (0..self.height).contains(&at.i) && (0..self.width).contains(&at.j);
         if on_map { usize::try_from(at.i * self.width + at.j).ok() } else { None }
     }
+}
+
+/// Where the agent stands and what it sees; none where it has escaped or where the numbers are beyond any
+/// map, with which nobody should have to count.
+pub(crate) fn sights(observation: &Observation) -> Option<(Pos, &View)> {
+    let (here, view) = (observation.position?, observation.view.as_ref()?);
+    let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
+    let is_near = |at: Pos| near.contains(&at.i) && near.contains(&at.j);
+    (is_near(here) && is_near(view.origin)).then_some((here, view))
 }
 
 /// The action that goes in a direction.
