@@ -66,6 +66,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
         ],
     ),
     ("players", &["board", "clock", "wire"]),
+    ("llm", &["clock", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
         "cli",
@@ -103,7 +104,9 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("governor", &["http"]),
     ("rustix", &["host", "store"]),
     ("minijinja", &["prompt"]),
-    ("reqwest", &["players", "loadtest"]),
+    ("reqwest", &["llm", "players", "loadtest"]),
+    ("secrecy", &["llm"]),
+    ("backon", &["llm", "players"]),
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "house", "cli"]),
     ("indicatif", &["cli"]),
