@@ -65,7 +65,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "telemetry",
         ],
     ),
-    ("players", &["board", "clock", "wire"]),
+    ("players", &["board", "clock", "journal", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (
         "cli",
