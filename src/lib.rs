@@ -10,6 +10,7 @@
 //! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that nobody knows before the end.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
+//! - [`llm`]: language models, asked over the network or played from a cassette.
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
@@ -26,6 +27,7 @@ pub mod http;
 pub mod ids;
 pub mod journal;
 pub mod keys;
+pub mod llm;
 pub mod loadtest;
 pub mod players;
 pub mod prompt;

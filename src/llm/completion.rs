@@ -1,0 +1,304 @@
+//! What an endpoint's body says: an answer, or why there is none.
+//!
+//! Endpoints that call themselves compatible differ in much, so this reads with good will: a content may be a text, a
+//! list of parts or missing; errors come in half a dozen shapes; some come with status 200.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::wire::act::Usage;
+
+/// Bytes of a response that are kept, as JSON writes them. With [`REASONING_BYTES_MAX`] it is less than half of what an
+/// act may have, and about what the journal has room for in each act of an episode of usual size.
+pub const RESPONSE_BYTES_MAX: usize = 64 * 1024;
+
+/// Bytes of reasoning that are kept, as JSON writes them.
+pub const REASONING_BYTES_MAX: usize = 32 * 1024;
+
+/// No answer costs more tokens than this; whoever says so is not believed.
+const TOKENS_MAX: u64 = 1 << 40;
+
+/// Characters of an endpoint's words that are quoted.
+const SAID_CHARS_MAX: usize = 300;
+
+/// What a model made of a question.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// The text of the answer, for the `response` of an act; empty where there was none. It is as the model wrote it,
+    /// `<think>` and all: what counts in it is for the rules to say. Of more than [`RESPONSE_BYTES_MAX`] the end is kept, as
+    /// the last marker counts.
+    pub response: String,
+    /// What it cost, as far as the endpoint tells, and how long the successful request took.
+    #[serde(default)]
+    pub usage: Usage,
+    /// What the model thought, where the endpoint tells that apart, or said in its refusal. Of more than
+    /// [`REASONING_BYTES_MAX`] the beginning is kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reasoning: Option<String>,
+    /// In which way the answer is none or not whole. The act is sent all the same: whether it counts is for the
+    /// server to say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
+    /// How many times the question was asked again before this answer came.
+    #[serde(skip)]
+    pub retries: u32,
+}
+
+/// In which way a model failed to answer. It is the model's own doing, so it costs the model its move and is not tried
+/// again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Failure {
+    /// It refused.
+    Refusal,
+    /// A filter of the endpoint took the question or the answer away, whole or in part.
+    ContentFilter,
+    /// It came to the end of its tokens; what there is may still hold a decision.
+    Truncated,
+    /// It said nothing.
+    Empty,
+}
+
+impl Failure {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Refusal, Self::ContentFilter, Self::Truncated, Self::Empty];
+
+    /// Its name, in a cassette and for people.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Refusal => "refusal",
+            Self::ContentFilter => "content_filter",
+            Self::Truncated => "truncated",
+            Self::Empty => "empty",
+        }
+    }
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// An answer, and what it costs of the budget where the endpoint tells.
+#[derive(Debug)]
+pub(super) struct Completion {
+    pub(super) answer: Answer,
+    pub(super) tokens: Option<u64>,
+}
+
+/// Reads a body that came with success; none where it is no chat completion.
+pub(super) fn read(body: &Value) -> Option<Completion> {
+    let choices = body.get("choices")?.as_array()?;
+    let choice = choices.first().unwrap_or(&Value::Null);
+    let message = &choice["message"];
+    let mut parts = Parts::default();
+    parts.read(&message["content"]);
+    // Of the old interface, which some still speak.
+    parts.read(&choice["text"]);
+    let Parts { text, mut thoughts, mut refusal } = parts;
+    for field in ["reasoning_content", "reasoning", "thinking"] {
+        if thoughts.is_empty()
+            && let Some(said) = message[field].as_str()
+        {
+            said.clone_into(&mut thoughts);
+        }
+    }
+    if let Some(said) = message["refusal"].as_str() {
+        refusal.push_str(said);
+    }
+    let is_blank = text.trim().is_empty();
+    let failure = match choice["finish_reason"].as_str() {
+        Some("content_filter") => Some(Failure::ContentFilter),
+        Some("refusal") => Some(Failure::Refusal),
+        _ if is_blank && !refusal.trim().is_empty() => Some(Failure::Refusal),
+        Some("length") => Some(Failure::Truncated),
+        _ if is_blank => Some(Failure::Empty),
+        _ => None,
+    };
+    // The words of a refusal are no answer, whatever is in them: they go where nothing is read from.
+    if !refusal.trim().is_empty() {
+        let between = if thoughts.is_empty() { "" } else { "\n" };
+        thoughts = format!("{thoughts}{between}[refusal] {refusal}");
+    }
+    let (usage, tokens) = usage(&body["usage"]);
+    let reasoning = Some(thoughts).filter(|thoughts| !thoughts.trim().is_empty());
+    let answer = Answer { response: text, usage, reasoning, failure, retries: 0 };
+    Some(Completion { answer, tokens })
+}
+
+/// What a content is made of.
+#[derive(Default)]
+struct Parts {
+    text: String,
+    thoughts: String,
+    refusal: String,
+}
+
+impl Parts {
+    fn read(&mut self, content: &Value) {
+        match content {
+            Value::String(text) => self.text.push_str(text),
+            Value::Array(parts) => parts.iter().for_each(|part| self.part(part)),
+            _ => {}
+        }
+    }
+
+    fn part(&mut self, part: &Value) {
+        let (field, into) = match part["type"].as_str() {
+            Some("thinking" | "reasoning") => {
+                let field = if part["thinking"].is_null() { "text" } else { "thinking" };
+                (field, &mut self.thoughts)
+            }
+            Some("refusal") => ("refusal", &mut self.refusal),
+            _ => ("text", &mut self.text),
+        };
+        match part.get(field).unwrap_or(part) {
+            Value::String(text) => into.push_str(text),
+            Value::Array(inner) => {
+                inner
+                    .iter()
+                    .filter_map(|part| part["text"].as_str())
+                    .for_each(|text| into.push_str(text));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// What it cost, and how many tokens that is of the budget.
+fn usage(told: &Value) -> (Usage, Option<u64>) {
+    let sane = |value: &Value| value.as_u64().filter(|tokens| *tokens <= TOKENS_MAX);
+    let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&told[*name]));
+    let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
+    let completion_tokens = number(["completion_tokens", "output_tokens"]);
+    let sum = prompt_tokens.unwrap_or(0) + completion_tokens.unwrap_or(0);
+    // Some count thoughts in the total alone.
+    let total = sane(&told["total_tokens"]).unwrap_or(0).max(sum);
+    (
+        Usage { prompt_tokens, completion_tokens, latency_ms: None },
+        Some(total).filter(|total| *total > 0),
+    )
+}
+
+/// An endpoint's refusal.
+#[derive(Debug, Default)]
+pub(super) struct Refusal {
+    /// Its words, as they came: whoever shows them takes out the key.
+    pub(super) said: String,
+    /// What programs are to know it by: the values of `code` and `type`.
+    pub(super) names: Vec<String>,
+    /// The status that it gives itself, where it came with another.
+    pub(super) status: Option<u16>,
+    /// Whether a filter took offence at the question.
+    pub(super) is_filtered: bool,
+}
+
+/// Reads a body that came with a status of failure, and is what it may be.
+pub(super) fn refusal(body: &[u8]) -> Refusal {
+    match serde_json::from_slice::<Value>(body) {
+        Ok(value) => error_of(&value)
+            .unwrap_or_else(|| Refusal { said: value.to_string(), ..Refusal::default() }),
+        Err(_) => {
+            Refusal { said: String::from_utf8_lossy(body).into_owned(), ..Refusal::default() }
+        }
+    }
+}
+
+/// The error that a body tells of, if it does.
+pub(super) fn error_of(body: &Value) -> Option<Refusal> {
+    let body = body.as_array().and_then(|list| list.first()).unwrap_or(body);
+    let error = match &body["error"] {
+        // A router tells of an error of whoever stands behind it in the choice.
+        Value::Null => match &body["choices"][0]["error"] {
+            Value::Null if body.get("choices").is_none() => body,
+            Value::Null => return None,
+            error => error,
+        },
+        error => error,
+    };
+    let text = |value: &Value| value.as_str().map(str::to_owned);
+    let said = ["message", "detail", "msg"].iter().find_map(|field| text(&error[*field]));
+    let said = said.or_else(|| text(error)).or_else(|| text(&body["message"]))?;
+    let names: Vec<_> =
+        ["code", "type", "status"].iter().filter_map(|name| text(&error[*name])).collect();
+    let status = error["code"].as_u64().and_then(|code| u16::try_from(code).ok());
+    let inner = &error["innererror"]["code"];
+    let is_filtered = names
+        .iter()
+        .any(|name| ["content_filter", "content_policy_violation"].contains(&name.as_str()))
+        || inner == "ResponsibleAIPolicyViolation"
+        || error["metadata"].get("flagged_input").is_some();
+    Some(Refusal { said, names, status, is_filtered })
+}
+
+/// A text as a quotation: one line, no control characters, not too long.
+pub(super) fn one_line(text: &str) -> String {
+    let words =
+        text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
+    let mut line = String::new();
+    for word in words {
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line.push_str(word);
+        if let Some((end, _)) = line.char_indices().nth(SAID_CHARS_MAX) {
+            line.truncate(end);
+            line.push('…');
+            break;
+        }
+    }
+    line
+}
+
+impl Answer {
+    /// Cuts what is too long for an act: of the response the end is kept, of the reasoning the beginning.
+    pub(super) fn bounded(mut self) -> Self {
+        self.shorten(RESPONSE_BYTES_MAX, REASONING_BYTES_MAX);
+        self
+    }
+
+    /// Cuts the response and the reasoning to so many bytes, as JSON writes them: for a server that takes less. Of the
+    /// response the end is kept, where the last marker is; of the reasoning the beginning.
+    pub fn shorten(&mut self, response_bytes: usize, reasoning_bytes: usize) {
+        if let Some(left_out) = to_leave_out(self.response.chars().rev(), response_bytes) {
+            let kept = self.response.split_off(left_out);
+            // What follows this sign on its line is no marker, as the line may have begun with something else.
+            self.response = format!("[… {left_out} bytes left out] {kept}");
+        }
+        if let Some(reasoning) = &mut self.reasoning
+            && let Some(left_out) = to_leave_out(reasoning.chars(), reasoning_bytes)
+        {
+            let end = reasoning.len() - left_out;
+            reasoning.truncate(end);
+            *reasoning = format!("{reasoning} [… {left_out} bytes left out]");
+        }
+    }
+}
+
+/// How many bytes of a text are left when as many characters as fit were taken; none where it fits whole.
+fn to_leave_out(text: impl Iterator<Item = char>, most: usize) -> Option<usize> {
+    /// What is said in place of the rest.
+    const NOTE_BYTES: usize = 48;
+    let (mut written, mut left_out) = (0, 0);
+    let (mut fits, mut too_long) = (true, false);
+    for c in text {
+        written += written_bytes(c);
+        fits = fits && written + NOTE_BYTES <= most;
+        too_long |= written > most;
+        if !fits {
+            left_out += c.len_utf8();
+        }
+    }
+    too_long.then_some(left_out)
+}
+
+/// How many bytes JSON takes for a character.
+const fn written_bytes(c: char) -> usize {
+    match c {
+        '"' | '\\' | '\n' | '\r' | '\t' | '\u{8}' | '\u{c}' => 2,
+        '\0'..='\u{1f}' => 6,
+        _ => c.len_utf8(),
+    }
+}

@@ -1,0 +1,330 @@
+//! One request to an endpoint, and what became of it.
+
+use std::time::Duration;
+
+use jiff::Timestamp;
+use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap, LOCATION, RETRY_AFTER};
+use reqwest::{Client, StatusCode, Url, redirect};
+use serde_json::{Map, Value, json};
+
+use super::completion::{Answer, Completion, Failure, Refusal, error_of, one_line, read, refusal};
+use super::settings::Settings;
+use super::stop::{Said, Stop};
+use crate::clock::{Clock, after, millis, until};
+
+/// How long a connection may take to come about.
+const CONNECT: Duration = Duration::from_secs(30);
+
+/// Bytes of an answer that are read. A book has fewer.
+const BODY_BYTES_MAX: usize = 8 * 1024 * 1024;
+
+/// Bytes of a refusal that are read.
+const REFUSAL_BYTES_MAX: usize = 64 * 1024;
+
+/// A model at its address.
+#[derive(Debug)]
+pub(super) struct Endpoint {
+    http: Client,
+    url: Url,
+    /// The address as it may be shown: what follows its path may be a secret.
+    pub(super) shown: String,
+    pub(super) settings: Settings,
+    /// The body without the messages.
+    pub(super) body: Map<String, Value>,
+}
+
+/// Why there is no answer.
+#[derive(Debug)]
+pub(super) enum Trouble {
+    /// It will not be better the next time.
+    Final(Stop),
+    /// It may be better the next time.
+    Passing(Passing),
+}
+
+/// What may be better the next time.
+#[derive(Debug)]
+pub(super) struct Passing {
+    pub(super) kind: Kind,
+    /// For people.
+    pub(super) said: String,
+    /// How long the endpoint wants to be left alone.
+    pub(super) wait: Option<Duration>,
+}
+
+/// What kind of trouble it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// The endpoint is asked too much.
+    Load,
+    /// No answer in time.
+    TimeOut,
+    /// No connection, or one that broke.
+    Connection,
+    /// An error of the server.
+    Server,
+    /// Something that is no answer.
+    Unreadable,
+}
+
+impl Passing {
+    fn new(kind: Kind, said: String) -> Trouble {
+        Trouble::Passing(Self { kind, said, wait: None })
+    }
+}
+
+impl Endpoint {
+    /// # Errors
+    /// [`Stop::Settings`] or [`Stop::WrongKey`] for what cannot work.
+    pub(super) fn new(settings: Settings) -> Result<Self, Stop> {
+        let url = settings.url()?;
+        let body = settings.body()?;
+        let mut shown = url.clone();
+        shown.set_query(None);
+        shown.set_fragment(None);
+        let shown = shown.to_string();
+        let mut headers = HeaderMap::new();
+        match settings.key.header() {
+            None => {}
+            Some(Ok(header)) => {
+                headers.insert(AUTHORIZATION, header);
+            }
+            Some(Err(_)) => {
+                return Err(Stop::Settings(format!(
+                    "the key in {} has characters that no key has: a line break, perhaps, or two keys in one",
+                    settings.key.variable()
+                )));
+            }
+        }
+        let http = Client::builder()
+            .default_headers(headers)
+            .connect_timeout(CONNECT)
+            // A key is for the address that was named, and for no other.
+            .redirect(redirect::Policy::none())
+            .user_agent(concat!("swarmbench/", env!("CARGO_PKG_VERSION")))
+            .build()
+            .map_err(|error| Stop::Settings(format!("no HTTP client: {error}")))?;
+        Ok(Self { http, url, shown, settings, body })
+    }
+
+    /// Asks once.
+    pub(super) async fn ask(&self, prompt: &str, clock: &dyn Clock) -> Result<Completion, Trouble> {
+        let began = clock.now();
+        let timeout = self.settings.timeout;
+        let mut completion = tokio::select! {
+            result = self.exchange(prompt, clock) => result?,
+            () = clock.sleep_until(after(began, timeout)) => {
+                let said = format!("no whole answer within {} s", timeout.as_secs_f64());
+                return Err(Passing::new(Kind::TimeOut, said));
+            }
+        };
+        completion.answer.usage.latency_ms = Some(millis(until(began, clock.now())));
+        let Answer { response, reasoning, .. } = &mut completion.answer;
+        let key = &self.settings.key;
+        *response = key.redacted_answer(std::mem::take(response));
+        *reasoning = reasoning.take().map(|text| key.redacted_answer(text));
+        completion.answer = completion.answer.bounded();
+        Ok(completion)
+    }
+
+    async fn exchange(&self, prompt: &str, clock: &dyn Clock) -> Result<Completion, Trouble> {
+        let mut body = self.body.clone();
+        body.insert("messages".to_owned(), json!([{ "role": "user", "content": prompt }]));
+        let request = self.http.post(self.url.clone()).json(&body);
+        let response = request.send().await.map_err(|error| self.broken(error))?;
+        let (status, headers) = (response.status(), response.headers().clone());
+        if status.is_redirection() {
+            return Err(Trouble::Final(self.elsewhere(status, &headers)));
+        }
+        let wait = wait_of(&headers, clock.now());
+        if !status.is_success() {
+            let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
+            return self.refused(status.as_u16(), refusal(&body.bytes), wait);
+        }
+        let body = self.body_of(response, BODY_BYTES_MAX).await?;
+        if body.is_cut {
+            let said = format!("an answer of more than {BODY_BYTES_MAX} bytes");
+            return Err(Passing::new(Kind::Unreadable, said));
+        }
+        let unreadable = || {
+            let shown = self.quoted(&String::from_utf8_lossy(&body.bytes));
+            let kind =
+                headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or("no type");
+            let said = format!(
+                "{} ({}) that is no chat completion: {shown}",
+                status.as_u16(),
+                one_line(kind)
+            );
+            Passing::new(Kind::Unreadable, said)
+        };
+        let value: Value = serde_json::from_slice(&body.bytes).map_err(|_| unreadable())?;
+        if let Some(refusal) = error_of(&value) {
+            // A router that had begun to answer cannot take its status back.
+            let status = refusal.status.filter(|status| *status >= 400);
+            return match status {
+                Some(status) => self.refused(status, refusal, wait),
+                None => Err(Passing::new(Kind::Server, self.quoted(&refusal.said))),
+            };
+        }
+        read(&value).ok_or_else(unreadable)
+    }
+
+    /// What a status of failure means.
+    fn refused(
+        &self,
+        status: u16,
+        refusal: Refusal,
+        wait: Option<Duration>,
+    ) -> Result<Completion, Trouble> {
+        let url = self.shown.clone();
+        let key = &self.settings.key;
+        let (variable, state) = (key.variable().to_owned(), key.state());
+        let model = self.settings.model.clone();
+        let said = self.quoted(&refusal.said);
+        let passing = |kind| {
+            let said =
+                if said.is_empty() { status.to_string() } else { format!("{status}, {said}") };
+            Err(Trouble::Passing(Passing { kind, said, wait }))
+        };
+        let said = Said(said.clone());
+        let stop = match status {
+            400 | 403 if refusal.is_filtered => return Ok(filtered(said)),
+            429 if refusal.names.iter().any(|name| is_about_credit(name)) => {
+                Stop::NoCredit { url, status, said }
+            }
+            429 | 503 | 529 => return passing(Kind::Load),
+            408 | 409 | 425 | 500.. => return passing(Kind::Server),
+            401 => Stop::WrongKey { url, variable, state, said },
+            402 => Stop::NoCredit { url, status, said },
+            403 => Stop::Forbidden { url, variable, state, model, said },
+            404 | 405 => {
+                Stop::NotFound { url, status, model, hint: self.not_found(&refusal), said }
+            }
+            _ => Stop::BadRequest { url, status, hint: hint(&refusal), said },
+        };
+        Err(Trouble::Final(stop))
+    }
+
+    /// What to try where nothing was found.
+    fn not_found(&self, refusal: &Refusal) -> String {
+        let base = self.shown.trim_end_matches("/chat/completions");
+        let names_model = refusal.names.iter().any(|name| name.contains("model"))
+            || refusal.said.contains(&self.settings.model);
+        if names_model {
+            format!("{base}/models lists the models that the endpoint has")
+        } else if base.ends_with("/v1") {
+            "see whether the api base is right, and whether the endpoint has that model".to_owned()
+        } else {
+            format!("many endpoints want /v1 at the end of the api base: {base}/v1")
+        }
+    }
+
+    fn elsewhere(&self, status: StatusCode, headers: &HeaderMap) -> Stop {
+        let to = headers.get(LOCATION).and_then(|to| to.to_str().ok()).and_then(|to| {
+            let mut to = self.url.join(to).ok()?;
+            to.set_query(None);
+            to.set_fragment(None);
+            to.set_username("").ok()?;
+            to.set_password(None).ok()?;
+            let base = to.path().strip_suffix("/chat/completions").map(str::to_owned);
+            to.set_path(&base.unwrap_or_else(|| to.path().to_owned()));
+            Some(self.quoted(to.as_str()))
+        });
+        let to = to.unwrap_or_else(|| "an address that cannot be read".to_owned());
+        Stop::Elsewhere { url: self.shown.clone(), status: status.as_u16(), to }
+    }
+
+    /// A connection that did not come about, or broke.
+    fn broken(&self, error: reqwest::Error) -> Trouble {
+        let kind = if error.is_timeout() { Kind::TimeOut } else { Kind::Connection };
+        // What is wrong is at the bottom; the address, with what may be secret in it, at the top.
+        let error = error.without_url();
+        let mut cause: &dyn std::error::Error = &error;
+        while let Some(deeper) = cause.source() {
+            cause = deeper;
+        }
+        Passing::new(kind, self.quoted(&cause.to_string()))
+    }
+
+    async fn body_of(&self, mut response: reqwest::Response, most: usize) -> Result<Body, Trouble> {
+        let mut body = Body::default();
+        while let Some(piece) = response.chunk().await.map_err(|error| self.broken(error))? {
+            let room = most - body.bytes.len();
+            body.bytes.extend_from_slice(&piece[..piece.len().min(room)]);
+            if piece.len() > room {
+                body.is_cut = true;
+                break;
+            }
+        }
+        Ok(body)
+    }
+
+    /// Somebody else's words, without the key. It goes first: a cut could leave a part of it.
+    fn quoted(&self, text: &str) -> String {
+        one_line(&self.settings.key.redacted(text))
+    }
+}
+
+#[derive(Default)]
+struct Body {
+    bytes: Vec<u8>,
+    is_cut: bool,
+}
+
+/// An answer to a question at which a filter took offence.
+fn filtered(said: Said) -> Completion {
+    let reasoning = Some(format!("[content filter] {}", said.0));
+    let failure = Some(Failure::ContentFilter);
+    Completion { answer: Answer { reasoning, failure, ..Answer::default() }, tokens: None }
+}
+
+/// Whether a 429 is about money.
+fn is_about_credit(name: &str) -> bool {
+    [
+        "insufficient_quota",
+        "billing_hard_limit_reached",
+        "billing_not_active",
+        "insufficient_credits",
+    ]
+    .contains(&name)
+}
+
+/// What to change in a request that is refused, where its refusal tells.
+fn hint(refusal: &Refusal) -> String {
+    let said = refusal.said.to_lowercase();
+    let hints = [
+        (
+            "max_completion_tokens",
+            "this model takes max_completion_tokens in place of max_tokens: leave max_tokens out and give the other as a \
+             further field of the body",
+        ),
+        ("max_tokens", "give another max_tokens, or leave it out"),
+        ("temperature", "this model takes no such temperature: leave it out"),
+        ("top_p", "this model takes no such top_p: leave it out"),
+        ("seed", "leave the seed of the sampling out"),
+        (
+            "context",
+            "the prompt is too long for this model: give the agents a smaller view or a shorter memory",
+        ),
+        ("model", "see whether the endpoint has a model of this name"),
+    ];
+    let found = hints.iter().find(|(word, _)| said.contains(word));
+    found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
+}
+
+/// How long the endpoint wants to be left alone: milliseconds, seconds, or until a date.
+fn wait_of(headers: &HeaderMap, now: Timestamp) -> Option<Duration> {
+    let text = |name: &str| Some(headers.get(name)?.to_str().ok()?.trim().to_owned());
+    let number = |text: String, unit: f64| {
+        text.parse().ok().and_then(|value: f64| Duration::try_from_secs_f64(value * unit).ok())
+    };
+    if let Some(wait) = text("retry-after-ms").and_then(|ms| number(ms, 1e-3)) {
+        return Some(wait);
+    }
+    let told = text(RETRY_AFTER.as_str())?;
+    let date = |told: String| {
+        let at = Timestamp::try_from(httpdate::parse_http_date(&told).ok()?).ok()?;
+        Some(until(now, at))
+    };
+    number(told.clone(), 1.0).or_else(|| date(told))
+}

@@ -1,0 +1,153 @@
+//! The gate before an endpoint, which closes for all when the endpoint says that it is asked too much.
+//!
+//! When one request is refused for the endpoint's load (429, 503, 529), no other begins until the pause is over, and
+//! only half as many may be in flight then. Every answer lets the number grow again, by one for as many answers as may
+//! be in flight. So requests settle at what the endpoint bears, whatever its limit is.
+
+use std::sync::Mutex;
+use std::time::Duration;
+
+use backon::{BackoffBuilder, ExponentialBackoff, ExponentialBuilder};
+use jiff::Timestamp;
+use tokio::sync::{Semaphore, SemaphorePermit};
+
+use crate::clock::{Clock, after};
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Gate {
+    most: usize,
+    turns: Semaphore,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    /// How many may be in flight.
+    width: usize,
+    /// How many turns have to vanish when they come back.
+    owed: usize,
+    /// Answers since the width changed.
+    answers: usize,
+    /// When the next request may begin.
+    open_at: Timestamp,
+    /// How often it has closed; a request that began before the last time tells nothing new by being refused.
+    closings: u64,
+    /// Refusals in a row, without an answer between them.
+    refusals: u32,
+    /// The pauses of these.
+    pauses: Option<ExponentialBackoff>,
+}
+
+/// A request that went through the gate. Ends with the first of [`Pass::answered`], [`Pass::refused`], or a drop, which
+/// says nothing about the endpoint's load.
+#[derive(Debug)]
+pub(super) struct Pass<'a> {
+    gate: &'a Gate,
+    turn: Option<SemaphorePermit<'a>>,
+    closings: u64,
+}
+
+impl Gate {
+    pub(super) fn new(most: usize) -> Self {
+        let state = State {
+            width: most,
+            owed: 0,
+            answers: 0,
+            open_at: Timestamp::MIN,
+            closings: 0,
+            refusals: 0,
+            pauses: None,
+        };
+        Self { most, turns: Semaphore::new(most), state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().expect("nothing panics while it holds this")
+    }
+
+    /// Waits until a request may begin.
+    pub(super) async fn pass(&self, clock: &dyn Clock) -> Pass<'_> {
+        let turn = self.turns.acquire().await.expect("it is never closed");
+        let mut pass = Pass { gate: self, turn: Some(turn), closings: 0 };
+        pass.wait(clock).await;
+        pass
+    }
+}
+
+impl Pass<'_> {
+    /// Waits until the gate is open; it may have closed since the last time.
+    pub(super) async fn wait(&mut self, clock: &dyn Clock) {
+        loop {
+            let (open_at, closings) = {
+                let state = self.gate.state();
+                (state.open_at, state.closings)
+            };
+            self.closings = closings;
+            if clock.now() >= open_at {
+                return;
+            }
+            clock.sleep_until(open_at).await;
+        }
+    }
+
+    /// The endpoint answered: it bears more.
+    pub(super) fn answered(self) {
+        let mut state = self.gate.state();
+        state.refusals = 0;
+        state.pauses = None;
+        if state.width == self.gate.most {
+            return;
+        }
+        state.answers += 1;
+        if state.answers >= state.width {
+            state.answers = 0;
+            state.width += 1;
+            if state.owed > 0 {
+                state.owed -= 1;
+            } else {
+                self.gate.turns.add_permits(1);
+            }
+        }
+    }
+
+    /// The endpoint refused for its load, and maybe said when to come again. Gives how often in a row it has, where the
+    /// gate is to stay closed for ever after so many: the pauses are used up.
+    pub(super) fn refused(
+        self,
+        asked: Option<Duration>,
+        pauses: ExponentialBuilder,
+        clock: &dyn Clock,
+    ) -> Result<(), u32> {
+        let mut state = self.gate.state();
+        let now = clock.now();
+        let mut pause = asked.unwrap_or_default();
+        if self.closings == state.closings {
+            state.closings += 1;
+            state.refusals += 1;
+            let Some(grown) = state.pauses.get_or_insert_with(|| pauses.build()).next() else {
+                return Err(state.refusals);
+            };
+            pause = pause.max(grown);
+            let width = (state.width / 2).max(1);
+            let fewer = state.width - width;
+            state.width = width;
+            state.answers = 0;
+            state.owed += fewer - self.gate.turns.forget_permits(fewer);
+        }
+        state.open_at = state.open_at.max(after(now, pause));
+        Ok(())
+    }
+}
+
+impl Drop for Pass<'_> {
+    fn drop(&mut self) {
+        let mut state = self.gate.state();
+        if state.owed > 0 {
+            state.owed -= 1;
+            if let Some(turn) = self.turn.take() {
+                turn.forget();
+            }
+        }
+    }
+}

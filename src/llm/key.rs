@@ -1,0 +1,90 @@
+//! The key of an endpoint, which nobody gets to see.
+
+use reqwest::header::HeaderValue;
+use secrecy::{ExposeSecret, SecretString};
+
+/// What stands for the key where a text had it.
+const STANDS_FOR_IT: &str = "[key]";
+
+/// From this length on a key cannot be in an answer by chance, so there too it is taken out. Local endpoints are
+/// given keys such as `EMPTY`, which a model may well say.
+const SECRET_BYTES_MIN: usize = 16;
+
+/// A key, and where it came from. `Debug` does not show the key.
+#[derive(Clone, Debug)]
+pub struct ApiKey {
+    variable: String,
+    is_set: bool,
+    secret: Option<SecretString>,
+}
+
+impl ApiKey {
+    /// The key that an environment variable holds; `value` is none where the variable is not set. White space around
+    /// it is no part of the key, and an empty one is none: endpoints on one's own machine mostly ask for none.
+    #[must_use]
+    pub fn new(variable: impl Into<String>, value: Option<String>) -> Self {
+        let secret = value.as_deref().map(str::trim).filter(|key| !key.is_empty());
+        Self { variable: variable.into(), is_set: value.is_some(), secret: secret.map(Into::into) }
+    }
+
+    /// The environment variable that it came from.
+    #[must_use]
+    pub fn variable(&self) -> &str {
+        &self.variable
+    }
+
+    /// Whether there is a key.
+    #[must_use]
+    pub const fn is_there(&self) -> bool {
+        self.secret.is_some()
+    }
+
+    /// The header that shows it.
+    pub(super) fn header(
+        &self,
+    ) -> Option<Result<HeaderValue, reqwest::header::InvalidHeaderValue>> {
+        let secret = self.secret.as_ref()?;
+        Some(HeaderValue::try_from(format!("Bearer {}", secret.expose_secret())).map(
+            |mut header| {
+                header.set_sensitive(true);
+                header
+            },
+        ))
+    }
+
+    /// What became of it, in a sentence's beginning.
+    pub(super) fn state(&self) -> String {
+        let variable = &self.variable;
+        match (&self.secret, self.is_set) {
+            (Some(_), _) => format!("it refuses the key in {variable}"),
+            (None, true) => format!("no key was sent, as {variable} is empty"),
+            (None, false) => format!("no key was sent, as {variable} is not set"),
+        }
+    }
+
+    /// A text without the key.
+    pub(super) fn redacted(&self, text: &str) -> String {
+        match &self.secret {
+            Some(secret) => text.replace(secret.expose_secret(), STANDS_FOR_IT),
+            None => text.to_owned(),
+        }
+    }
+
+    /// What a model said without the key, which an endpoint may have shown to it.
+    pub(super) fn redacted_answer(&self, text: String) -> String {
+        match &self.secret {
+            Some(secret)
+                if secret.expose_secret().len() >= SECRET_BYTES_MIN
+                    && text.contains(secret.expose_secret()) =>
+            {
+                self.redacted(&text)
+            }
+            _ => text,
+        }
+    }
+
+    /// Whether a text holds it.
+    pub(super) fn is_in(&self, text: &str) -> bool {
+        self.secret.as_ref().is_some_and(|secret| text.contains(secret.expose_secret()))
+    }
+}

@@ -1,0 +1,144 @@
+//! What model is asked, where and how.
+
+use std::time::Duration;
+
+use backon::ExponentialBuilder;
+use reqwest::Url;
+use serde_json::{Map, Value, json};
+
+use super::key::ApiKey;
+use super::stop::Stop;
+
+/// A model at an endpoint, how it is asked, and with how much patience.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The name of the model, as the endpoint knows it.
+    pub model: String,
+    /// The address of the endpoint up to `/chat/completions`, such as `https://api.openai.com/v1`. It is taken as it
+    /// is: with `/v1` or without, a slash at the end does not matter, and a query is kept.
+    pub api_base: String,
+    /// The key, if the endpoint wants one.
+    pub key: ApiKey,
+    /// What the answers are drawn with.
+    pub sampling: Sampling,
+    /// Further fields of the request's body, such as `reasoning_effort`.
+    pub extra: Map<String, Value>,
+    /// How long one request may take, from its beginning to the last byte of its answer.
+    pub timeout: Duration,
+    /// How many times one question is asked again, and how many times in a row the endpoint may refuse for its load.
+    pub retries: u32,
+    /// The longest pause before a question is asked again.
+    pub patience: Duration,
+}
+
+impl Settings {
+    /// 600 s for a request: reasoning models think for minutes.
+    pub const TIMEOUT: Duration = Duration::from_mins(10);
+    /// Eight pauses are four to eight minutes.
+    pub const RETRIES: u32 = 8;
+    /// Ten minutes.
+    pub const PATIENCE: Duration = Duration::from_mins(10);
+
+    /// A model with the usual settings: what is drawn is left to the endpoint.
+    #[must_use]
+    pub fn new(model: impl Into<String>, api_base: impl Into<String>, key: ApiKey) -> Self {
+        Self {
+            model: model.into(),
+            api_base: api_base.into(),
+            key,
+            sampling: Sampling::default(),
+            extra: Map::new(),
+            timeout: Self::TIMEOUT,
+            retries: Self::RETRIES,
+            patience: Self::PATIENCE,
+        }
+    }
+
+    /// All fields of the body but the messages: what makes one model's answers another's. A cassette keeps answers
+    /// under this.
+    ///
+    /// # Errors
+    /// [`Stop::Settings`] where a further field is one that has its own place, or holds the key.
+    pub fn body(&self) -> Result<Map<String, Value>, Stop> {
+        let Sampling { temperature, top_p, max_tokens, seed } = self.sampling;
+        let own = [
+            ("model", Some(json!(self.model))),
+            ("temperature", temperature.map(|value| json!(value))),
+            ("top_p", top_p.map(|value| json!(value))),
+            ("max_tokens", max_tokens.map(|value| json!(value))),
+            ("seed", seed.map(|value| json!(value))),
+        ];
+        let mut body = Map::new();
+        for (name, value) in own {
+            if let Some(value) = value {
+                body.insert(name.to_owned(), value);
+            }
+        }
+        for (name, value) in &self.extra {
+            if ["model", "messages", "stream", "n"].contains(&name.as_str()) {
+                return Err(Stop::Settings(format!(
+                    "the further field {name:?} of the request's body has its own value here"
+                )));
+            }
+            if body.insert(name.clone(), value.clone()).is_some() {
+                return Err(Stop::Settings(format!(
+                    "{name:?} of the request's body is given twice"
+                )));
+            }
+        }
+        if self.key.is_in(&Value::Object(body.clone()).to_string()) {
+            let variable = self.key.variable();
+            return Err(Stop::Settings(format!(
+                "the request's body holds the key of {variable}, and bodies are kept on cassettes"
+            )));
+        }
+        Ok(body)
+    }
+
+    /// Where questions go.
+    ///
+    /// # Errors
+    /// [`Stop::Settings`] where the address is none, or holds credentials.
+    pub(super) fn url(&self) -> Result<Url, Stop> {
+        let wrong = |what: &str| {
+            Stop::Settings(format!(
+                "the api base {what}; it looks like https://api.openai.com/v1 or http://127.0.0.1:11434/v1"
+            ))
+        };
+        let parsed = Url::parse(self.api_base.trim()).ok();
+        let is_web = |url: &Url| url.has_host() && ["http", "https"].contains(&url.scheme());
+        let mut url = parsed.filter(is_web).ok_or_else(|| wrong("is no address of a server"))?;
+        if !url.username().is_empty() || url.password().is_some() {
+            let variable = self.key.variable();
+            return Err(wrong(&format!("holds credentials: put the key into {variable} instead")));
+        }
+        let path = url.path().trim_end_matches('/');
+        let path = path.strip_suffix("/chat/completions").unwrap_or(path);
+        let path = format!("{path}/chat/completions");
+        url.set_path(&path);
+        Ok(url)
+    }
+
+    /// Pauses that grow, from 1 s to 60 s, with up to as much again by chance, and never longer than the patience.
+    pub(super) fn pauses(&self) -> ExponentialBuilder {
+        let half = self.patience / 2;
+        ExponentialBuilder::default()
+            .with_jitter()
+            .with_min_delay(half.min(Duration::from_secs(1)))
+            .with_max_delay(half.min(Duration::from_mins(1)))
+            .with_max_times(usize::try_from(self.retries).unwrap_or(usize::MAX))
+    }
+}
+
+/// What answers are drawn with. What is left out is not sent, so the endpoint's own value counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sampling {
+    /// How freely: 0 takes the likeliest token.
+    pub temperature: Option<f64>,
+    /// From which share of the likeliest tokens.
+    pub top_p: Option<f64>,
+    /// Tokens of an answer at most.
+    pub max_tokens: Option<u64>,
+    /// With which seed, where the endpoint takes one.
+    pub seed: Option<i64>,
+}

@@ -1,0 +1,146 @@
+//! What was asked, and what came of it: for progress and reports.
+
+use std::sync::{Mutex, MutexGuard};
+
+use super::completion::{Answer, Failure};
+use super::endpoint::Kind;
+
+/// What a model was asked and has spent since it was made. Nothing here is estimated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Spent {
+    /// Requests that were begun, those of retries included.
+    pub requests: u64,
+    /// Requests that are in flight now.
+    pub in_flight: u64,
+    /// Questions that the endpoint answered.
+    pub answers: u64,
+    /// Questions that a cassette answered; what they cost once is not counted again.
+    pub replayed: u64,
+    /// How often a question was asked again.
+    pub retries: u64,
+    /// Tokens of prompts, as far as the endpoint tells.
+    pub prompt_tokens: u64,
+    /// Tokens of answers, as far as the endpoint tells.
+    pub completion_tokens: u64,
+    /// Answers of which the endpoint did not tell what they cost.
+    pub unmetered: u64,
+    /// Answers that are none or not whole, those of a cassette included.
+    pub failures: Failures,
+    /// Requests that came to nothing.
+    pub troubles: Troubles,
+}
+
+/// Answers that are none or not whole, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Failures {
+    /// [`Failure::Refusal`].
+    pub refusals: u64,
+    /// [`Failure::ContentFilter`].
+    pub filtered: u64,
+    /// [`Failure::Truncated`].
+    pub truncated: u64,
+    /// [`Failure::Empty`].
+    pub empty: u64,
+}
+
+impl Failures {
+    /// All of them.
+    #[must_use]
+    pub const fn total(&self) -> u64 {
+        self.refusals + self.filtered + self.truncated + self.empty
+    }
+
+    fn count(&mut self, failure: Option<Failure>) {
+        match failure {
+            None => {}
+            Some(Failure::Refusal) => self.refusals += 1,
+            Some(Failure::ContentFilter) => self.filtered += 1,
+            Some(Failure::Truncated) => self.truncated += 1,
+            Some(Failure::Empty) => self.empty += 1,
+        }
+    }
+}
+
+/// Requests that came to nothing and were tried again, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Troubles {
+    /// The endpoint refused for its load.
+    pub load: u64,
+    /// No answer came in time.
+    pub time_outs: u64,
+    /// No connection, or one that broke.
+    pub connections: u64,
+    /// Errors of the server.
+    pub server: u64,
+    /// Answers that nobody can read.
+    pub unreadable: u64,
+}
+
+impl Troubles {
+    /// All of them.
+    #[must_use]
+    pub const fn total(&self) -> u64 {
+        self.load + self.time_outs + self.connections + self.server + self.unreadable
+    }
+}
+
+/// A [`Spent`] that grows.
+#[derive(Debug, Default)]
+pub(super) struct Counters(Mutex<Spent>);
+
+impl Counters {
+    fn get(&self) -> MutexGuard<'_, Spent> {
+        self.0.lock().expect("nothing panics while it holds this")
+    }
+
+    pub(super) fn spent(&self) -> Spent {
+        *self.get()
+    }
+
+    /// A request begins; it is in flight until the guard is dropped.
+    pub(super) fn request(&self) -> InFlight<'_> {
+        let mut spent = self.get();
+        spent.requests += 1;
+        spent.in_flight += 1;
+        InFlight(self)
+    }
+
+    pub(super) fn retry(&self) {
+        self.get().retries += 1;
+    }
+
+    pub(super) fn replayed(&self, answer: &Answer) {
+        let mut spent = self.get();
+        spent.replayed += 1;
+        spent.failures.count(answer.failure);
+    }
+
+    pub(super) fn answered(&self, answer: &Answer, is_unmetered: bool) {
+        let mut spent = self.get();
+        spent.answers += 1;
+        spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
+        spent.completion_tokens += answer.usage.completion_tokens.unwrap_or(0);
+        spent.unmetered += u64::from(is_unmetered);
+        spent.failures.count(answer.failure);
+    }
+
+    pub(super) fn trouble(&self, kind: Kind) {
+        let troubles = &mut self.get().troubles;
+        *match kind {
+            Kind::Load => &mut troubles.load,
+            Kind::TimeOut => &mut troubles.time_outs,
+            Kind::Connection => &mut troubles.connections,
+            Kind::Server => &mut troubles.server,
+            Kind::Unreadable => &mut troubles.unreadable,
+        } += 1;
+    }
+}
+
+/// A request in flight.
+pub(super) struct InFlight<'a>(&'a Counters);
+
+impl Drop for InFlight<'_> {
+    fn drop(&mut self) {
+        self.0.get().in_flight -= 1;
+    }
+}

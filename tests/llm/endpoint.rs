@@ -1,0 +1,222 @@
+//! An endpoint that does what a test tells it to.
+
+use std::convert::Infallible;
+use std::sync::{Arc, Mutex};
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, Response, StatusCode, Uri};
+use futures::StreamExt;
+use futures::stream;
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+/// A request as it came.
+#[derive(Clone, Debug)]
+pub(crate) struct Seen {
+    pub(crate) uri: Uri,
+    pub(crate) headers: HeaderMap,
+    pub(crate) body: Value,
+}
+
+impl Seen {
+    /// The prompt.
+    pub(crate) fn prompt(&self) -> &str {
+        self.body["messages"][0]["content"].as_str().expect("a prompt")
+    }
+}
+
+/// What the endpoint does with a request.
+pub(crate) struct Reply {
+    status: u16,
+    headers: Vec<(&'static str, String)>,
+    body: Sent,
+    is_held: bool,
+}
+
+enum Sent {
+    Whole(Bytes),
+    /// The rest never comes.
+    Stalls(Bytes),
+    /// The connection breaks.
+    Breaks(Bytes),
+}
+
+impl Reply {
+    pub(crate) fn text(status: u16, body: impl Into<Bytes>) -> Self {
+        Self { status, headers: Vec::new(), body: Sent::Whole(body.into()), is_held: false }
+    }
+
+    pub(crate) fn json(status: u16, body: &Value) -> Self {
+        Self::text(status, body.to_string()).header("content-type", "application/json")
+    }
+
+    /// A usual answer of 10 and 5 tokens.
+    pub(crate) fn says(content: &str) -> Self {
+        Self::json(200, &completion(&json!({ "role": "assistant", "content": content }), "stop"))
+    }
+
+    /// An error in the usual shape.
+    pub(crate) fn error(status: u16, message: &str) -> Self {
+        Self::json(status, &json!({ "error": { "message": message, "type": "test_error" } }))
+    }
+
+    pub(crate) fn header(mut self, name: &'static str, value: impl Into<String>) -> Self {
+        self.headers.push((name, value.into()));
+        self
+    }
+
+    /// It comes only after [`Endpoint::release`].
+    pub(crate) fn held(mut self) -> Self {
+        self.is_held = true;
+        self
+    }
+
+    /// Half of it comes, and then nothing more.
+    pub(crate) fn stalling(mut self) -> Self {
+        self.body = Sent::Stalls(self.half());
+        self
+    }
+
+    /// Half of it comes, and then the connection breaks.
+    pub(crate) fn breaking(mut self) -> Self {
+        self.body = Sent::Breaks(self.half());
+        self
+    }
+
+    fn half(&self) -> Bytes {
+        let (Sent::Whole(bytes) | Sent::Stalls(bytes) | Sent::Breaks(bytes)) = &self.body;
+        bytes.slice(..bytes.len() / 2)
+    }
+}
+
+/// A chat completion.
+pub(crate) fn completion(message: &Value, finish_reason: &str) -> Value {
+    json!({
+        "id": "chatcmpl-1",
+        "object": "chat.completion",
+        "choices": [{ "index": 0, "message": message, "finish_reason": finish_reason }],
+        "usage": { "prompt_tokens": 10, "completion_tokens": 5, "total_tokens": 15 },
+    })
+}
+
+type Act = dyn Fn(usize, &Seen) -> Reply + Send + Sync;
+
+struct Shared {
+    act: Box<Act>,
+    seen: watch::Sender<Vec<Seen>>,
+    released: watch::Sender<bool>,
+    in_flight: Mutex<(usize, usize)>,
+}
+
+/// A server on loopback.
+pub(crate) struct Endpoint {
+    base: String,
+    shared: Arc<Shared>,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Endpoint {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+impl Endpoint {
+    /// Does with each request, counted from 0, what `act` says.
+    pub(crate) async fn start(act: impl Fn(usize, &Seen) -> Reply + Send + Sync + 'static) -> Self {
+        let shared = Arc::new(Shared {
+            act: Box::new(act),
+            seen: watch::Sender::default(),
+            released: watch::Sender::new(false),
+            in_flight: Mutex::default(),
+        });
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let base = format!("http://{}/v1", listener.local_addr().expect("an address"));
+        let router = Router::new().fallback(serve).with_state(shared.clone());
+        let task = tokio::spawn(async move {
+            axum::serve(listener, router).await.expect("it serves");
+        });
+        Self { base, shared, task }
+    }
+
+    /// Answers the first requests with these replies, in order, and all others as a good endpoint does.
+    pub(crate) async fn replies(replies: Vec<Reply>) -> Self {
+        let replies: Mutex<Vec<_>> = Mutex::new(replies.into_iter().rev().collect());
+        Self::start(move |_, _| {
+            let next = replies.lock().expect("a lock").pop();
+            next.unwrap_or_else(|| Reply::says("ACTION: UP"))
+        })
+        .await
+    }
+
+    pub(crate) fn base(&self) -> &str {
+        &self.base
+    }
+
+    /// All requests that came.
+    pub(crate) fn seen(&self) -> Vec<Seen> {
+        self.shared.seen.borrow().clone()
+    }
+
+    /// Waits until so many requests have come.
+    pub(crate) async fn has_seen(&self, count: usize) {
+        let mut seen = self.shared.seen.subscribe();
+        seen.wait_for(|seen| seen.len() >= count).await.expect("it is there");
+    }
+
+    /// Lets out what is held.
+    pub(crate) fn release(&self) {
+        self.shared.released.send_replace(true);
+    }
+
+    /// How many requests were there at once at most.
+    pub(crate) fn most_at_once(&self) -> usize {
+        self.shared.in_flight.lock().expect("a lock").1
+    }
+}
+
+async fn serve(State(shared): State<Arc<Shared>>, request: Request) -> Response<Body> {
+    let (head, body) = request.into_parts();
+    let bytes = axum::body::to_bytes(body, usize::MAX).await.expect("a body");
+    let seen = Seen {
+        uri: head.uri,
+        headers: head.headers,
+        body: serde_json::from_slice(&bytes).expect("JSON"),
+    };
+    {
+        let mut in_flight = shared.in_flight.lock().expect("a lock");
+        in_flight.0 += 1;
+        in_flight.1 = in_flight.1.max(in_flight.0);
+    }
+    let mut number = 0;
+    shared.seen.send_modify(|all| {
+        number = all.len();
+        all.push(seen.clone());
+    });
+    let reply = (shared.act)(number, &seen);
+    if reply.is_held {
+        let mut released = shared.released.subscribe();
+        released.wait_for(|released| *released).await.expect("it is there");
+    }
+    shared.in_flight.lock().expect("a lock").0 -= 1;
+    let mut response =
+        Response::builder().status(StatusCode::from_u16(reply.status).expect("a status"));
+    for (name, value) in reply.headers {
+        response = response.header(name, value);
+    }
+    let body = match reply.body {
+        Sent::Whole(bytes) => Body::from(bytes),
+        Sent::Stalls(bytes) => {
+            let first = stream::iter([Ok::<_, Infallible>(bytes)]);
+            Body::from_stream(first.chain(stream::pending()))
+        }
+        Sent::Breaks(bytes) => {
+            Body::from_stream(stream::iter([Ok(bytes), Err(std::io::Error::other("broken"))]))
+        }
+    };
+    response.body(body).expect("a response")
+}
