@@ -20,6 +20,7 @@ pub mod clock;
 pub mod competition;
 pub mod dataset;
 pub mod episode;
+pub mod eval;
 pub mod host;
 pub mod house;
 pub mod http;

@@ -209,7 +209,7 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
 }
 
 /// Breaks cells so that the table fits a terminal.
-fn fit(table: &mut Table, width: u16) {
+pub(super) fn fit(table: &mut Table, width: u16) {
     if width < u16::MAX {
         table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width);
     }

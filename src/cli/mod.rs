@@ -5,6 +5,7 @@ mod backup;
 mod board;
 mod competition;
 mod demo;
+mod eval;
 mod export;
 mod healthcheck;
 mod import;
@@ -50,6 +51,8 @@ enum Command {
     Audit(audit::Args),
     /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
+    /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
+    Eval(Box<eval::Args>),
     /// Play a journal file, or all of a competition, again and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Show who did how well in a suite.
@@ -77,6 +80,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
+        Command::Eval(args) => return told(with_runtime(eval::run(*args))),
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
@@ -94,16 +98,18 @@ pub fn main() -> ExitCode {
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    told(result.map(|()| ExitCode::SUCCESS))
 }
 
-fn with_runtime(work: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<()> {
+/// The code with which the process ends; an error is told.
+fn told(result: anyhow::Result<ExitCode>) -> ExitCode {
+    result.unwrap_or_else(|error| {
+        eprintln!("error: {error:#}");
+        ExitCode::FAILURE
+    })
+}
+
+fn with_runtime<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
 }
 

@@ -250,7 +250,7 @@ pub(super) fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
 pub(super) async fn play_one(
     client: &Client,
     request: &EpisodeRequest,
-    player: &BuiltIn,
+    player: &'static BuiltIn,
     player_seed: u64,
     bar: &ProgressBar,
 ) -> anyhow::Result<(EpisodeSummary, String)> {

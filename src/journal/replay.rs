@@ -62,10 +62,25 @@ pub struct Report {
 /// # Errors
 /// The first fault, with its line.
 pub fn verify(
-    mut journal: impl BufRead,
+    journal: impl BufRead,
     expected: Option<Head>,
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
+) -> Result<Report, Fault> {
+    verify_seen(journal, expected, solver, |world| {
+        progress(world.round(), world.config().max_round());
+    })
+}
+
+/// The same, for somebody who looks at every state: that of the layout, and that after each round.
+///
+/// # Errors
+/// The first fault, with its line.
+pub fn verify_seen(
+    mut journal: impl BufRead,
+    expected: Option<Head>,
+    solver: Solver,
+    mut see: impl FnMut(&World),
 ) -> Result<Report, Fault> {
     let mut head = Head::START;
     let mut played: Option<Player> = None;
@@ -77,7 +92,7 @@ pub fn verify(
         let mut at = String::new();
         let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
-                played = Some(Player::new(*opening)?);
+                see(&played.insert(Player::new(*opening)?).world);
                 Ok(())
             }
             Record::Opening(_) => Err("a second opening".to_owned()),
@@ -89,7 +104,7 @@ pub fn verify(
                 at = format!(" (round {})", round.round);
                 let player = played.as_mut().ok_or("the first record is not an opening")?;
                 player.play(&round, solver)?;
-                progress(player.world.round(), player.world.config().max_round());
+                see(&player.world);
                 Ok(())
             }
             Record::End(end) => {

@@ -221,7 +221,8 @@ impl Client {
         self.ask(Method::POST, &path, |call| self.signed(call)).await
     }
 
-    /// The observations that wait for an act and were opened since `after`.
+    /// The observations that wait for an act and were opened since `after`, at most `limit` of them; with the texts for
+    /// language models where `prompt` is set.
     ///
     /// # Errors
     /// See [`Client::create_episode`].
@@ -230,15 +231,35 @@ impl Client {
         token: &str,
         after: Option<&str>,
         wait_s: u32,
+        limit: usize,
+        prompt: bool,
     ) -> Result<SwarmObsResponse, ClientError> {
         self.ask(Method::GET, "/swarm/obs", |call| {
             let call = call.bearer_auth(token).query(&[("wait", wait_s)]);
+            let call = call.query(&[("limit", limit)]).query(&[("prompt", prompt)]);
             match after {
                 Some(cursor) => call.query(&[("after", cursor)]),
                 None => call,
             }
         })
         .await
+    }
+
+    /// The journal of an episode: shown to whoever has a token of its creator, and to anybody once it has ended.
+    ///
+    /// # Errors
+    /// See [`Client::create_episode`].
+    pub async fn journal(&self, id: &str, token: Option<&str>) -> Result<Vec<u8>, ClientError> {
+        let path = format!("/api/v1/episodes/{id}/journal");
+        let read = async || {
+            let call = |call: RequestBuilder| match token {
+                Some(token) => call.bearer_auth(token),
+                None => self.signed(call),
+            };
+            let (url, status, body) = self.answer(Method::GET, &path, call).await?;
+            if status.is_success() { Ok(body) } else { Err(refused(url, status, &body)) }
+        };
+        self.again(read).await
     }
 
     /// Acts for several seats.
@@ -395,8 +416,14 @@ impl Client {
         path: &str,
         fill: impl Fn(RequestBuilder) -> RequestBuilder,
     ) -> Result<T, ClientError> {
-        (|| self.once(method.clone(), path, &fill))
-            .retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
+        self.again(|| self.once(method.clone(), path, &fill)).await
+    }
+
+    async fn again<T, F: Future<Output = Result<T, ClientError>>>(
+        &self,
+        ask: impl FnMut() -> F,
+    ) -> Result<T, ClientError> {
+        ask.retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
             .when(ClientError::is_temporary)
             // The server knows better when to come again.
             .adjust(|error, pause| pause.map(|pause| error.retry_after().unwrap_or(pause)))
@@ -409,6 +436,22 @@ impl Client {
         path: &str,
         fill: impl Fn(RequestBuilder) -> RequestBuilder,
     ) -> Result<T, ClientError> {
+        let (url, status, body) = self.answer(method, path, fill).await?;
+        if !status.is_success() {
+            return Err(refused(url, status, &body));
+        }
+        serde_json::from_slice(&body).map_err(|error| {
+            let what = error.to_string();
+            ClientError::Strange { url, status, what }
+        })
+    }
+
+    async fn answer(
+        &self,
+        method: Method,
+        path: &str,
+        fill: impl Fn(RequestBuilder) -> RequestBuilder,
+    ) -> Result<(Url, StatusCode, Vec<u8>), ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
         let failed = |source| ClientError::Transport { url: url.clone(), source };
@@ -416,11 +459,7 @@ impl Client {
         let response = fill(call).send().await.map_err(failed)?;
         let status = response.status();
         let body = response.bytes().await.map_err(failed)?;
-        let strange = |what: String| ClientError::Strange { url: url.clone(), status, what };
-        if status.is_success() {
-            return serde_json::from_slice(&body).map_err(|error| strange(error.to_string()));
-        }
-        Err(refused(url, status, &body))
+        Ok((url, status, body.into()))
     }
 }
 

@@ -1,68 +1,63 @@
 //! Plays an episode, or a whole run, with a built-in player for every seat, over real HTTP.
 
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
+use std::sync::Arc;
 
-use swarmbench_engine::{AgentId, RuleSet, TaskName};
+use swarmbench_engine::physics::Solver;
+use swarmbench_engine::{Act, AgentId, RuleSet, TaskName};
 use swarmbench_players::{BuiltIn, Player, Seat};
+use tokio::sync::Mutex;
+use tokio_util::sync::CancellationToken;
 
-use super::client::{Client, ClientError};
-use crate::wire::act::{ActRequest, SwarmAct, SwarmReceipt};
+use super::client::Client;
+use super::drive::{DriveError, Note, Swarm, Thought, drive};
+use crate::journal::replay::verify_seen;
+use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::episode::{CreatedEpisode, EpisodeSummary};
 use crate::wire::observation::{Observation, Sight};
 use crate::wire::run::RunDetail;
 
-/// Seconds that one look waits for something to happen.
-const WAIT_S: u32 = 30;
-
-/// An episode could not be played.
-#[derive(Debug, thiserror::Error)]
-pub enum PlayError {
-    /// A request failed.
-    #[error(transparent)]
-    Client(#[from] ClientError),
-    /// An act was refused.
-    #[error("the server refused an act of {agent} in round {round}: {detail}")]
-    Refused {
-        /// Whose act.
-        agent: String,
-        /// For which round.
-        round: u32,
-        /// Why.
-        detail: String,
-    },
+/// A built-in player cannot decide.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Puzzled {
     /// An observation cannot be understood.
     #[error("the server sent an observation that no player understands (round {0})")]
     Strange(u32),
+    /// Nobody plays this task.
+    #[error("no player was chosen for {0}")]
+    Task(String),
 }
+
+/// An episode could not be played.
+pub type PlayError = DriveError<Puzzled>;
 
 /// Plays an episode to its end; `progress` is told the round and the score after every round.
 ///
 /// # Errors
-/// See [`PlayError`].
+/// See [`DriveError`].
 pub async fn play(
     client: &Client,
     created: &CreatedEpisode,
-    player: &BuiltIn,
+    player: &'static BuiltIn,
     player_seed: u64,
     mut progress: impl FnMut(u32, f64),
 ) -> Result<EpisodeSummary, PlayError> {
     let config = &created.config;
-    let mut players: BTreeMap<String, Box<dyn Player>> = BTreeMap::new();
-    let decide = |observation: &Observation| {
-        let sight = &observation.sight;
-        let player = match players.entry(sight.agent.clone()) {
-            Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => {
-                let size = (config.num_agents.into(), config.width, config.height);
-                let seat = seat(&config.task, &config.rules, size, &sight.agent, player_seed);
-                new.insert(player.make(&seat.ok_or(PlayError::Strange(sight.round))?))
-            }
-        };
-        progress(sight.round, sight.score);
-        self::decide(&mut **player, observation)
+    let table = Table {
+        rules: config.rules.clone(),
+        num_agents: config.num_agents.into(),
+        width: config.width,
+        height: config.height,
     };
-    play_seats(client, &created.swarm_token, decide).await?;
+    let token = &created.swarm_token;
+    let mut swarm = BuiltIns::new(client, token, table, player_seed, move |_| Some(player));
+    let never = CancellationToken::new();
+    drive(client, token, &mut swarm, &never, |note| {
+        if let Note::Looked(looked) = note {
+            looked.iter().for_each(|seen| progress(seen.sight.round, seen.sight.score));
+        }
+    })
+    .await?;
     let summary = client.episode(&created.id).await?;
     progress(summary.round, summary.score);
     Ok(summary)
@@ -71,7 +66,7 @@ pub async fn play(
 /// Plays what is left of a run with built-in players; `progress` is told of every observation.
 ///
 /// # Errors
-/// See [`PlayError`].
+/// See [`DriveError`].
 pub async fn play_run(
     client: &Client,
     run: &RunDetail,
@@ -80,96 +75,179 @@ pub async fn play_run(
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let suite = &run.run.suite;
-    let settings = &suite.settings;
-    let size = (settings.num_agents, settings.width, settings.height);
-    let mut players: BTreeMap<(String, String), Box<dyn Player>> = BTreeMap::new();
-    let decide = |observation: &Observation| {
-        let sight = &observation.sight;
-        let player = match players.entry((sight.episode.clone(), sight.agent.clone())) {
-            Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => {
-                let seat = seat(&sight.task.name, &suite.rules, size, &sight.agent, player_seed);
-                let made = seat.and_then(|seat| Some(player(seat.task)?.make(&seat)));
-                new.insert(made.ok_or(PlayError::Strange(sight.round))?)
-            }
-        };
-        progress(sight);
-        self::decide(&mut **player, observation)
-    };
-    play_seats(client, token, decide).await?;
+    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, player);
+    let never = CancellationToken::new();
+    drive(client, token, &mut swarm, &never, |note| {
+        if let Note::Looked(looked) = note {
+            looked.iter().for_each(|seen| progress(&seen.sight));
+        }
+    })
+    .await?;
     Ok(client.run(&run.run.id, Some(token)).await?)
 }
 
-/// Has all seats of a swarm token decide, whenever they are to, until all is over.
-async fn play_seats(
-    client: &Client,
-    token: &str,
-    mut decide: impl FnMut(&Observation) -> Result<SwarmAct, PlayError>,
-) -> Result<(), PlayError> {
-    let mut cursor: Option<String> = None;
-    loop {
-        let look = client.swarm_obs(token, cursor.as_deref(), WAIT_S).await?;
-        if look.finished {
-            return Ok(());
+/// What players know of a game before it begins, beside its task.
+#[derive(Clone, Debug)]
+pub struct Table {
+    rules: String,
+    num_agents: i64,
+    width: i64,
+    height: i64,
+}
+
+impl Table {
+    /// That of all games of a run.
+    #[must_use]
+    pub fn of(run: &RunDetail) -> Self {
+        let settings = &run.run.suite.settings;
+        Self {
+            rules: run.run.suite.rules.clone(),
+            num_agents: settings.num_agents,
+            width: settings.width,
+            height: settings.height,
         }
-        let acts = look.observations.iter().map(&mut decide).collect::<Result<Vec<_>, _>>()?;
-        if !acts.is_empty() {
-            let sent = acts.clone();
-            let done = client.swarm_act(token, acts).await?;
-            check(&sent, &done.receipts)?;
-        }
-        cursor = Some(look.cursor);
+    }
+
+    /// What a player may know of its seat before the game.
+    fn seat(&self, task: TaskName, agent: AgentId, seed: u64) -> Option<Seat> {
+        Some(Seat {
+            agent,
+            num_agents: u16::try_from(self.num_agents).ok()?,
+            width: u16::try_from(self.width).ok()?,
+            height: u16::try_from(self.height).ok()?,
+            task,
+            rules: RuleSet::ALL.into_iter().find(|known| known.name() == self.rules)?,
+            seed: Seat::seed_of(agent, seed),
+        })
     }
 }
 
-/// What a player may know of its seat before the game.
-fn seat(
-    task: &str,
-    rules: &str,
-    (num_agents, width, height): (i64, i64, i64),
-    name: &str,
+/// Built-in players on all seats of a swarm token.
+///
+/// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
+/// they play on as if nothing had happened.
+pub struct BuiltIns<F> {
+    client: Client,
+    token: String,
+    table: Arc<Table>,
     seed: u64,
-) -> Option<Seat> {
-    let agent = AgentId::parse(name)?;
-    Some(Seat {
-        agent,
-        num_agents: u16::try_from(num_agents).ok()?,
-        width: u16::try_from(width).ok()?,
-        height: u16::try_from(height).ok()?,
-        task: TaskName::parse(task)?,
-        rules: RuleSet::ALL.into_iter().find(|known| known.name() == rules)?,
-        seed: Seat::seed_of(agent, seed),
-    })
+    choose: F,
+    games: BTreeMap<String, Arc<Mutex<Game>>>,
 }
 
-fn decide(player: &mut dyn Player, observation: &Observation) -> Result<SwarmAct, PlayError> {
-    let sight = &observation.sight;
-    let seen = sight.to_engine().ok_or(PlayError::Strange(sight.round))?;
-    let act = player.decide(&seen);
-    let request = ActRequest {
-        round: sight.round,
-        // Whoever decides nothing stays where it is.
-        action: Some(act.action.map_or("STAY", |action| action.name()).to_owned()),
-        message: act.message.map(|message| message.to_string()),
-        to: act.to.map(|to| to.to_string()),
-        ..ActRequest::default()
-    };
-    Ok(SwarmAct::of(sight.episode.clone(), sight.agent.clone(), request))
-}
-
-/// A clock may have run out or somebody aborted the episode; anything else is an error.
-fn check(sent: &[SwarmAct], receipts: &[SwarmReceipt]) -> Result<(), PlayError> {
-    for (act, receipt) in sent.iter().zip(receipts) {
-        if let SwarmReceipt::Problem(problem) = receipt
-            && !["round_over", "episode_over"].contains(&problem.code.as_str())
-        {
-            return Err(PlayError::Refused {
-                agent: act.agent.clone(),
-                round: act.round,
-                detail: problem.detail.clone(),
-            });
+impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
+    /// Players as `choose` has them for each task; `seed` is that of their own choices.
+    pub fn new(client: &Client, token: &str, table: Table, seed: u64, choose: F) -> Self {
+        Self {
+            client: client.clone(),
+            token: token.to_owned(),
+            table: Arc::new(table),
+            seed,
+            choose,
+            games: BTreeMap::new(),
         }
     }
-    Ok(())
+
+    /// Begins to decide for seats of one game.
+    fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<Puzzled> {
+        let sight = &looked[0].sight;
+        let (name, round) = (sight.task.name.clone(), sight.round);
+        let task = TaskName::parse(&name);
+        let Some((task, built_in)) = task.and_then(|task| Some((task, (self.choose)(task)?)))
+        else {
+            return Box::pin(async move { Err(Puzzled::Task(name)) });
+        };
+        let game = self.games.entry(episode.clone()).or_insert_with(|| {
+            let (table, seed) = (Arc::clone(&self.table), self.seed);
+            let make = move |agent| Some(built_in.make(&table.seat(task, agent, seed)?));
+            Arc::new(Mutex::new(Game {
+                make: Box::new(make),
+                players: BTreeMap::new(),
+                decided: BTreeMap::new(),
+            }))
+        });
+        let is_new = round > 0 && game.try_lock().is_ok_and(|game| game.players.is_empty());
+        let (client, token, game) = (self.client.clone(), self.token.clone(), Arc::clone(game));
+        Box::pin(async move {
+            let mut game = game.lock_owned().await;
+            // Where the journal may not be read, as in a competition, players begin without memory.
+            let journal =
+                if is_new { client.journal(&episode, Some(&token)).await.ok() } else { None };
+            let decide = move || {
+                if let Some(journal) = journal {
+                    game.remember(&journal);
+                }
+                looked.iter().map(|seen| game.decide(seen)).collect()
+            };
+            match tokio::task::spawn_blocking(decide).await {
+                Ok(decided) => decided,
+                Err(error) => std::panic::resume_unwind(error.into_panic()),
+            }
+        })
+    }
+}
+
+impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> Swarm for BuiltIns<F> {
+    type Error = Puzzled;
+
+    fn reads_prompts(&self) -> bool {
+        false
+    }
+
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Puzzled>> {
+        let mut games: BTreeMap<String, Vec<Observation>> = BTreeMap::new();
+        for seen in looked {
+            games.entry(seen.sight.episode.clone()).or_default().push(seen);
+        }
+        games.into_iter().map(|(episode, looked)| self.decide_game(episode, looked)).collect()
+    }
+}
+
+/// The players of one game.
+struct Game {
+    make: Box<dyn Fn(AgentId) -> Option<Box<dyn Player>> + Send>,
+    players: BTreeMap<AgentId, Box<dyn Player>>,
+    /// What was decided last for seats that were shown the state in which the game was taken up.
+    decided: BTreeMap<AgentId, (u32, Act)>,
+}
+
+impl Game {
+    fn player(&mut self, agent: AgentId) -> Option<&mut Box<dyn Player>> {
+        if !self.players.contains_key(&agent) {
+            self.players.insert(agent, (self.make)(agent)?);
+        }
+        self.players.get_mut(&agent)
+    }
+
+    /// Shows all players what they saw so far, the open round included: some may have acted in it.
+    fn remember(&mut self, journal: &[u8]) {
+        // A broken journal is told by `verify`; what was read of it was seen.
+        drop(verify_seen(journal, None, Solver::Flow, |world| {
+            for agent in world.agents().filter(|&agent| world.is_alive(agent)) {
+                if let Some(player) = self.player(agent) {
+                    let act = player.decide(&world.observe(agent));
+                    self.decided.insert(agent, (world.round(), act));
+                }
+            }
+        }));
+    }
+
+    fn decide(&mut self, observation: &Observation) -> Result<SwarmAct, Puzzled> {
+        let sight = &observation.sight;
+        let strange = || Puzzled::Strange(sight.round);
+        let seen = sight.to_engine().ok_or_else(strange)?;
+        let act = match self.decided.remove(&seen.agent) {
+            Some((round, act)) if round == seen.round => act,
+            _ => self.player(seen.agent).ok_or_else(strange)?.decide(&seen),
+        };
+        let request = ActRequest {
+            round: sight.round,
+            // Whoever decides nothing stays where it is.
+            action: Some(act.action.map_or("STAY", |action| action.name()).to_owned()),
+            message: act.message.map(|message| message.to_string()),
+            to: act.to.map(|to| to.to_string()),
+            ..ActRequest::default()
+        };
+        Ok(SwarmAct::of(sight.episode.clone(), sight.agent.clone(), request))
+    }
 }

@@ -489,7 +489,7 @@ pub fn text(cell: &str) -> String {
     }
 }
 
-fn write_csv(columns: &[String], records: impl Iterator<Item = Vec<String>>) -> String {
+pub(crate) fn write_csv(columns: &[String], records: impl Iterator<Item = Vec<String>>) -> String {
     let mut csv =
         csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
     let mut write = |record: &[String]| {

@@ -1,0 +1,120 @@
+//! Where an evaluation is played: on a server of its own, or on one that runs.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+use crate::players::client::Client;
+use crate::server::{Parts, Server, StartError};
+use crate::store::OpenError;
+use crate::telemetry::{LogFormat, start_logs};
+
+/// The database where nobody names one.
+const DATABASE: &str = "swarmbench.db";
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Hosting {
+    /// Join the server at this address [env: SWARMBENCH_SERVER].
+    #[arg(long, value_name = "URL", conflicts_with = "db")]
+    server: Option<String>,
+    /// Your key, where the server asks for one.
+    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
+    /// Or play on a server of one's own over this database; created where there is none (swarmbench.db).
+    #[arg(long, value_name = "FILE")]
+    db: Option<PathBuf>,
+    /// Games at once (4).
+    #[arg(long, value_name = "GAMES", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(super) parallel: Option<u32>,
+}
+
+impl Hosting {
+    /// The address of the server that is joined; none where there is one of its own.
+    fn joined(&self) -> Option<String> {
+        let environment = || std::env::var("SWARMBENCH_SERVER").ok().filter(|url| !url.is_empty());
+        if self.db.is_some() { None } else { self.server.clone().or_else(environment) }
+    }
+
+    /// How other commands name the same place.
+    pub(super) fn place(&self) -> String {
+        match self.joined() {
+            Some(server) => format!("--server {server}"),
+            None => format!("--db {}", self.database().display()),
+        }
+    }
+
+    fn database(&self) -> PathBuf {
+        self.db.clone().unwrap_or_else(|| DATABASE.into())
+    }
+
+    /// A client of the server, and the server where it is one of its own.
+    pub(super) async fn open(&self) -> anyhow::Result<(Client, Option<Hosted>)> {
+        let (base, hosted) = match self.joined() {
+            Some(server) => (server, None),
+            None => {
+                let hosted = Hosted::open(self.database()).await?;
+                (hosted.base.clone(), Some(hosted))
+            }
+        };
+        let client = Client::new(&base)?;
+        let client = match self.key.clone() {
+            Some(key) => client.with_key(key),
+            None => client,
+        };
+        // Once games go on, a server that is away for a moment is waited for; here it is not.
+        client.health().await?;
+        if let (Some(hosted), None) = (&hosted, &self.key)
+            && hosted.has_keys
+        {
+            bail!(
+                "{} has keys, so its games belong to somebody: show yours with --key or SWARMBENCH_KEY",
+                self.database().display()
+            );
+        }
+        Ok((client, hosted))
+    }
+}
+
+/// A server of its own.
+pub(super) struct Hosted {
+    base: String,
+    has_keys: bool,
+    stop: oneshot::Sender<()>,
+    serving: JoinHandle<Result<(), StartError>>,
+}
+
+impl Hosted {
+    async fn open(db: PathBuf) -> anyhow::Result<Self> {
+        if std::env::var_os("RUST_LOG").is_some() {
+            start_logs(LogFormat::Text);
+        }
+        let server = match Server::open(&db, Parts::default()).await {
+            Err(error @ StartError::Open(OpenError::InUse(_))) => {
+                return Err(error).context(
+                    "an evaluation with --db has a server of its own; if a server runs on this database, join it \
+                     with --server URL",
+                );
+            }
+            opened => opened?,
+        };
+        let has_keys = server.has_keys();
+        let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
+        let base = format!("http://{}", listener.local_addr()?);
+        let (stop, stopped) = oneshot::channel::<()>();
+        let serving = tokio::spawn(server.run(listener, async {
+            // Whoever holds the other end lets go of it when it is done.
+            drop(stopped.await);
+        }));
+        eprintln!("{} is served at {base} meanwhile: watch the games there", db.display());
+        Ok(Self { base, has_keys, stop, serving })
+    }
+
+    /// Stops it.
+    pub(super) async fn close(self) -> anyhow::Result<()> {
+        drop(self.stop);
+        Ok(self.serving.await??)
+    }
+}

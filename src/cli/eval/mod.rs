@@ -1,0 +1,332 @@
+//! `swarmbench eval`
+
+mod asking;
+mod hosting;
+mod progress;
+mod showing;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, anyhow};
+use tokio_util::sync::CancellationToken;
+
+use asking::Asking;
+use hosting::Hosting;
+use progress::Progress;
+use showing::Showing;
+
+use crate::eval::conduct::{Conductor, Halt, News};
+use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
+use crate::eval::plan::{Plan, Planned};
+use crate::eval::report::{Played, Report};
+use crate::eval::verify::verify_run;
+use crate::llm::Model;
+use crate::players::client::Client;
+
+/// The exit code where something has to be mended.
+const FAILED: u8 = 1;
+
+/// The exit code where it stopped, and the same command goes on.
+const STOPPED: u8 = 3;
+
+/// The exit code where somebody interrupted it, and the same command goes on.
+const INTERRUPTED: u8 = 130;
+
+/// Games at once where nobody says how many.
+const PARALLEL: u32 = 4;
+
+/// Questions to models at once where nobody says how many.
+const REQUESTS: u32 = 16;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    long_about = "Evaluate language models, or built-in players: play tasks on seeds, show what they come to.\n\n\
+        Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
+        own: each round the model is shown the server's prompt for that seat and nothing else. Whatever stops it, the \
+        same command goes on where it stopped; what was played is shown, not played again.",
+    after_help = "Examples:\n  \
+        swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
+        swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
+        swarmbench eval --player default --seeds 0..20 --verify\n  \
+        swarmbench eval examples/eval/noise.toml --model my-model --api-base http://127.0.0.1:8000/v1 --dry-run\n\n\
+        The key of an endpoint comes from an environment variable, OPENAI_API_KEY or the one that --api-key-env names; it \
+        is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
+        Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
+        goes on (a budget, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
+        docs/eval.md says more, and examples/eval has the experiments of the paper."
+)]
+pub(super) struct Args {
+    /// An experiment as a TOML file; what is said on the command line wins over it.
+    file: Option<PathBuf>,
+    #[command(flatten, next_help_heading = "What is played")]
+    games: Games,
+    #[command(flatten, next_help_heading = "Who plays")]
+    who: WhoArgs,
+    #[command(flatten, next_help_heading = "How models are asked")]
+    asking: Asking,
+    #[command(flatten, next_help_heading = "Where it is played")]
+    hosting: Hosting,
+    #[command(flatten, next_help_heading = "What is shown")]
+    showing: Showing,
+    /// Show what would be played and at most how often models would be asked, and play nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Play once more what was played to its end before.
+    #[arg(long)]
+    again: bool,
+    /// Play all journals again at the end, and fail if anything differs from what the server says.
+    #[arg(long)]
+    verify: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct Games {
+    /// Tasks: Transport, Pursuit, Synchronization, Foraging, Flocking, or all (all).
+    #[arg(long = "task", alias = "tasks", value_delimiter = ',', value_name = "TASK")]
+    task: Vec<String>,
+    /// Seeds, and ranges of them such as 0..20 for 0 to 19 (27,42,57,72,87).
+    #[arg(long, alias = "seed", value_delimiter = ',')]
+    seeds: Vec<Seeds>,
+    /// Rule sets: paper, reference (paper).
+    #[arg(long, value_delimiter = ',')]
+    rules: Vec<String>,
+    /// decentralized, centralized (decentralized).
+    #[arg(long, value_delimiter = ',')]
+    control: Vec<String>,
+    /// Cells of a map: 15 is 15 × 15, 20x15 is 20 columns and 15 rows (10).
+    #[arg(long, value_delimiter = ',', value_name = "SIZE")]
+    map_size: Vec<MapSize>,
+    /// How many agents play (12).
+    #[arg(long, value_delimiter = ',', value_name = "N")]
+    num_agents: Vec<i64>,
+    /// Rows and columns of an agent's window (5).
+    #[arg(long, value_delimiter = ',', value_name = "CELLS")]
+    view_size: Vec<i64>,
+    /// How many rounds an agent remembers (5).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    memory: Vec<i64>,
+    /// After how many rounds a game ends (100).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    max_round: Vec<i64>,
+    /// The probability with which a message is corrupted (0).
+    #[arg(long, value_delimiter = ',', value_name = "PROBABILITY")]
+    noise: Vec<f64>,
+    /// The most rounds by which a message is late (0).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    max_delay: Vec<i64>,
+    /// A prompt template for models instead of the server's own; docs/prompts.md.
+    #[arg(long, value_name = "FILE")]
+    prompt_template: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+struct WhoArgs {
+    /// Language models, as their endpoint calls them.
+    #[arg(long = "model", alias = "models", value_delimiter = ',', value_name = "MODEL")]
+    model: Vec<String>,
+    /// Built-in players: names, default for the best of each task, or all.
+    #[arg(long = "player", alias = "players", value_delimiter = ',', value_name = "NAME")]
+    player: Vec<String>,
+    /// The seed of built-in players' own choices (1).
+    #[arg(long)]
+    player_seed: Option<u64>,
+}
+
+fn list<T>(values: Vec<T>) -> Option<List<T>> {
+    (!values.is_empty()).then_some(List(values))
+}
+
+impl Args {
+    /// What was said on the command line.
+    fn said(&mut self) -> Experiment {
+        let Games {
+            task,
+            seeds,
+            rules,
+            control,
+            map_size,
+            num_agents,
+            view_size,
+            memory,
+            max_round,
+            noise,
+            max_delay,
+            prompt_template,
+        } = &mut self.games;
+        fn taken<T>(values: &mut Vec<T>) -> Option<List<T>> {
+            list(std::mem::take(values))
+        }
+        let models = std::mem::take(&mut self.who.model);
+        Experiment {
+            tasks: taken(task),
+            seeds: taken(seeds),
+            models: list(models.iter().map(|name| ModelEntry::named(name)).collect()),
+            players: taken(&mut self.who.player),
+            player_seed: self.who.player_seed,
+            prompt_template: prompt_template.take(),
+            settings: Axes {
+                rules: taken(rules),
+                control: taken(control),
+                map_size: taken(map_size),
+                num_agents: taken(num_agents),
+                view_size: taken(view_size),
+                memory: taken(memory),
+                max_round: taken(max_round),
+                noise: taken(noise),
+                max_delay: taken(max_delay),
+                temperature: taken(&mut self.asking.temperature),
+                top_p: taken(&mut self.asking.top_p),
+            },
+            parallel: self.hosting.parallel,
+            board: self.showing.board.map(Into::into),
+            ..self.asking.said()
+        }
+    }
+
+    /// The whole experiment, and the text of its prompt template.
+    fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<String>)> {
+        let said = self.said();
+        let mut experiment = match &self.file {
+            None => said,
+            Some(file) => read(file)?.with(said),
+        };
+        let template = experiment.prompt_template.take();
+        let template = template.map(|path| {
+            std::fs::read_to_string(&path)
+                .with_context(|| format!("the prompt template {}", path.display()))
+        });
+        Ok((experiment, template.transpose()?))
+    }
+}
+
+/// Reads an experiment; files that it names lie beside it.
+fn read(file: &Path) -> anyhow::Result<Experiment> {
+    let shown = file.display();
+    let text = std::fs::read_to_string(file)
+        .with_context(|| format!("{shown}: name a file that describes an experiment"))?;
+    let mut experiment: Experiment =
+        toml::from_str(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
+    let beside = |path: PathBuf| file.parent().map(|folder| folder.join(&path)).unwrap_or(path);
+    experiment.prompt_template = experiment.prompt_template.map(beside);
+    if experiment.name.is_none() {
+        experiment.name = file.file_stem().map(|name| name.to_string_lossy().into_owned());
+    }
+    Ok(experiment)
+}
+
+pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
+    let (experiment, template) = args.experiment()?;
+    let plan = Plan::of(&experiment, template.as_deref())?;
+    if args.dry_run {
+        showing::dry_run(&plan);
+        return Ok(ExitCode::SUCCESS);
+    }
+    args.showing.check()?;
+    let models = args.asking.models(&experiment, &plan)?;
+    let stop = stopping();
+    let (client, hosted) = args.hosting.open().await?;
+    let parallel = experiment.parallel.unwrap_or(PARALLEL);
+    let conductor = Conductor { client: &client, parallel, again: args.again, stop: &stop };
+    let ended = play(&conductor, &plan, &models, &args).await;
+    if let Some(hosted) = hosted {
+        hosted.close().await?;
+    }
+    ended
+}
+
+/// Plays all runs of a plan and shows what came of them.
+async fn play(
+    conductor: &Conductor<'_>,
+    plan: &Plan,
+    models: &[Option<Model>],
+    args: &Args,
+) -> anyhow::Result<ExitCode> {
+    let mut progress = Progress::new(plan, models);
+    let mut played: Vec<Played> = Vec::new();
+    let mut halted = None;
+    for (number, planned) in plan.runs.iter().enumerate() {
+        let mut stands = None;
+        let watch = &mut |news: News<'_>| {
+            if let News::Begins(.., run) | News::Stands(run) | News::Ends(_, run) = news {
+                stands = Some(run.clone());
+            }
+            progress.note(news);
+        };
+        let model = models[number].clone();
+        let ended = conductor.conduct(number, planned, model, watch).await;
+        let planned = planned.clone();
+        played.extend(stands.map(|run| Played { planned, run, verified: false }));
+        if let Err(halt) = ended {
+            halted = Some(halt);
+            break;
+        }
+    }
+    progress.finish();
+    if halted.is_none() && args.verify {
+        verify_all(conductor.client, plan, &mut played).await?;
+    }
+    let report = Report::of(plan, &played);
+    args.showing.show(plan, &report, halted.is_none())?;
+    match halted {
+        None => {
+            args.showing.tell_more(&played, &args.hosting);
+            Ok(ExitCode::SUCCESS)
+        }
+        Some(halt) => Ok(tell(&halt, plan, &played)),
+    }
+}
+
+/// Says why it stopped, and how to go on.
+fn tell(halt: &Halt, plan: &Plan, played: &[Played]) -> ExitCode {
+    let games = |run: &Planned| run.suite.tasks.len() * run.suite.seeds.len();
+    let all: usize = plan.runs.iter().map(games).sum();
+    let done: u32 = played.iter().map(|played| played.run.run.played).sum();
+    let left = format!("{done} of {all} games were played");
+    match halt {
+        Halt::Asked => {
+            eprintln!("stopped: {left}; the same command goes on where this one stopped");
+            ExitCode::from(INTERRUPTED)
+        }
+        halt if halt.can_go_on() => {
+            eprintln!("stopped: {halt}\n{left}; the same command goes on where this one stopped");
+            ExitCode::from(STOPPED)
+        }
+        halt => {
+            eprintln!("error: {halt}\n{left}; when that is mended, the same command goes on");
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
+/// Plays all journals again.
+async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyhow::Result<()> {
+    let games: u64 = plan.runs.iter().map(|run| run.suite.plan().len() as u64).sum();
+    let bar = progress::plain_bar("verifying", games, "games");
+    let (mut count, mut rounds) = (0, 0);
+    for Played { planned, run, verified } in played {
+        let checked = verify_run(client, planned, run, || bar.inc(1)).await;
+        let checked = checked.context("what was played does not verify")?;
+        *verified = true;
+        count += checked.games;
+        rounds += checked.rounds;
+    }
+    bar.finish_and_clear();
+    eprintln!("verified: {count} games, {rounds} rounds played again, every hash, act and score");
+    Ok(())
+}
+
+/// Cancelled when the process is asked to stop. Whoever asks twice does not wait.
+fn stopping() -> CancellationToken {
+    let stop = CancellationToken::new();
+    let (token, first) = (stop.clone(), super::asked_to_stop());
+    tokio::spawn(async move {
+        first.await;
+        let second = super::asked_to_stop();
+        token.cancel();
+        eprintln!("stopping; acts that were decided are sent. Once more stops at once");
+        second.await;
+        std::process::exit(INTERRUPTED.into());
+    });
+    stop
+}

@@ -1,0 +1,339 @@
+//! What somebody sees while an evaluation goes on: a bar for each game, and one for all. Where there is no terminal:
+//! a line when a run begins, when a game ends, and now and then.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use jiff::Timestamp;
+
+use crate::clock::{Clock, SystemClock, until};
+use crate::eval::conduct::{Found, News};
+use crate::eval::plan::{Plan, Planned};
+use crate::eval::report::short;
+use crate::llm::Model;
+use crate::wire::act::{Receipt, SwarmAct};
+use crate::wire::observation::Sight;
+use crate::wire::run::{RunDetail, RunGame};
+
+/// How often a line says how it goes where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_mins(1);
+
+pub(super) struct Progress<'a> {
+    models: &'a [Option<Model>],
+    bars: MultiProgress,
+    total: ProgressBar,
+    games: BTreeMap<String, Game>,
+    begun: Timestamp,
+    last_line: Timestamp,
+    /// Rounds of the plan, and those of them that need not be played any more.
+    rounds: Rounds,
+    /// Which run is played, of how many.
+    run: (usize, usize),
+}
+
+/// Rounds of all games that were planned: a game that has ended has no rounds left, however few it took.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rounds {
+    planned: u64,
+    /// Of runs that are over.
+    over: u64,
+    /// Of the run that is played.
+    now: u64,
+    /// What was played before this call.
+    before: u64,
+    /// What the run that is played had when it was taken up.
+    found: u64,
+}
+
+impl Rounds {
+    const fn done(&self) -> u64 {
+        self.over + self.now
+    }
+}
+
+struct Game {
+    bar: ProgressBar,
+    name: String,
+    round: u32,
+    /// The first round that was seen, and when that was.
+    since: (u32, Timestamp),
+    max_round: u32,
+    score: f64,
+    prompt_tokens: u64,
+    completion_tokens: u64,
+    invalid: u64,
+    is_over: bool,
+}
+
+impl<'a> Progress<'a> {
+    pub(super) fn new(plan: &Plan, models: &'a [Option<Model>]) -> Self {
+        let bars = MultiProgress::new();
+        let planned = plan.runs.iter().map(Planned::rounds_max).sum();
+        let total = bars.add(
+            ProgressBar::new(planned)
+                .with_style(style("{prefix:34} {bar:24} {percent:>3} % {msg}")),
+        );
+        let now = SystemClock.now();
+        Self {
+            models,
+            bars,
+            total,
+            games: BTreeMap::new(),
+            begun: now,
+            last_line: now,
+            rounds: Rounds { planned, ..Rounds::default() },
+            run: (0, plan.runs.len()),
+        }
+    }
+
+    pub(super) fn note(&mut self, news: News<'_>) {
+        match news {
+            News::Begins(number, planned, found, run) => self.begin(number, planned, found, run),
+            News::Looked(looked) => looked.iter().for_each(|seen| self.look(&seen.sight)),
+            News::Acted(act, receipt) => self.act(act, receipt),
+            News::Stands(run) => self.stand(run),
+            News::Ends(_, run) => self.end(run),
+        }
+    }
+
+    pub(super) fn finish(&self) {
+        for game in self.games.values() {
+            game.bar.finish_and_clear();
+        }
+        self.total.finish_and_clear();
+    }
+
+    fn say(&self, line: &str) {
+        // A line between bars is for the terminal, which has them; anything else has lines alone.
+        if self.bars.is_hidden() || self.bars.println(line).is_err() {
+            eprintln!("{line}");
+        }
+    }
+
+    fn begin(&mut self, number: usize, planned: &Planned, found: &Found, run: &RunDetail) {
+        self.run.0 = number + 1;
+        let id = &run.run.id;
+        let how = match found {
+            Found::Finished => format!("{id} was played before"),
+            Found::GoesOn => {
+                let (played, planned) = (run.run.played, run.run.planned);
+                let parallel = run.run.parallel;
+                format!("{id} goes on: {played} of {planned} games were played, {parallel} at once")
+            }
+            Found::New(None) => format!("{id} is new"),
+            Found::New(Some((other, how))) => {
+                format!("{id} is new; the unfinished {other} is another: {}", how.join(", "))
+            }
+        };
+        let (number, of) = self.run;
+        self.say(&format!(
+            "run {number} of {of}: {}, {}: {how}",
+            planned.name(),
+            planned.suite.name
+        ));
+        let name = format!("{} ({number}/{of})", planned.name());
+        self.total.set_prefix(name);
+        self.rounds.found = done(run);
+        self.rounds.before += self.rounds.found;
+        self.rounds.now = self.rounds.found;
+        if *found == Found::Finished {
+            self.leave();
+        }
+        self.tell();
+    }
+
+    /// The run that was played is over.
+    fn leave(&mut self) {
+        self.rounds.over += self.rounds.now;
+        self.rounds.now = 0;
+        for (_, game) in std::mem::take(&mut self.games) {
+            game.bar.finish_and_clear();
+        }
+    }
+
+    fn game(&mut self, episode: &str, task: &str, max_round: u32, round: u32) -> &mut Game {
+        let (bars, total) = (&self.bars, &self.total);
+        self.games.entry(episode.to_owned()).or_insert_with(|| {
+            let bar = ProgressBar::new(max_round.into())
+                .with_style(style("  {prefix:32} {bar:24} {pos:>3}/{len:3} {msg}"))
+                .with_prefix(task.to_owned());
+            Game {
+                bar: bars.insert_before(total, bar),
+                name: task.to_owned(),
+                round,
+                since: (round, SystemClock.now()),
+                max_round,
+                score: 0.0,
+                prompt_tokens: 0,
+                completion_tokens: 0,
+                invalid: 0,
+                is_over: false,
+            }
+        })
+    }
+
+    fn look(&mut self, sight: &Sight) {
+        let game = self.game(&sight.episode, &sight.task.name, sight.max_round, sight.round);
+        if game.round != sight.round || sight.round == 0 {
+            game.round = sight.round;
+            game.score = sight.score;
+            game.tell();
+        }
+    }
+
+    fn act(&mut self, act: &SwarmAct, receipt: &Receipt) {
+        let Some(game) = self.games.get_mut(&act.episode) else { return };
+        let usage = act.usage.unwrap_or_default();
+        game.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
+        game.completion_tokens += usage.completion_tokens.unwrap_or(0);
+        game.invalid += u64::from(!receipt.valid);
+        if receipt.waiting_for == 0 {
+            game.tell();
+            self.rounds.now += 1;
+            self.tell();
+        }
+    }
+
+    /// Takes over how the server says that all games stand.
+    fn stand(&mut self, run: &RunDetail) {
+        self.rounds.now = done(run);
+        let max_round = u32::try_from(run.run.suite.settings.max_round).unwrap_or(u32::MAX);
+        for game in &run.games {
+            let (Some(episode), Some(score)) = (&game.episode, game.score) else { continue };
+            if game.status == "running" || self.games.contains_key(episode) {
+                let known = self.game(episode, &game.task, max_round, game.round);
+                let seed = game.seed.map_or_else(String::new, |seed| format!(" {seed}"));
+                known.name = format!("{}{seed}", game.task);
+                known.bar.set_prefix(known.name.clone());
+                if is_over(game) && !known.is_over {
+                    known.is_over = true;
+                    known.round = game.round;
+                    known.score = score;
+                    let line = format!(
+                        "  {} ended after {} rounds: {}",
+                        known.name,
+                        known.round,
+                        known.told()
+                    );
+                    known.bar.finish_and_clear();
+                    self.say(&line);
+                }
+            }
+        }
+        self.tell();
+    }
+
+    fn end(&mut self, run: &RunDetail) {
+        let result = run.run.tasks.iter().filter_map(|task| {
+            Some(format!("{} {:.2} ± {:.2}", task.task, task.mean?, task.deviation?))
+        });
+        let line = result.collect::<Vec<_>>().join(", ");
+        self.say(&format!("{}: {line}", run.run.model));
+        self.leave();
+        self.tell();
+    }
+
+    /// How all of it goes.
+    fn tell(&mut self) {
+        self.total.set_position(self.rounds.done());
+        let now = SystemClock.now();
+        let line = self.pace(now);
+        self.total.set_message(line.clone());
+        if self.bars.is_hidden() && until(self.last_line, now) >= LINE_EVERY {
+            self.last_line = now;
+            let (number, of) = self.run;
+            let (done, planned) = (self.rounds.done(), self.rounds.planned);
+            eprintln!("run {number} of {of}, {done} of {planned} rounds, {line}");
+        }
+    }
+
+    fn pace(&self, now: Timestamp) -> String {
+        let mut parts = Vec::new();
+        let asked = self.models.iter().flatten().map(Model::spent);
+        let (mut tokens_in, mut tokens_out, mut flying, mut retries, mut failures) =
+            (0, 0, 0, 0, 0);
+        for spent in asked {
+            tokens_in += spent.prompt_tokens;
+            tokens_out += spent.completion_tokens;
+            flying += spent.in_flight;
+            retries += spent.retries;
+            failures += spent.failures.total();
+        }
+        if self.models.iter().any(Option::is_some) {
+            parts.push(format!("{}+{} tokens", short(tokens_in), short(tokens_out)));
+            parts.push(format!("{flying} asked"));
+        }
+        for (count, what) in [(retries, "retries"), (failures, "no answers")] {
+            if count > 0 {
+                parts.push(format!("{count} {what}"));
+            }
+        }
+        let played = self.rounds.done().saturating_sub(self.rounds.before);
+        let left = self.rounds.planned.saturating_sub(self.rounds.done());
+        parts.extend(time_left(until(self.begun, now), played, left));
+        parts.join(", ")
+    }
+}
+
+impl Game {
+    fn told(&self) -> String {
+        let mut parts = vec![format!("score {:.2}", self.score)];
+        if self.prompt_tokens + self.completion_tokens > 0 {
+            let (read, said) = (short(self.prompt_tokens), short(self.completion_tokens));
+            parts.push(format!("{read}+{said} tokens"));
+        }
+        if self.invalid > 0 {
+            parts.push(format!("{} invalid", self.invalid));
+        }
+        parts.join(", ")
+    }
+
+    fn tell(&self) {
+        self.bar.set_position(self.round.into());
+        let (from, since) = self.since;
+        let left = u64::from(self.max_round.saturating_sub(self.round));
+        let played = u64::from(self.round.saturating_sub(from));
+        let left = time_left(until(since, SystemClock.now()), played, left);
+        let parts: Vec<String> = std::iter::once(self.told()).chain(left).collect();
+        self.bar.set_message(parts.join(", "));
+    }
+}
+
+fn is_over(game: &RunGame) -> bool {
+    !["planned", "running"].contains(&game.status.as_str())
+}
+
+/// Rounds of a run that need not be played any more.
+fn done(run: &RunDetail) -> u64 {
+    let max_round = u64::try_from(run.run.suite.settings.max_round).unwrap_or(0);
+    let counted = run.games.iter().filter(|game| game.void_reason.is_none());
+    counted.map(|game| if is_over(game) { max_round } else { game.round.into() }).sum()
+}
+
+/// How long it takes on, as fast as it went so far; none as long as nobody can say.
+fn time_left(passed: Duration, played: u64, left: u64) -> Option<String> {
+    let (Ok(played), Ok(left)) = (u32::try_from(played), u32::try_from(left)) else { return None };
+    if played == 0 || left == 0 {
+        return None;
+    }
+    let left = (passed / played).saturating_mul(left);
+    Some(match left.as_secs() {
+        seconds @ 0..100 => format!("{seconds} s left"),
+        seconds @ 100..6000 => format!("{} min left", seconds.div_ceil(60)),
+        seconds => {
+            format!("{:.1} h left", f64::from(u32::try_from(seconds).unwrap_or(u32::MAX)) / 3600.0)
+        }
+    })
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a valid template")
+}
+
+/// A bar that counts.
+pub(super) fn plain_bar(prefix: &str, all: u64, what: &str) -> ProgressBar {
+    ProgressBar::new(all)
+        .with_style(style(&format!("{{prefix:34}} {{bar:24}} {{pos}}/{{len}} {what}")))
+        .with_prefix(prefix.to_owned())
+}

@@ -1,0 +1,178 @@
+//! What an evaluation shows at its end.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use anyhow::{Context, ensure};
+use comfy_table::CellAlignment;
+
+use super::super::leaderboard::fit;
+use super::super::play::table;
+use super::Hosting;
+use crate::eval::experiment::Shape;
+use crate::eval::plan::{Plan, Who, ranges};
+use crate::eval::report::{Played, Report};
+
+/// Boards of other suites that are named at the end.
+const SUITES_TOLD: usize = 3;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Showing {
+    /// How the board is written.
+    #[arg(long, default_value = "table")]
+    format: Format,
+    /// wide: a row for each run, a column for each task; long: a row for each run and task, with least and most (wide).
+    #[arg(long)]
+    pub(super) board: Option<Board>,
+    /// Write the board into this file, in that format; the terminal shows a table in any case.
+    #[arg(long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Format {
+    Table,
+    Markdown,
+    Csv,
+    Json,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(super) enum Board {
+    Wide,
+    Long,
+}
+
+impl From<Board> for Shape {
+    fn from(board: Board) -> Self {
+        match board {
+            Board::Wide => Self::Wide,
+            Board::Long => Self::Long,
+        }
+    }
+}
+
+impl Showing {
+    /// Whether the board can be written where it is to be, before hours of play.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        if let Some(path) = &self.output {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let is_there = folder.is_none_or(std::path::Path::is_dir);
+            ensure!(is_there && !path.is_dir(), "--output {}: no such folder", path.display());
+        }
+        Ok(())
+    }
+
+    /// Shows the board. What is not whole is not written into a file.
+    pub(super) fn show(&self, plan: &Plan, report: &Report, is_whole: bool) -> anyhow::Result<()> {
+        if self.output.is_some() || self.format == Format::Table {
+            println!("{}", headline(plan));
+            println!("{}", drawn(plan, report, terminal_width()));
+        }
+        let text = match self.format {
+            Format::Table => format!("{}\n{}\n", headline(plan), drawn(plan, report, u16::MAX)),
+            Format::Markdown => report.markdown(plan.shape),
+            Format::Csv => report.csv(),
+            Format::Json => report.json(),
+        };
+        match &self.output {
+            Some(path) if is_whole => {
+                std::fs::write(path, text).with_context(|| format!("{}", path.display()))?;
+                eprintln!("the board is in {}", path.display());
+            }
+            Some(path) => eprintln!("not all was played, so {} is not written", path.display()),
+            None if self.format == Format::Table => {}
+            None => print!("{text}"),
+        }
+        Ok(())
+    }
+
+    /// How to see more.
+    pub(super) fn tell_more(&self, played: &[Played], hosting: &Hosting) {
+        if self.format != Format::Table && self.output.is_none() {
+            return;
+        }
+        let place = hosting.place();
+        let suites: BTreeSet<_> = (played.iter())
+            .map(|played| {
+                let suite = &played.run.run.suite;
+                let digest = suite.digest.as_ref().map(|digest| format!("@{digest}"));
+                let is_usual = suite.name == "standard";
+                let name =
+                    format!("{}{}", suite.name, digest.filter(|_| !is_usual).unwrap_or_default());
+                (name, suite.rules.clone())
+            })
+            .collect();
+        eprintln!(
+            "means over the seeds ± population standard deviation; among others, with intervals:"
+        );
+        for (name, rules) in suites.iter().take(SUITES_TOLD) {
+            let rules = if rules == "paper" { String::new() } else { format!(" --rules {rules}") };
+            eprintln!("  swarmbench leaderboard --suite '{name}'{rules} {place}");
+        }
+        if suites.len() > SUITES_TOLD {
+            eprintln!("  … and {} more suites", suites.len() - SUITES_TOLD);
+        }
+    }
+}
+
+/// The columns of the terminal; what is no terminal takes lines of any length.
+fn terminal_width() -> u16 {
+    terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0)
+}
+
+/// What was evaluated, in a line.
+fn headline(plan: &Plan) -> String {
+    let seeds: BTreeSet<u64> =
+        plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
+    let seeds = ranges(&seeds.into_iter().collect::<Vec<_>>());
+    let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));
+    format!("{}: seeds {seeds}{}", plan.name, shared.collect::<String>())
+}
+
+fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
+    let (headings, rows) = report.table(plan.shape);
+    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    let mut shown = table(&headings);
+    fit(&mut shown, width);
+    for row in rows {
+        shown.add_row(row);
+    }
+    for column in shown.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    shown
+}
+
+/// Shows what would be played.
+pub(super) fn dry_run(plan: &Plan) {
+    println!("{}", headline(plan));
+    let mut headings = vec!["model"];
+    headings.extend(&plan.varied);
+    headings.extend(["tasks", "seeds", "games", "asked at most"]);
+    let mut shown = table(&headings);
+    fit(&mut shown, terminal_width());
+    let (mut games, mut asked) = (0, 0);
+    for run in &plan.runs {
+        let mut cells = vec![run.name()];
+        cells.extend(
+            plan.varied.iter().map(|axis| run.setting(axis).unwrap_or_else(|| "–".to_owned())),
+        );
+        let count = run.suite.tasks.len() * run.suite.seeds.len();
+        let is_model = matches!(run.who, Who::Model(_));
+        let questions = if is_model { run.acts_max() } else { 0 };
+        games += count;
+        asked += questions;
+        cells.extend([
+            run.suite.tasks.join(", "),
+            ranges(&run.suite.seeds),
+            count.to_string(),
+            if is_model { questions.to_string() } else { "–".to_owned() },
+        ]);
+        shown.add_row(cells);
+    }
+    println!("{shown}");
+    let runs = plan.runs.len();
+    println!("{runs} runs, {games} games; models would be asked at most {asked} times");
+    println!("nothing was played; without --dry-run it is");
+}

@@ -1,0 +1,294 @@
+//! Plays the runs of a plan, one after the other, each from where it stands.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::fmt::Display;
+use std::time::Duration;
+
+use futures::future::{Either, select};
+use serde_json::{Map, Value, json};
+use tokio_util::sync::CancellationToken;
+
+use super::conversation::Conversation;
+use super::plan::{AXES, META, Planned, Who, ranges};
+use crate::clock::{Clock, SystemClock, after};
+use crate::llm::{Model, Stop};
+use crate::players::client::{Client, ClientError};
+use crate::players::drive::{DriveError, End, Note, Swarm, drive};
+use crate::players::play::{BuiltIns, Table};
+use crate::run::RunStatus;
+use crate::run::definition::digest_of_template;
+use crate::wire::act::{Receipt, SwarmAct};
+use crate::wire::observation::Observation;
+use crate::wire::run::{RunDetail, RunList, RunSummary};
+
+/// How often the server is asked how all games stand, for whoever watches.
+const SYNC: Duration = Duration::from_secs(2);
+
+/// How a run was found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Found {
+    /// Nobody had begun it; of another run of the same player that is not over: its id, and in what it differs.
+    New(Option<(String, Vec<String>)>),
+    /// It was begun before, and goes on.
+    GoesOn,
+    /// It was played before.
+    Finished,
+}
+
+/// What happens, for whoever watches.
+#[derive(Clone, Copy, Debug)]
+pub enum News<'a> {
+    /// A run was found or created; its place in the plan.
+    Begins(usize, &'a Planned, &'a Found, &'a RunDetail),
+    /// Seats wait for an act.
+    Looked(&'a [Observation]),
+    /// An act is durable.
+    Acted(&'a SwarmAct, &'a Receipt),
+    /// How all games of the run stand.
+    Stands(&'a RunDetail),
+    /// All of it was played.
+    Ends(usize, &'a RunDetail),
+}
+
+/// Why not everything was played.
+#[derive(Debug, thiserror::Error)]
+pub enum Halt {
+    /// Somebody asked for it.
+    #[error("stopped")]
+    Asked,
+    /// A model cannot be asked.
+    #[error("{0}")]
+    Model(#[from] Stop),
+    /// The server cannot be used.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// Somebody else ended the run.
+    #[error(
+        "the run {id} was {status} before all of it was played; the same command starts another"
+    )]
+    Ended {
+        /// Its id.
+        id: String,
+        /// How it ended.
+        status: String,
+    },
+    /// Seats cannot be played.
+    #[error("{0}")]
+    Play(String),
+}
+
+impl Halt {
+    /// Whether the same command goes on, and nothing has to be mended first.
+    #[must_use]
+    pub fn can_go_on(&self) -> bool {
+        match self {
+            Self::Asked => true,
+            Self::Model(stop) => matches!(
+                stop,
+                Stop::BudgetSpent { .. }
+                    | Stop::NoCredit { .. }
+                    | Stop::Unreachable { .. }
+                    | Stop::ComeLater { .. }
+            ),
+            Self::Client(ClientError::Transport { .. }) => true,
+            Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
+        }
+    }
+}
+
+/// Plays runs on a server.
+pub struct Conductor<'a> {
+    /// The server.
+    pub client: &'a Client,
+    /// How many games of a new run are open at a time.
+    pub parallel: u32,
+    /// Whether a run that was played before is played once more.
+    pub again: bool,
+    /// Cancelled when it is to stop.
+    pub stop: &'a CancellationToken,
+}
+
+impl Conductor<'_> {
+    /// Plays a run from where it stands; `model` is the one that plays it, where one does.
+    ///
+    /// # Errors
+    /// See [`Halt`].
+    pub async fn conduct(
+        &self,
+        number: usize,
+        planned: &Planned,
+        model: Option<Model>,
+        watch: &mut dyn FnMut(News<'_>),
+    ) -> Result<RunDetail, Halt> {
+        let (found, run, token) = self.find(planned).await?;
+        watch(News::Begins(number, planned, &found, &run));
+        if found == Found::Finished {
+            return Ok(run);
+        }
+        let ended = match (&planned.who, model) {
+            (Who::Player(player), _) => {
+                let choose = |task| player.of(task);
+                let table = Table::of(&run);
+                let mut swarm = BuiltIns::new(self.client, &token, table, player.seed, choose);
+                let played = self.play(&run, &token, &mut swarm, watch).await;
+                played.map_err(|error| halt(error, |puzzled| Halt::Play(puzzled.to_string())))?
+            }
+            (Who::Model(model), None) => {
+                return Err(Halt::Play(format!("nobody said how {} is asked", model.name)));
+            }
+            (Who::Model(_), Some(model)) => {
+                let id = &run.run.id;
+                let mut swarm = Conversation::new(self.client, id, &token, planned, model);
+                let played = self.play(&run, &token, &mut swarm, watch).await;
+                played.map_err(|error| halt(error, |error| error))?
+            }
+        };
+        let run = self.client.run(&run.run.id, Some(&token)).await?;
+        watch(News::Stands(&run));
+        if ended == End::Stopped {
+            return Err(Halt::Asked);
+        }
+        if run.run.status != RunStatus::Finished.name() {
+            return Err(Halt::Ended { id: run.run.id, status: run.run.status });
+        }
+        watch(News::Ends(number, &run));
+        Ok(run)
+    }
+
+    /// Drives the seats of a run, and tells now and then how its games stand.
+    async fn play<S: Swarm>(
+        &self,
+        run: &RunDetail,
+        token: &str,
+        swarm: &mut S,
+        watch: &mut dyn FnMut(News<'_>),
+    ) -> Result<End, DriveError<S::Error>> {
+        let watch = RefCell::new(watch);
+        let tell = |note: Note<'_>| match note {
+            Note::Looked(looked) => watch.borrow_mut()(News::Looked(looked)),
+            Note::Acted(act, receipt) => watch.borrow_mut()(News::Acted(act, receipt)),
+        };
+        let sync = async {
+            loop {
+                SystemClock.sleep_until(after(SystemClock.now(), SYNC)).await;
+                // Whether the server can be used is for whoever plays to say.
+                if let Ok(run) = self.client.run(&run.run.id, Some(token)).await {
+                    watch.borrow_mut()(News::Stands(&run));
+                }
+            }
+        };
+        let sync: std::pin::Pin<&mut dyn Future<Output = Infallible>> = std::pin::pin!(sync);
+        let driving = std::pin::pin!(drive(self.client, token, swarm, self.stop, tell));
+        match select(driving, sync).await {
+            Either::Left((ended, _)) => ended,
+            Either::Right((never, _)) => match never {},
+        }
+    }
+
+    /// The run as it was begun before, or else a new one; with its token.
+    async fn find(&self, planned: &Planned) -> Result<(Found, RunDetail, String), Halt> {
+        let identity = planned.identity();
+        let runs = self.runs_of(&planned.name()).await?;
+        let evaluated = |run: &&RunSummary| run.agent_meta.contains_key(META);
+        for run in runs.iter().filter(evaluated) {
+            let is_running = run.status == RunStatus::Running.name();
+            let is_finished = run.status == RunStatus::Finished.name();
+            if run.agent_meta[META]["identity"] != identity || !(is_running || is_finished) {
+                continue;
+            }
+            if is_finished && self.again {
+                break;
+            }
+            // Whoever created it gets a token, and nobody else.
+            let token = match self.client.replace_run_token(&run.id).await {
+                Ok(token) => token.swarm_token,
+                Err(ClientError::Refused { status, .. }) if status.is_client_error() => continue,
+                Err(error) => return Err(error.into()),
+            };
+            let run = self.client.run(&run.id, Some(&token)).await?;
+            let found = if is_finished { Found::Finished } else { Found::GoesOn };
+            return Ok((found, run, token));
+        }
+        let unfinished = |run: &&RunSummary| run.status == RunStatus::Running.name();
+        let other = runs.iter().filter(evaluated).find(unfinished);
+        let other = other.map(|run| (run.id.clone(), differences(run, planned)));
+        let created = self.client.create_run(&planned.request(self.parallel)).await?;
+        let token = created.swarm_token.ok_or_else(|| {
+            Halt::Play("the server did not give a token for the run that it created".to_owned())
+        })?;
+        Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, token))
+    }
+
+    /// All runs of a player that can be seen, newest first.
+    async fn runs_of(&self, model: &str) -> Result<Vec<RunSummary>, ClientError> {
+        let mut runs = Vec::new();
+        let mut cursor: Option<String> = None;
+        loop {
+            let mut query = vec![("model", model), ("limit", "200")];
+            query.extend(cursor.as_deref().map(|cursor| ("cursor", cursor)));
+            let page: RunList = self.client.get_with("/api/v1/runs", &query).await?;
+            runs.extend(page.items);
+            match page.next_cursor {
+                Some(next) => cursor = Some(next),
+                None => return Ok(runs),
+            }
+        }
+    }
+}
+
+fn halt<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> Halt) -> Halt {
+    match error {
+        DriveError::Client(error) => Halt::Client(error),
+        DriveError::Refused { .. } => Halt::Play(error.to_string()),
+        DriveError::Swarm(error) => own(error),
+    }
+}
+
+/// In what a run is another than the planned one, in words.
+fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
+    let settings = &run.suite.settings;
+    let size = super::experiment::MapSize { width: settings.width, height: settings.height };
+    let number = |value: Option<f64>| value.map(|value| value.to_string());
+    let was = |axis: &str| match axis {
+        "rules" => Some(run.suite.rules.clone()),
+        "control" => Some(settings.control.clone()),
+        "map_size" => Some(size.to_string()),
+        "num_agents" => Some(settings.num_agents.to_string()),
+        "view_size" => Some(settings.view_size.to_string()),
+        "memory" => Some(settings.memory.to_string()),
+        "max_round" => Some(settings.max_round.to_string()),
+        "noise" => Some(settings.noise.to_string()),
+        "max_delay" => Some(settings.max_delay.to_string()),
+        "temperature" => number(run.temperature),
+        "top_p" => number(run.top_p),
+        _ => None,
+    };
+    let said = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+    let mut found = Vec::new();
+    let mut compare = |what: &str, was: Option<String>, is: Option<String>| {
+        if was != is {
+            found.push(format!("{what} {} instead of {}", said(is), said(was)));
+        }
+    };
+    compare("tasks", Some(run.suite.tasks.join(" + ")), Some(planned.suite.tasks.join(" + ")));
+    compare("seeds", run.suite.seeds.as_deref().map(ranges), Some(ranges(&planned.suite.seeds)));
+    for axis in AXES {
+        compare(axis, was(axis), planned.setting(axis));
+    }
+    let template = planned.template.as_deref().map(digest_of_template);
+    compare("prompt template", run.template_digest.clone(), template);
+    let own = |meta: &Map<String, Value>| {
+        let mut own = meta.get(META).cloned().unwrap_or_default();
+        if let Value::Object(own) = &mut own {
+            own.remove("identity");
+        }
+        own
+    };
+    let is = planned.request(1).agent_meta.unwrap_or_default();
+    let (was, is) = (own(&run.agent_meta), own(&is));
+    if was != is {
+        found.push(format!("{} instead of {}", json!(is), json!(was)));
+    }
+    found
+}

@@ -1,0 +1,103 @@
+//! Seats that are played by a language model: each observation is a question of its own.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tokio::sync::Mutex;
+
+use super::conduct::Halt;
+use super::plan::Planned;
+use crate::llm::{Answer, Model, Question, Stop};
+use crate::players::client::Client;
+use crate::players::drive::{Swarm, Thought};
+use crate::wire::act::{ActRequest, SwarmAct};
+use crate::wire::observation::Observation;
+
+/// A language model on all seats of a run. Each seat is a conversation for itself: it is shown the server's prompt of its
+/// own observation, which holds what it remembers, and nothing else.
+pub struct Conversation {
+    model: Model,
+    names: Arc<Names>,
+}
+
+/// The names of games for cassettes, by their episodes.
+struct Names {
+    client: Client,
+    run: String,
+    token: String,
+    planned: Planned,
+    known: Mutex<BTreeMap<String, String>>,
+}
+
+impl Conversation {
+    /// A model that plays a run.
+    #[must_use]
+    pub fn new(client: &Client, run: &str, token: &str, planned: &Planned, model: Model) -> Self {
+        let names = Names {
+            client: client.clone(),
+            run: run.to_owned(),
+            token: token.to_owned(),
+            planned: planned.clone(),
+            known: Mutex::default(),
+        };
+        Self { model, names: Arc::new(names) }
+    }
+}
+
+impl Swarm for Conversation {
+    type Error = Halt;
+
+    fn reads_prompts(&self) -> bool {
+        true
+    }
+
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Halt>> {
+        let begin = |seen: Observation| -> Thought<Halt> {
+            let (model, names) = (self.model.clone(), Arc::clone(&self.names));
+            Box::pin(async move { Ok(vec![ask(&model, &names, seen).await?]) })
+        };
+        looked.into_iter().map(begin).collect()
+    }
+
+    fn waits_for_others(error: &Halt) -> bool {
+        // What was asked is paid for, and nothing more is asked, so the rest comes soon.
+        matches!(error, Halt::Model(Stop::BudgetSpent { .. } | Stop::NotOnCassette { .. }))
+    }
+}
+
+async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct, Halt> {
+    let Observation { sight, moment } = seen;
+    let game = names.of(&sight.episode).await?;
+    let Some(prompt) = moment.prompt else {
+        return Err(Halt::Play("the server sent no prompt".to_owned()));
+    };
+    let question = Question { game, agent: sight.agent.clone(), round: sight.round, prompt };
+    let Answer { response, usage, reasoning, .. } = model.answer(&question).await?;
+    let act = ActRequest {
+        round: sight.round,
+        // An empty one counts as well: the model said nothing.
+        response: Some(response),
+        usage: Some(usage),
+        reasoning,
+        ..ActRequest::default()
+    };
+    Ok(SwarmAct::of(sight.episode, sight.agent, act))
+}
+
+impl Names {
+    /// The name of an episode's game. Games are opened one after another, so now and then the run is looked at again.
+    async fn of(&self, episode: &str) -> Result<String, Halt> {
+        let mut known = self.known.lock().await;
+        if let Some(name) = known.get(episode) {
+            return Ok(name.clone());
+        }
+        let run = self.client.run(&self.run, Some(&self.token)).await?;
+        for game in run.games {
+            if let (Some(episode), Some(seed)) = (game.episode, game.seed) {
+                known.insert(episode, self.planned.game_name(&game.task, seed));
+            }
+        }
+        let name = known.get(episode).cloned();
+        name.ok_or_else(|| Halt::Play(format!("the run does not tell of its game {episode}")))
+    }
+}

@@ -1,0 +1,302 @@
+//! What came of an experiment, as a board: for people, for documents and for programs.
+
+use serde::Serialize;
+use swarmbench_engine::TaskName;
+
+use super::experiment::Shape;
+use super::plan::{Plan, Planned, ranges};
+use crate::wire::board::{text, write_csv};
+use crate::wire::run::{ActTally, RunDetail};
+
+/// What came of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// What it is called.
+    pub experiment: String,
+    /// What it is for.
+    pub description: Option<String>,
+    /// The settings that are the same in all its runs, and not those of the standard setting.
+    pub settings: Vec<(&'static str, String)>,
+    /// Those that are not the same.
+    pub varied: Vec<&'static str>,
+    /// The tasks.
+    pub tasks: Vec<&'static str>,
+    /// A row for each run.
+    pub rows: Vec<Row>,
+}
+
+/// A run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Who played.
+    pub model: String,
+    /// The settings that were varied, in the order of the report; none where it has none.
+    pub varied: Vec<Option<String>>,
+    /// The id of the run.
+    pub run: String,
+    /// `finished`, or how it stands.
+    pub status: String,
+    /// The seeds.
+    pub seeds: String,
+    /// What it came to in each of its tasks.
+    pub tasks: Vec<Cell>,
+    /// The sum of the means, where it played all tasks of the report.
+    pub total: Option<f64>,
+    /// What its acts were.
+    pub acts: ActTally,
+    /// Whether all its journals were played again, and came to the same.
+    pub verified: bool,
+}
+
+/// A run in one task.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cell {
+    /// The task.
+    pub task: String,
+    /// The mean over the seeds; none as long as no game has ended.
+    pub mean: Option<f64>,
+    /// The population standard deviation over the seeds.
+    pub deviation: Option<f64>,
+    /// The least score of a game that has ended.
+    pub least: Option<f64>,
+    /// The greatest.
+    pub most: Option<f64>,
+    /// How many games have ended and count.
+    pub games: u32,
+    /// How many there are to be.
+    pub planned: u32,
+}
+
+/// A run of a plan as it stands.
+#[derive(Clone, Debug)]
+pub struct Played {
+    /// What was planned.
+    pub planned: Planned,
+    /// How it stands.
+    pub run: RunDetail,
+    /// Whether all its journals were played again.
+    pub verified: bool,
+}
+
+impl Report {
+    /// What came of the runs of a plan.
+    #[must_use]
+    pub fn of(plan: &Plan, played: &[Played]) -> Self {
+        Self {
+            experiment: plan.name.clone(),
+            description: plan.description.clone(),
+            settings: plan.shared(),
+            varied: plan.varied.clone(),
+            tasks: plan.tasks.iter().map(|task| task.name()).collect(),
+            rows: played.iter().map(|played| Row::of(plan, played)).collect(),
+        }
+    }
+
+    /// Whether all rows have a total.
+    fn has_totals(&self) -> bool {
+        self.tasks.len() > 1 && self.rows.iter().any(|row| row.total.is_some())
+    }
+
+    /// The board as headings and rows of texts, for people.
+    #[must_use]
+    pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
+        let varied = self.varied.iter().map(|axis| axis.replace('_', " "));
+        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let mut headings = own(&["model"]);
+        headings.extend(varied);
+        match shape {
+            Shape::Wide => {
+                headings.extend(own(&self.tasks));
+                if self.has_totals() {
+                    headings.extend(own(&["total"]));
+                }
+                headings.extend(own(&["games", "invalid", "tokens in", "out"]));
+                (headings, self.rows.iter().map(|row| self.wide(row)).collect())
+            }
+            Shape::Long => {
+                headings.extend(own(&[
+                    "task",
+                    "mean ± deviation",
+                    "least",
+                    "most",
+                    "games",
+                    "seeds",
+                ]));
+                (headings, self.rows.iter().flat_map(Self::long).collect())
+            }
+        }
+    }
+
+    fn wide(&self, row: &Row) -> Vec<String> {
+        let mut cells = row.name();
+        for task in &self.tasks {
+            let cell = row.tasks.iter().find(|cell| cell.task == *task);
+            cells.push(cell.map_or_else(String::new, Cell::score));
+        }
+        if self.has_totals() {
+            cells.push(number(row.total));
+        }
+        let (games, planned): (u32, u32) =
+            (row.tasks.iter()).fold((0, 0), |sum, cell| (sum.0 + cell.games, sum.1 + cell.planned));
+        cells.push(of(games, planned));
+        let share = row.acts.invalid_share;
+        cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
+        cells.extend([row.acts.prompt_tokens, row.acts.completion_tokens].map(short));
+        cells
+    }
+
+    fn long(row: &Row) -> Vec<Vec<String>> {
+        let line = |cell: &Cell| {
+            let mut cells = row.name();
+            cells.extend([
+                cell.task.clone(),
+                cell.score(),
+                number(cell.least),
+                number(cell.most),
+                of(cell.games, cell.planned),
+                row.seeds.clone(),
+            ]);
+            cells
+        };
+        row.tasks.iter().map(line).collect()
+    }
+
+    /// The board as a table in Markdown.
+    #[must_use]
+    pub fn markdown(&self, shape: Shape) -> String {
+        let (headings, rows) = self.table(shape);
+        let line = |cells: &[String]| {
+            let cells: Vec<_> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
+        let rule = vec!["---".to_owned(); headings.len()];
+        let rows = rows.iter().map(|row| line(row));
+        [line(&headings), line(&rule)].into_iter().chain(rows).collect()
+    }
+
+    /// The board as comma-separated values: a line for each run and task, numbers in full.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let columns = [
+            own(&["experiment", "model"]),
+            own(&self.varied),
+            own(&[
+                "task", "mean", "std", "least", "most", "games", "planned", "seeds", "run",
+                "status",
+            ]),
+            own(&[
+                "verified",
+                "run_acts",
+                "run_invalid",
+                "run_prompt_tokens",
+                "run_completion_tokens",
+            ]),
+        ];
+        let full =
+            |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
+        let line = |row: &Row, cell: &Cell| {
+            let mut cells = vec![text(&self.experiment), text(&row.model)];
+            cells.extend(row.varied.iter().map(|value| text(value.as_deref().unwrap_or_default())));
+            cells.extend([
+                cell.task.clone(),
+                full(cell.mean),
+                full(cell.deviation),
+                full(cell.least),
+                full(cell.most),
+                cell.games.to_string(),
+                cell.planned.to_string(),
+                row.seeds.clone(),
+                row.run.clone(),
+                row.status.clone(),
+                row.verified.to_string(),
+                row.acts.sent.to_string(),
+                row.acts.invalid.to_string(),
+                row.acts.prompt_tokens.to_string(),
+                row.acts.completion_tokens.to_string(),
+            ]);
+            cells
+        };
+        let lines =
+            self.rows.iter().flat_map(|row| row.tasks.iter().map(move |cell| line(row, cell)));
+        write_csv(&columns.concat(), lines)
+    }
+
+    /// The board as JSON.
+    #[must_use]
+    pub fn json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("a report has string keys");
+        json.push('\n');
+        json
+    }
+}
+
+impl Row {
+    fn of(plan: &Plan, Played { planned, run, verified }: &Played) -> Self {
+        let cell = |told: &crate::wire::run::TaskResult| {
+            let ended = run.games.iter().filter(|game| {
+                game.task == told.task
+                    && game.void_reason.is_none()
+                    && !["planned", "running"].contains(&game.status.as_str())
+            });
+            let scores: Vec<f64> = ended.filter_map(|game| game.score).collect();
+            Cell {
+                task: told.task.clone(),
+                mean: told.mean,
+                deviation: told.deviation,
+                least: scores.iter().copied().reduce(f64::min),
+                most: scores.iter().copied().reduce(f64::max),
+                games: told.played,
+                planned: told.planned,
+            }
+        };
+        let plays = |task: &TaskName| run.run.suite.tasks.iter().any(|own| own == task.name());
+        Self {
+            model: planned.name(),
+            varied: plan.varied.iter().map(|axis| planned.setting(axis)).collect(),
+            run: run.run.id.clone(),
+            status: run.run.status.clone(),
+            seeds: ranges(&planned.suite.seeds),
+            tasks: run.run.tasks.iter().map(cell).collect(),
+            total: run.run.total.filter(|_| plan.tasks.iter().all(plays)),
+            acts: run.run.acts.clone(),
+            verified: *verified,
+        }
+    }
+
+    /// Who played, and what was varied.
+    fn name(&self) -> Vec<String> {
+        let varied =
+            self.varied.iter().map(|value| value.clone().unwrap_or_else(|| "–".to_owned()));
+        std::iter::once(self.model.clone()).chain(varied).collect()
+    }
+}
+
+impl Cell {
+    fn score(&self) -> String {
+        match (self.mean, self.deviation) {
+            (Some(mean), Some(deviation)) => format!("{mean:.2} ± {deviation:.2}"),
+            _ => "–".to_owned(),
+        }
+    }
+}
+
+fn number(number: Option<f64>) -> String {
+    number.map_or_else(String::new, |number| format!("{number:.2}"))
+}
+
+/// How many of how many; the number alone where it is all of them.
+fn of(part: u32, all: u32) -> String {
+    if part == all { all.to_string() } else { format!("{part} of {all}") }
+}
+
+/// A count of tokens in short.
+#[must_use]
+pub fn short(count: u64) -> String {
+    #[expect(clippy::cast_precision_loss, reason = "three digits are shown")]
+    match count {
+        0..10_000 => count.to_string(),
+        10_000..10_000_000 => format!("{:.1}k", count as f64 / 1e3),
+        _ => format!("{:.1}M", count as f64 / 1e6),
+    }
+}

@@ -1,0 +1,149 @@
+//! Plays every journal of a run again, and compares what comes of it with what the server says.
+
+use futures::{StreamExt, TryStreamExt, stream};
+use swarmbench_engine::TaskName;
+use swarmbench_engine::physics::Solver;
+
+use super::plan::Planned;
+use crate::board::result::mean_and_deviation;
+use crate::journal::chain::Head;
+use crate::journal::replay::verify;
+use crate::players::client::{Client, ClientError};
+use crate::run::suite::Game;
+use crate::wire::run::RunDetail;
+
+/// Journals that are read at once.
+const AT_ONCE: usize = 4;
+
+/// What was found right.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verified {
+    /// Games.
+    pub games: u64,
+    /// Rounds that were played again.
+    pub rounds: u64,
+}
+
+/// A run that is not what the server says.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// What is needed cannot be read.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// It is another run than was planned, or its numbers do not follow from its journals.
+    #[error("{run}: {problem}")]
+    Wrong {
+        /// The run.
+        run: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+/// Plays all journals of a run again: every hash, digest, act and score; that they are the games that were planned, by
+/// their settings; and that the means follow from them. `progress` is told after each game.
+///
+/// # Errors
+/// The first fault.
+pub async fn verify_run(
+    client: &Client,
+    planned: &Planned,
+    run: &RunDetail,
+    progress: impl Fn(),
+) -> Result<Verified, Fault> {
+    let wrong = |problem: String| Fault::Wrong { run: run.run.id.clone(), problem };
+    let mut counted: Vec<(Game, String)> = Vec::new();
+    for game in planned.suite.plan() {
+        let mut played =
+            run.games.iter().filter(|of| of.slot == game.slot && of.void_reason.is_none());
+        match played.next().and_then(|of| of.episode.clone()) {
+            Some(episode) => counted.push((game, episode)),
+            None => {
+                return Err(wrong(format!("{} on seed {} was not played", game.task, game.seed)));
+            }
+        }
+    }
+    let games = counted.iter().map(|(game, episode)| check(client, planned, game, episode));
+    let checked: Vec<(TaskName, f64, u64)> = stream::iter(games)
+        .buffered(AT_ONCE)
+        .map(|checked| {
+            progress();
+            checked.map_err(|fault| match fault {
+                GameFault::Client(error) => Fault::Client(error),
+                GameFault::Wrong(problem) => wrong(problem),
+            })
+        })
+        .try_collect()
+        .await?;
+    for task in planned.tasks() {
+        let scores: Vec<f64> =
+            checked.iter().filter(|(of, ..)| *of == task).map(|(_, score, _)| *score).collect();
+        let told = run.run.tasks.iter().find(|told| told.task == task.name());
+        let told = told.and_then(|told| told.mean.zip(told.deviation));
+        if told != mean_and_deviation(&scores) {
+            return Err(wrong(format!(
+                "the server says {told:?} for {}, and its journals say {:?}",
+                task.name(),
+                mean_and_deviation(&scores)
+            )));
+        }
+    }
+    Ok(Verified {
+        games: checked.len() as u64,
+        rounds: checked.iter().map(|(.., rounds)| rounds).sum(),
+    })
+}
+
+enum GameFault {
+    Client(ClientError),
+    Wrong(String),
+}
+
+impl From<ClientError> for GameFault {
+    fn from(error: ClientError) -> Self {
+        Self::Client(error)
+    }
+}
+
+/// Plays one game again: its task, score, and how many rounds it had.
+async fn check(
+    client: &Client,
+    planned: &Planned,
+    game: &Game,
+    episode: &str,
+) -> Result<(TaskName, f64, u64), GameFault> {
+    let wrong = |problem: String| GameFault::Wrong(format!("{episode}: {problem}"));
+    let shown = client.episode(episode).await?;
+    let Some(result) = shown.result else {
+        return Err(wrong("it has not ended".to_owned()));
+    };
+    let head = Head::parse(&result.journal_head)
+        .ok_or_else(|| wrong("the server shows no head of its journal".to_owned()))?;
+    let journal = client.journal(episode, None).await?;
+    let again = move || verify(&*journal, Some(head), Solver::Flow, |_, _| {});
+    let report = tokio::task::spawn_blocking(again).await;
+    let report = report.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()));
+    let report = report.map_err(|fault| wrong(format!("its journal does not verify: {fault}")))?;
+    let config = report.opening.config.engine().map_err(|error| wrong(error.to_string()))?;
+    if report.opening.episode != episode {
+        return Err(wrong(format!("its journal is that of {}", report.opening.episode)));
+    }
+    if config.settings() != planned.suite.settings_of(game) {
+        return Err(wrong(format!(
+            "it was played with {:?}, and {:?} was planned",
+            config.settings(),
+            planned.suite.settings_of(game)
+        )));
+    }
+    if report.opening.config.model != planned.name() {
+        return Err(wrong(format!("it was played by {:?}", report.opening.config.model)));
+    }
+    let told = (shown.score, result.score, result.rounds);
+    if told != (report.score, report.score, report.rounds) {
+        return Err(wrong(format!(
+            "the server says {told:?}, and played again it comes to {} in {} rounds",
+            report.score, report.rounds
+        )));
+    }
+    Ok((config.task(), report.score, report.rounds.into()))
+}

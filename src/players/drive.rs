@@ -1,0 +1,350 @@
+//! The one way in which seats are played over HTTP, whoever decides for them: a look waits while decisions are in
+//! flight, and acts are sent as they come.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::time::Duration;
+
+use futures::StreamExt;
+use futures::future::BoxFuture;
+use futures::stream::FuturesUnordered;
+use tokio_util::sync::CancellationToken;
+
+use super::client::{Client, ClientError};
+use crate::clock::{Clock, SystemClock, after};
+use crate::wire::act::{Receipt, SwarmAct, SwarmActResponse, SwarmObsResponse, SwarmReceipt};
+use crate::wire::observation::Observation;
+use crate::wire::problem::Problem;
+
+/// Seconds that one look waits for something to happen.
+const WAIT_S: u32 = 30;
+
+/// Observations that one look asks for.
+const LOOK_MAX: usize = 256;
+
+/// Decisions in flight beyond which nobody looks for more: observations with prompts are large.
+const IN_FLIGHT_MAX: usize = 2048;
+
+/// Acts in one request, and their bytes; the server takes somewhat more.
+const ACTS_MAX: usize = 1024;
+const BATCH_BYTES_MAX: usize = 7 * 1024 * 1024;
+
+/// Bytes of one act; the server takes somewhat more.
+const ACT_BYTES_MAX: usize = 240 * 1024;
+
+/// Bytes of an act that the server takes also where a journal is full.
+const SMALL_ACT_BYTES_MAX: usize = 1200;
+
+/// How long an act waits that the server has no place for, where the server does not say how long.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Decisions that are being made; each is for one seat or for several.
+pub type Thought<E> = BoxFuture<'static, Result<Vec<SwarmAct>, E>>;
+
+/// Who decides for seats.
+pub trait Swarm {
+    /// Why nobody decides any more.
+    type Error: Display + Send + 'static;
+
+    /// Whether it reads the texts for language models.
+    fn reads_prompts(&self) -> bool;
+
+    /// Begins to decide for seats that wait for an act. Each seat and round comes once.
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Self::Error>>;
+
+    /// Whether decisions in flight are waited for after one has failed like this; else they are dropped.
+    fn waits_for_others(_error: &Self::Error) -> bool {
+        false
+    }
+}
+
+/// What happened while seats are played.
+#[derive(Clone, Copy, Debug)]
+pub enum Note<'a> {
+    /// Seats wait for an act; in parts of an answer of the server.
+    Looked(&'a [Observation]),
+    /// An act is durable.
+    Acted(&'a SwarmAct, &'a Receipt),
+}
+
+/// Why playing ended before everything was played.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError<E: Display> {
+    /// A request to the server failed.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// The server refused an act.
+    #[error("the server refused an act of {agent} in round {round}: {detail}")]
+    Refused {
+        /// Whose act.
+        agent: String,
+        /// For which round.
+        round: u32,
+        /// Why.
+        detail: String,
+    },
+    /// Nobody decides any more.
+    #[error("{0}")]
+    Swarm(E),
+}
+
+/// How playing ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All is over.
+    Over,
+    /// It was to stop.
+    Stopped,
+}
+
+/// Plays all seats of a swarm token until all is over, or until it is to stop: then decisions in flight are dropped, and
+/// acts that were decided are still sent.
+///
+/// # Errors
+/// See [`DriveError`]; acts that were decided before are sent where that is possible.
+pub async fn drive<S: Swarm>(
+    client: &Client,
+    token: &str,
+    swarm: &mut S,
+    stop: &CancellationToken,
+    note: impl FnMut(Note<'_>),
+) -> Result<End, DriveError<S::Error>> {
+    let mut drive = Drive {
+        client,
+        token,
+        note,
+        thinking: FuturesUnordered::new(),
+        delayed: FuturesUnordered::new(),
+        decided: HashMap::new(),
+        outbox: Vec::new(),
+        halted: None,
+    };
+    drive.play(swarm, stop).await
+}
+
+type Looking = BoxFuture<'static, Result<SwarmObsResponse, ClientError>>;
+type Sending = BoxFuture<'static, (Vec<SwarmAct>, Result<SwarmActResponse, ClientError>)>;
+
+struct Drive<'a, E: Display, N> {
+    client: &'a Client,
+    token: &'a str,
+    note: N,
+    thinking: FuturesUnordered<Thought<E>>,
+    /// Acts that the server had no place for.
+    delayed: FuturesUnordered<BoxFuture<'static, Vec<SwarmAct>>>,
+    /// The last round for which each seat was asked, by episode and agent. After a restart of the server all that waits
+    /// comes again.
+    decided: HashMap<(String, String), u32>,
+    outbox: Vec<SwarmAct>,
+    halted: Option<DriveError<E>>,
+}
+
+impl<E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'_, E, N> {
+    async fn play<S: Swarm<Error = E>>(
+        &mut self,
+        swarm: &mut S,
+        stop: &CancellationToken,
+    ) -> Result<End, DriveError<E>> {
+        let mut cursor: Option<String> = None;
+        let mut looking: Option<Looking> = None;
+        let mut sending: Option<Sending> = None;
+        let mut is_stopping = false;
+        loop {
+            if sending.is_none() && !self.outbox.is_empty() {
+                sending = Some(self.send());
+            }
+            if is_stopping || self.halted.is_some() {
+                looking = None;
+                if self.thinking.is_empty() && self.delayed.is_empty() && sending.is_none() {
+                    return match self.halted.take() {
+                        Some(error) => Err(error),
+                        None => Ok(End::Stopped),
+                    };
+                }
+            } else if looking.is_none() && self.thinking.len() < IN_FLIGHT_MAX {
+                looking = Some(self.look(cursor.clone(), swarm.reads_prompts()));
+            }
+            tokio::select! {
+                looked = async { looking.as_mut().expect("it is there").await }, if looking.is_some() => {
+                    looking = None;
+                    match looked {
+                        Ok(look) if look.finished => return Ok(End::Over),
+                        Ok(look) => {
+                            cursor = Some(look.cursor);
+                            self.begin(swarm, look.observations);
+                        }
+                        Err(error) => self.halt(DriveError::Client(error), true),
+                    }
+                }
+                Some(thought) = self.thinking.next() => match thought {
+                    Ok(acts) => self.outbox.extend(acts),
+                    Err(error) => {
+                        let waits = S::waits_for_others(&error);
+                        self.halt(DriveError::Swarm(error), waits);
+                    }
+                },
+                Some(acts) = self.delayed.next() => self.outbox.extend(acts),
+                (acts, sent) = async { sending.as_mut().expect("it is there").await }, if sending.is_some() => {
+                    sending = None;
+                    match sent {
+                        Ok(done) => self.receive(acts, done.receipts),
+                        Err(error) => {
+                            // Nothing can be sent any more.
+                            self.outbox.clear();
+                            self.delayed.clear();
+                            self.halt(DriveError::Client(error), false);
+                        }
+                    }
+                }
+                () = stop.cancelled(), if !is_stopping => {
+                    is_stopping = true;
+                    self.thinking.clear();
+                }
+            }
+        }
+    }
+
+    /// The first error counts.
+    fn halt(&mut self, error: DriveError<E>, waits_for_others: bool) {
+        if !waits_for_others {
+            self.thinking.clear();
+        }
+        self.halted.get_or_insert(error);
+    }
+
+    fn look(&self, after: Option<String>, prompt: bool) -> Looking {
+        let (client, token) = (self.client.clone(), self.token.to_owned());
+        Box::pin(async move {
+            client.swarm_obs(&token, after.as_deref(), WAIT_S, LOOK_MAX, prompt).await
+        })
+    }
+
+    fn begin<S: Swarm<Error = E>>(&mut self, swarm: &mut S, mut looked: Vec<Observation>) {
+        looked.retain(|seen| {
+            let sight = &seen.sight;
+            let seat = (sight.episode.clone(), sight.agent.clone());
+            self.decided.insert(seat, sight.round).is_none_or(|round| round < sight.round)
+        });
+        (self.note)(Note::Looked(&looked));
+        self.thinking.extend(swarm.decide(looked));
+    }
+
+    /// Sends what was decided, as much of it as goes into one request.
+    fn send(&mut self) -> Sending {
+        let mut bytes = 0;
+        let mut count = 0;
+        for act in &mut self.outbox {
+            bytes += fit(act, ACT_BYTES_MAX);
+            if count > 0 && (bytes > BATCH_BYTES_MAX || count == ACTS_MAX) {
+                break;
+            }
+            count += 1;
+        }
+        let rest = self.outbox.split_off(count);
+        let acts = std::mem::replace(&mut self.outbox, rest);
+        let (client, token) = (self.client.clone(), self.token.to_owned());
+        Box::pin(async move {
+            let sent = client.swarm_act(&token, acts.clone()).await;
+            (acts, sent)
+        })
+    }
+
+    fn receive(&mut self, acts: Vec<SwarmAct>, receipts: Vec<SwarmReceipt>) {
+        let mut again = Vec::new();
+        let mut pause = Duration::ZERO;
+        for (mut act, receipt) in acts.into_iter().zip(receipts) {
+            let problem = match receipt {
+                SwarmReceipt::Receipt(receipt) => {
+                    (self.note)(Note::Acted(&act, &receipt));
+                    continue;
+                }
+                SwarmReceipt::Problem(problem) => problem,
+            };
+            match Refusal::of(&problem) {
+                // A clock may have run out, or somebody aborted the episode.
+                Refusal::TooLate => {}
+                Refusal::JournalFull if fit(&mut act, usize::MAX) > SMALL_ACT_BYTES_MAX => {
+                    fit(&mut act, SMALL_ACT_BYTES_MAX);
+                    again.push(act);
+                }
+                Refusal::ComeAgain => {
+                    pause = pause.max(problem.retry_after_ms.map_or(PAUSE, Duration::from_millis));
+                    again.push(act);
+                }
+                Refusal::JournalFull | Refusal::Wrong => {
+                    let SwarmAct { agent, round, .. } = act;
+                    let refused = DriveError::Refused { agent, round, detail: problem.detail };
+                    self.halt(refused, false);
+                }
+            }
+        }
+        if !again.is_empty() {
+            self.delayed.push(Box::pin(async move {
+                SystemClock.sleep_until(after(SystemClock.now(), pause)).await;
+                again
+            }));
+        }
+    }
+}
+
+/// What is to be done about an act that the server refused.
+enum Refusal {
+    TooLate,
+    JournalFull,
+    ComeAgain,
+    Wrong,
+}
+
+impl Refusal {
+    fn of(problem: &Problem) -> Self {
+        let limit = problem.limit.as_ref().map_or("", |limit| &limit.name);
+        match problem.code.as_str() {
+            "round_over" | "episode_over" => Self::TooLate,
+            _ if limit.starts_with("journal_bytes_per_") => Self::JournalFull,
+            "rate_limited" | "overloaded" => Self::ComeAgain,
+            _ => Self::Wrong,
+        }
+    }
+}
+
+/// Cuts the texts of an act until it has at most so many bytes as JSON; returns how many it has. What a model thought goes
+/// first, then the beginning of its answer: prompts ask for the decision at the end.
+fn fit(act: &mut SwarmAct, most: usize) -> usize {
+    loop {
+        let bytes = serde_json::to_vec(act).map_or(0, |json| json.len());
+        let over = bytes.saturating_sub(most);
+        if over == 0 {
+            return bytes;
+        }
+        // Control characters take six bytes each, so this may take more than one turn.
+        let texts = [&mut act.reasoning, &mut act.response].into_iter().flatten();
+        let Some(text) = texts.into_iter().find(|text| !text.is_empty()) else { return bytes };
+        let from = text.ceil_char_boundary(over.div_ceil(6).max(over.min(text.len()) / 2));
+        text.drain(..from);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_texts_are_cut_and_the_end_of_an_answer_stays() {
+        for filler in ["x", "ä", "\u{1}"] {
+            let text = filler.repeat(300_000) + "\nACTION: UP";
+            let mut act = SwarmAct {
+                response: Some(text.clone()),
+                reasoning: Some(text),
+                ..SwarmAct::default()
+            };
+            let bytes = fit(&mut act, ACT_BYTES_MAX);
+            assert!((ACT_BYTES_MAX / 3..=ACT_BYTES_MAX).contains(&bytes), "{filler:?} {bytes}");
+            assert_eq!(act.reasoning.as_deref(), Some(""));
+            assert!(act.response.is_some_and(|text| text.ends_with("ACTION: UP")));
+        }
+        let mut short = SwarmAct { response: Some("ACTION: UP".to_owned()), ..SwarmAct::default() };
+        let before = short.response.clone();
+        fit(&mut short, ACT_BYTES_MAX);
+        assert_eq!(short.response, before);
+    }
+}
