@@ -3,6 +3,7 @@
 import uuid
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import update_wrapper
+from types import MethodType
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast, overload
 
 from . import wire
@@ -26,6 +27,10 @@ class Operation(Generic[P, T]):
         self._build = build
         update_wrapper(cast("Callable[..., Any]", self), build)
 
+    def __call__(self, client: "Client | AsyncClient", *args: P.args, **kwargs: P.kwargs) -> Any:
+        """The method of a client that is named as its first argument, as with any function of a class."""
+        return client.send(self._build(client, *args, **kwargs))
+
     @overload
     def __get__(self, instance: None, owner: type) -> Self: ...
     @overload
@@ -36,10 +41,7 @@ class Operation(Generic[P, T]):
         if instance is None:
             return self
 
-        def method(*args: P.args, **kwargs: P.kwargs) -> Any:
-            return instance.send(self._build(instance, *args, **kwargs))
-
-        return update_wrapper(method, self._build)
+        return MethodType(self, instance)
 
 
 class Operations:

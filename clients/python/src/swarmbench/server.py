@@ -35,7 +35,8 @@ class Server:
 
     Args:
         binary: The program. Where it is left out: `SWARMBENCH_BINARY`, then `swarmbench` on the `PATH`, then
-            `target/release` and `target/debug` of the checkout in which the working directory or this package is.
+            `target/release` and `target/debug` of the checkout in which the working directory or this package is
+            (or what cargo has in their place, `CARGO_TARGET_DIR`).
         db: The database, which is kept. Where it is left out it is a temporary one, removed at the end.
         arguments: More arguments of `swarmbench serve`.
     """
@@ -138,8 +139,9 @@ def find_binary(named: str | os.PathLike[str] | None = None) -> Path:
         for directory in (start, *start.parents):
             # A checkout of this project, not just any directory called target.
             if (directory / "crates" / "engine").is_dir():
+                target = directory / os.environ.get("CARGO_TARGET_DIR", "target")
                 for build in ("release", "debug"):
-                    path = directory / "target" / build / "swarmbench"
+                    path = target / build / "swarmbench"
                     if path.is_file():
                         return path
     raise ServerError(HOW_TO_BUILD)
