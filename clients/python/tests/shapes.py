@@ -14,7 +14,8 @@ def fields(shape: Any) -> dict[str, tuple[Any, bool]]:
     found = {}
     for name, hint in get_type_hints(origin, include_extras=True).items():
         absent = name in origin.__optional_keys__
-        bare = get_args(hint)[0] if get_origin(hint) in {NotRequired, Required} else hint
+        marked: Any = get_origin(hint)
+        bare = get_args(hint)[0] if marked in {NotRequired, Required} else hint
         if get_origin(bare) is list and get_args(bare)[0] in filled:
             bare = list[filled[get_args(bare)[0]]]  # type: ignore[misc] # made here
         found[name] = (bare, absent)
