@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -13,6 +14,10 @@ use serde_json::{Value, json};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+/// Nothing takes this long; a test that hangs is to fail.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
 
 /// A request as it came.
 #[derive(Clone, Debug)]
@@ -165,7 +170,8 @@ impl Endpoint {
     /// Waits until so many requests have come.
     pub(crate) async fn has_seen(&self, count: usize) {
         let mut seen = self.shared.seen.subscribe();
-        seen.wait_for(|seen| seen.len() >= count).await.expect("it is there");
+        let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= count)).await;
+        all.expect("they come").expect("it is there");
     }
 
     /// Lets out what is held until the next stage.

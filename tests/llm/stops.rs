@@ -49,8 +49,8 @@ async fn a_wrong_key_says_where_it_came_from() {
 
 #[tokio::test]
 async fn the_key_is_in_no_error_even_if_the_endpoint_shows_it() {
-    for before in 0..320 {
-        // Wherever it is, also where the quotation is cut.
+    // Also where the quotation is cut.
+    for before in [0, 1].into_iter().chain((250..310).step_by(7)) {
         let text = format!("{} {KEY} is no good, {KEY}!", "x".repeat(before));
         let reply = if before % 2 == 0 { Reply::error(401, &text) } else { Reply::text(401, text) };
         let stop = refused(reply, |_| {}).await;
