@@ -68,7 +68,7 @@ pub(super) enum Kind {
 }
 
 impl Passing {
-    fn new(kind: Kind, said: String) -> Trouble {
+    fn trouble(kind: Kind, said: String) -> Trouble {
         Trouble::Passing(Self { kind, said, wait: None })
     }
 }
@@ -115,7 +115,7 @@ impl Endpoint {
             result = self.exchange(prompt, clock) => result?,
             () = clock.sleep_until(after(began, timeout)) => {
                 let said = format!("no whole answer within {} s", timeout.as_secs_f64());
-                return Err(Passing::new(Kind::TimeOut, said));
+                return Err(Passing::trouble(Kind::TimeOut, said));
             }
         };
         completion.answer.usage.latency_ms = Some(millis(until(began, clock.now())));
@@ -139,12 +139,12 @@ impl Endpoint {
         let wait = wait_of(&headers, clock.now());
         if !status.is_success() {
             let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
-            return self.refused(status.as_u16(), refusal(&body.bytes), wait);
+            return self.refused(status.as_u16(), &refusal(&body.bytes), wait);
         }
         let body = self.body_of(response, BODY_BYTES_MAX).await?;
         if body.is_cut {
             let said = format!("an answer of more than {BODY_BYTES_MAX} bytes");
-            return Err(Passing::new(Kind::Unreadable, said));
+            return Err(Passing::trouble(Kind::Unreadable, said));
         }
         let unreadable = || {
             let shown = self.quoted(&String::from_utf8_lossy(&body.bytes));
@@ -155,15 +155,15 @@ impl Endpoint {
                 status.as_u16(),
                 one_line(kind)
             );
-            Passing::new(Kind::Unreadable, said)
+            Passing::trouble(Kind::Unreadable, said)
         };
         let value: Value = serde_json::from_slice(&body.bytes).map_err(|_| unreadable())?;
         if let Some(refusal) = error_of(&value) {
             // A router that had begun to answer cannot take its status back.
             let status = refusal.status.filter(|status| *status >= 400);
             return match status {
-                Some(status) => self.refused(status, refusal, wait),
-                None => Err(Passing::new(Kind::Server, self.quoted(&refusal.said))),
+                Some(status) => self.refused(status, &refusal, wait),
+                None => Err(Passing::trouble(Kind::Server, self.quoted(&refusal.said))),
             };
         }
         read(&value).ok_or_else(unreadable)
@@ -173,7 +173,7 @@ impl Endpoint {
     fn refused(
         &self,
         status: u16,
-        refusal: Refusal,
+        refusal: &Refusal,
         wait: Option<Duration>,
     ) -> Result<Completion, Trouble> {
         let url = self.shown.clone();
@@ -188,7 +188,7 @@ impl Endpoint {
         };
         let said = Said(said.clone());
         let stop = match status {
-            400 | 403 if refusal.is_filtered => return Ok(filtered(said)),
+            400 | 403 if refusal.is_filtered => return Ok(filtered(&said)),
             429 if refusal.names.iter().any(|name| is_about_credit(name)) => {
                 Stop::NoCredit { url, status, said }
             }
@@ -197,10 +197,8 @@ impl Endpoint {
             401 => Stop::WrongKey { url, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
             403 => Stop::Forbidden { url, variable, state, model, said },
-            404 | 405 => {
-                Stop::NotFound { url, status, model, hint: self.not_found(&refusal), said }
-            }
-            _ => Stop::BadRequest { url, status, hint: hint(&refusal), said },
+            404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
+            _ => Stop::BadRequest { url, status, hint: hint(refusal), said },
         };
         Err(Trouble::Final(stop))
     }
@@ -243,7 +241,7 @@ impl Endpoint {
         while let Some(deeper) = cause.source() {
             cause = deeper;
         }
-        Passing::new(kind, self.quoted(&cause.to_string()))
+        Passing::trouble(kind, self.quoted(&cause.to_string()))
     }
 
     async fn body_of(&self, mut response: reqwest::Response, most: usize) -> Result<Body, Trouble> {
@@ -272,7 +270,7 @@ struct Body {
 }
 
 /// An answer to a question at which a filter took offence.
-fn filtered(said: Said) -> Completion {
+fn filtered(said: &Said) -> Completion {
     let reasoning = Some(format!("[content filter] {}", said.0));
     let failure = Some(Failure::ContentFilter);
     Completion { answer: Answer { reasoning, failure, ..Answer::default() }, tokens: None }

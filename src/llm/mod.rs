@@ -1,4 +1,4 @@
-//! Language models: questions to any endpoint of OpenAI's chat completions, and cassettes that answer in its place.
+//! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
 //! A [`Model`] is asked [`Question`]s: a game, an agent, a round, and the prompt of that observation. It gives an
 //! [`Answer`], or says with a [`Stop`] why no more can be had. The line between the two:
