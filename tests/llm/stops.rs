@@ -120,12 +120,12 @@ async fn other_refusals_say_what_to_do() {
                 "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead.",
             ),
             |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["takes max_completion_tokens in place of max_tokens", "Unsupported parameter"],
+            &["leave --max-tokens out and say --extra", "Unsupported parameter"],
         ),
         (
             Reply::error(400, "'temperature' does not support 0.5 with this model."),
             |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["leave it out", "does not support 0.5"],
+            &["say another --temperature, or leave it out", "does not support 0.5"],
         ),
         (
             Reply::json(
