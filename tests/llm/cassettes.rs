@@ -105,7 +105,7 @@ async fn the_file_is_lines_that_say_what_they_are() {
             "game": "Transport/27",
             "agent": "Agent_1",
             "round": 0,
-            "prompt": "5a81a3c9b2fbd3f8a6c1d7b9e7d6e0d5c3a4b1f29e8d7c6b5a4938271605f4e3",
+            "prompt": "7c71c7a5d7defeb18cebfdcb89cea151dd6cc8646a0f5233b61f7e50ad96c9ed",
             "answer": {
                 "response": "",
                 "usage": { "prompt_tokens": 10, "completion_tokens": 5, "latency_ms": 0 },

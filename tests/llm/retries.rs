@@ -13,8 +13,11 @@ use crate::endpoint::{Endpoint, Reply, completion};
 use crate::time::{Leaps, TIME_OUT};
 use crate::{Bench, ask, question, stop_of};
 
+/// What it is called, what comes, and where it is counted.
+type Case = (&'static str, Reply, fn(&Spent) -> u64);
+
 /// All kinds of trouble that pass, and how they are counted.
-fn troubles() -> Vec<(&'static str, Reply, fn(&Spent) -> u64)> {
+fn troubles() -> Vec<Case> {
     let answer = || Reply::says("ACTION: UP");
     vec![
         ("408", Reply::error(408, "too slow"), |spent| spent.troubles.server),
@@ -170,11 +173,14 @@ async fn an_answer_that_does_not_come_whole_in_time_is_asked_for_again() {
     let asked = ask(&model, question(0, 0));
     for request in 1..=2 {
         endpoint.has_seen(request).await;
+        let trouble = (request == 2).then(|| "no whole answer within 10000 s".to_owned());
+        assert_eq!(model.trouble(), trouble);
         assert_eq!(model.spent().in_flight, 1);
         bench.clock.pass(TIME_OUT);
     }
     let answer = asked.await.expect("no panic").expect("an answer");
     assert_eq!((answer.response.as_str(), answer.retries), ("ACTION: UP", 2));
+    assert_eq!(model.trouble(), None);
     // It is the time of the request that succeeded.
     assert_eq!(answer.usage.latency_ms, Some(0));
     assert_eq!(model.spent().troubles.time_outs, 2);
@@ -188,12 +194,23 @@ async fn nobody_at_the_address() {
     drop(closed);
     let mut bench = Bench::new(&endpoint);
     bench.settings.api_base = format!("http://{address}/v1");
-    bench.settings.retries = 2;
     let model = bench.model();
     let text = stop_of(&model).await.to_string();
+    // It may be a typing error, so nobody waits for minutes.
     assert!(text.contains(&address.to_string()) && text.contains("3 tries"), "{text}");
     assert!(text.to_lowercase().contains("refused"), "{text}");
     assert_eq!(model.spent().troubles.connections, 3);
+}
+
+#[tokio::test]
+async fn an_endpoint_that_has_answered_before_is_waited_for() {
+    let endpoint = Endpoint::replies(vec![]).await;
+    let bench = Bench::new(&endpoint);
+    let model = bench.model();
+    model.answer(&question(0, 0)).await.expect("an answer");
+    endpoint.ends().await;
+    let stop = model.answer(&question(0, 1)).await.expect_err("it is gone");
+    assert!(matches!(stop, Stop::Unreachable { tries: 9, .. }), "{stop}");
 }
 
 #[tokio::test]
@@ -243,31 +260,39 @@ async fn one_that_is_refused_makes_the_others_wait() {
 #[tokio::test]
 async fn fewer_are_in_flight_after_a_refusal_and_more_after_answers() {
     const SEATS: u32 = 48;
-    // All eight that come first are refused together.
+    // All eight that come first are refused together. The last eight have to be there together.
     let endpoint = Endpoint::start(|number, _| match number {
         0..8 => Reply::error(429, "slow down").held_until(1),
-        8..12 => Reply::says("ACTION: UP").held_until(2),
+        8..16 => Reply::says("ACTION: UP").held_until(2),
+        56.. => Reply::says("ACTION: UP").held_until(3),
         _ => Reply::says("ACTION: UP"),
     })
     .await;
     let bench = Bench::with(&endpoint, Leaps::leaping(), 8, None);
     let model = bench.model();
-    let asked: Vec<_> = (0..SEATS).map(|agent| ask(&model, question(agent, 0))).collect();
+    let all =
+        |round| (0..SEATS).map(|agent| ask(&model, question(agent, round))).collect::<Vec<_>>();
+    let asked = all(0);
     endpoint.has_seen(8).await;
-    assert_eq!(endpoint.most_at_once(), 8);
+    assert_eq!(model.spent().in_flight, 8);
     endpoint.release();
     endpoint.has_seen(12).await;
-    endpoint.most_at_once();
+    assert_eq!(model.spent().in_flight, 4);
     endpoint.release();
     for asked in asked {
         asked.await.expect("no panic").expect("an answer");
     }
-    assert!(endpoint.most_at_once() <= 8);
-    // Eight refusals of one moment are one refusal: one pause, though all eight come to wait for it.
+    // Eight refusals of one moment are one refusal, so no pause has grown.
     let longest = bench.clock.pauses().into_iter().max().expect("a pause");
     assert!(longest < Duration::from_secs(2), "{longest:?}");
     assert_eq!(model.spent().troubles.load, 8);
-    assert_eq!(endpoint.seen().len(), 8 + SEATS as usize);
+    let asked = all(1);
+    endpoint.has_seen(56 + 8).await;
+    endpoint.release();
+    for asked in asked {
+        asked.await.expect("no panic").expect("an answer");
+    }
+    assert_eq!((endpoint.most_at_once(), endpoint.seen().len()), (8, 8 + 2 * SEATS as usize));
 }
 
 #[tokio::test]

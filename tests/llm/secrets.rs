@@ -1,34 +1,26 @@
 //! Nobody gets to see the key: not in the log, not in an error, not on a cassette, not in an act.
 
 use std::io;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 use swarmbench::llm::{Answer, Cassette, Stop};
-use tracing_subscriber::fmt::MakeWriter;
 
 use crate::endpoint::{Endpoint, Reply};
 use crate::{Bench, KEY, question};
 
-/// All that was logged.
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<u8>>>);
+/// All that this process has logged.
+static LOG: Mutex<Vec<u8>> = Mutex::new(Vec::new());
+
+struct Log;
 
 impl io::Write for Log {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().expect("a lock").extend_from_slice(bytes);
+        LOG.lock().expect("a lock").extend_from_slice(bytes);
         Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
-    }
-}
-
-impl<'a> MakeWriter<'a> for Log {
-    type Writer = Self;
-
-    fn make_writer(&'a self) -> Self {
-        self.clone()
     }
 }
 
@@ -56,12 +48,13 @@ async fn indiscreet() -> Endpoint {
 
 #[tokio::test]
 async fn the_key_is_nowhere() {
-    let log = Log::default();
     let subscriber = tracing_subscriber::fmt()
         .with_max_level(tracing::Level::TRACE)
-        .with_writer(log.clone())
+        .with_ansi(false)
+        .with_writer(|| Log)
         .finish();
-    let guard = tracing::subscriber::set_default(subscriber);
+    // For all threads, as a connection has tasks of its own; what other tests log is searched too.
+    tracing::subscriber::set_global_default(subscriber).expect("the only one");
     let endpoint = indiscreet().await;
     let bench = Bench::new(&endpoint);
     let folder = tempfile::tempdir().expect("a folder");
@@ -86,9 +79,8 @@ async fn the_key_is_nowhere() {
         format!("{stop:?} {model:?} {cassette:?} {:?} {:?}", bench.settings, bench.allowance),
         std::fs::read_to_string(&path).expect("a file"),
     ]);
-    drop(guard);
-    let logged = String::from_utf8(log.0.lock().expect("a lock").clone()).expect("UTF-8");
-    assert_eq!(logged.matches("no answer: ").count(), 5, "{logged}");
+    let logged = String::from_utf8(LOG.lock().expect("a lock").clone()).expect("UTF-8");
+    assert!(logged.matches("no answer: ").count() >= 5, "{logged}");
     assert!(logged.contains("500, You are Bearer [key]"), "{logged}");
     texts.push(logged);
     for text in texts {

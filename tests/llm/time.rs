@@ -6,6 +6,9 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench::clock::{Clock, ManualClock, until};
 use tokio::sync::watch;
+use tokio::time::timeout;
+
+use crate::endpoint::PATIENCE;
 
 /// From here on a wait is a time-out and no pause: it passes only by [`Leaps::pass`].
 pub(crate) const TIME_OUT: Duration = Duration::from_secs(10_000);
@@ -38,7 +41,8 @@ impl Leaps {
     /// Waits until somebody has asked for so many pauses.
     pub(crate) async fn has_seen(&self, pauses: usize) {
         let mut seen = self.pauses.subscribe();
-        seen.wait_for(|seen| seen.len() >= pauses).await.expect("it is there");
+        let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= pauses)).await;
+        all.expect("they come").expect("it is there");
     }
 
     /// Lets time pass.
