@@ -27,6 +27,9 @@ use super::stop::Stop;
 /// The version of the format.
 pub const VERSION: u32 = 1;
 
+/// Bytes of a line that are read: far more than an answer has.
+const LINE_BYTES_MAX: u64 = 16 * 1024 * 1024;
+
 /// What the first line of every cassette names.
 const NAME: &str = "swarmbench";
 
@@ -116,6 +119,9 @@ impl Cassette {
         let mut options = OpenOptions::new();
         options.read(true).append(is_recording).create(is_recording);
         let file = options.open(path).map_err(failed)?;
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(wrong("it is no regular file".to_owned()));
+        }
         if is_recording && matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
             return Err(wrong("another process records on it".to_owned()));
         }
@@ -267,10 +273,14 @@ impl Tape {
         let mut line = Vec::new();
         for number in 1_u64.. {
             line.clear();
-            let length = reader.read_until(b'\n', &mut line).map_err(told)?;
+            let mut bounded = reader.by_ref().take(LINE_BYTES_MAX);
+            let length = bounded.read_until(b'\n', &mut line).map_err(told)?;
             let is_whole = line.last() == Some(&b'\n');
             if number == 1 {
                 check_header(&line, is_whole)?;
+            }
+            if !is_whole && length as u64 == LINE_BYTES_MAX {
+                return Err(format!("line {number} is longer than any of a cassette"));
             }
             if !is_whole {
                 break;

@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -13,6 +14,10 @@ use serde_json::{Value, json};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+/// Nothing takes this long; a test that hangs is to fail.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
 
 /// A request as it came.
 #[derive(Clone, Debug)]
@@ -34,7 +39,7 @@ pub(crate) struct Reply {
     status: u16,
     headers: Vec<(&'static str, String)>,
     body: Sent,
-    is_held: bool,
+    stage: usize,
 }
 
 enum Sent {
@@ -47,7 +52,7 @@ enum Sent {
 
 impl Reply {
     pub(crate) fn text(status: u16, body: impl Into<Bytes>) -> Self {
-        Self { status, headers: Vec::new(), body: Sent::Whole(body.into()), is_held: false }
+        Self { status, headers: Vec::new(), body: Sent::Whole(body.into()), stage: 0 }
     }
 
     pub(crate) fn json(status: u16, body: &Value) -> Self {
@@ -69,9 +74,9 @@ impl Reply {
         self
     }
 
-    /// It comes only after [`Endpoint::release`].
-    pub(crate) fn held(mut self) -> Self {
-        self.is_held = true;
+    /// It comes only after so many calls of [`Endpoint::release`].
+    pub(crate) fn held_until(mut self, stage: usize) -> Self {
+        self.stage = stage;
         self
     }
 
@@ -108,7 +113,7 @@ type Act = dyn Fn(usize, &Seen) -> Reply + Send + Sync;
 struct Shared {
     act: Box<Act>,
     seen: watch::Sender<Vec<Seen>>,
-    released: watch::Sender<bool>,
+    stage: watch::Sender<usize>,
     in_flight: Mutex<(usize, usize)>,
 }
 
@@ -131,7 +136,7 @@ impl Endpoint {
         let shared = Arc::new(Shared {
             act: Box::new(act),
             seen: watch::Sender::default(),
-            released: watch::Sender::new(false),
+            stage: watch::Sender::new(0),
             in_flight: Mutex::default(),
         });
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
@@ -165,17 +170,21 @@ impl Endpoint {
     /// Waits until so many requests have come.
     pub(crate) async fn has_seen(&self, count: usize) {
         let mut seen = self.shared.seen.subscribe();
-        seen.wait_for(|seen| seen.len() >= count).await.expect("it is there");
+        let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= count)).await;
+        all.expect("they come").expect("it is there");
     }
 
-    /// Lets out what is held.
+    /// Lets out what is held until the next stage.
     pub(crate) fn release(&self) {
-        self.shared.released.send_replace(true);
+        self.shared.stage.send_modify(|stage| *stage += 1);
     }
 
-    /// How many requests were there at once at most.
+    /// How many requests were there at once at most since the last call.
     pub(crate) fn most_at_once(&self) -> usize {
-        self.shared.in_flight.lock().expect("a lock").1
+        let mut in_flight = self.shared.in_flight.lock().expect("a lock");
+        let most = in_flight.1;
+        in_flight.1 = in_flight.0;
+        most
     }
 }
 
@@ -198,10 +207,8 @@ async fn serve(State(shared): State<Arc<Shared>>, request: Request) -> Response<
         all.push(seen.clone());
     });
     let reply = (shared.act)(number, &seen);
-    if reply.is_held {
-        let mut released = shared.released.subscribe();
-        released.wait_for(|released| *released).await.expect("it is there");
-    }
+    let mut stage = shared.stage.subscribe();
+    stage.wait_for(|stage| *stage >= reply.stage).await.expect("it is there");
     shared.in_flight.lock().expect("a lock").0 -= 1;
     let mut response =
         Response::builder().status(StatusCode::from_u16(reply.status).expect("a status"));

@@ -2,15 +2,20 @@
 //! cassettes.
 
 mod answers;
+mod budget;
+mod cassettes;
 mod endpoint;
+mod game;
+mod retries;
+mod secrets;
+mod stops;
 mod time;
 
-use std::path::Path;
 use std::sync::Arc;
 
 use endpoint::Endpoint;
 use swarmbench::llm::{Allowance, ApiKey, Cassette, Model, Question, Settings, Stop};
-use time::Leaps;
+use time::{Leaps, TIME_OUT};
 
 /// A key that can be searched for.
 pub(crate) const KEY: &str = "sk-test-0123456789abcdefghijklmnop";
@@ -26,15 +31,22 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
+    /// Four requests at once, and time leaps.
     pub(crate) fn new(endpoint: &Endpoint) -> Self {
-        Self::with(endpoint, 4, None)
+        Self::with(endpoint, Leaps::leaping(), 4, None)
     }
 
-    pub(crate) fn with(endpoint: &Endpoint, at_once: usize, budget: Option<u64>) -> Self {
-        let clock = Arc::new(Leaps::default());
+    pub(crate) fn with(
+        endpoint: &Endpoint,
+        clock: Leaps,
+        at_once: usize,
+        budget: Option<u64>,
+    ) -> Self {
+        let clock = Arc::new(clock);
         let allowance = Allowance::new(at_once, budget, clock.clone());
-        let key = ApiKey::new(VARIABLE, Some(KEY.to_owned()));
-        Self { clock, allowance, settings: Settings::new("swarm-1", endpoint.base(), key) }
+        let mut settings = Settings::new("swarm-1", endpoint.base(), key());
+        settings.timeout = TIME_OUT;
+        Self { clock, allowance, settings }
     }
 
     pub(crate) fn model(&self) -> Model {
@@ -42,8 +54,21 @@ impl Bench {
     }
 
     pub(crate) fn model_on(&self, cassette: Option<&Cassette>) -> Model {
-        Model::new(self.settings.clone(), &self.allowance, cassette).expect("good settings")
+        self.try_model_on(cassette).expect("good settings")
     }
+
+    pub(crate) fn try_model(&self) -> Result<Model, Stop> {
+        self.try_model_on(None)
+    }
+
+    fn try_model_on(&self, cassette: Option<&Cassette>) -> Result<Model, Stop> {
+        Model::new(self.settings.clone(), &self.allowance, cassette)
+    }
+}
+
+/// The key, from its variable.
+pub(crate) fn key() -> ApiKey {
+    ApiKey::new(VARIABLE, Some(KEY.to_owned()))
 }
 
 /// The question of an agent in a round.
@@ -56,12 +81,16 @@ pub(crate) fn question(agent: u32, round: u32) -> Question {
     }
 }
 
-/// A cassette that is written.
-pub(crate) fn record(path: &Path) -> Cassette {
-    Cassette::record(path).expect("a cassette")
-}
-
 /// Why a model says nothing.
 pub(crate) async fn stop_of(model: &Model) -> Stop {
     model.answer(&question(0, 0)).await.expect_err("it stops")
+}
+
+/// Asks in a task of its own.
+pub(crate) fn ask(
+    model: &Model,
+    question: Question,
+) -> tokio::task::JoinHandle<Result<swarmbench::llm::Answer, Stop>> {
+    let model = model.clone();
+    tokio::spawn(async move { model.answer(&question).await })
 }

@@ -1,34 +1,48 @@
-//! Time that passes when somebody pauses.
+//! Time that passes when somebody pauses, or when the test says so.
 
 use std::pin::Pin;
-use std::sync::Mutex;
 use std::time::Duration;
 
 use jiff::Timestamp;
 use swarmbench::clock::{Clock, ManualClock, until};
+use tokio::sync::watch;
+use tokio::time::timeout;
 
-/// From here on a wait is a time-out, which passes only by [`Leaps::pass`].
+use crate::endpoint::PATIENCE;
+
+/// From here on a wait is a time-out and no pause: it passes only by [`Leaps::pass`].
 pub(crate) const TIME_OUT: Duration = Duration::from_secs(10_000);
 
-/// A clock on which every pause is over at once and is noted; time-outs, which are longer than any pause, wait for the
-/// test.
+/// A clock that notes all pauses. It leaps over them, or else stands until [`Leaps::pass`].
 #[derive(Debug)]
 pub(crate) struct Leaps {
     clock: ManualClock,
-    pauses: Mutex<Vec<Duration>>,
-}
-
-impl Default for Leaps {
-    fn default() -> Self {
-        let start = "2026-03-01T12:00:00Z".parse().expect("a time");
-        Self { clock: ManualClock::new(start), pauses: Mutex::default() }
-    }
+    pauses: watch::Sender<Vec<Duration>>,
+    stands: bool,
 }
 
 impl Leaps {
+    /// A clock on which every pause is over at once.
+    pub(crate) fn leaping() -> Self {
+        let start = "2026-03-01T12:00:00Z".parse().expect("a time");
+        Self { clock: ManualClock::new(start), pauses: watch::Sender::default(), stands: false }
+    }
+
+    /// A clock that stands.
+    pub(crate) fn standing() -> Self {
+        Self { stands: true, ..Self::leaping() }
+    }
+
     /// All pauses that were asked for.
     pub(crate) fn pauses(&self) -> Vec<Duration> {
-        self.pauses.lock().expect("a lock").clone()
+        self.pauses.borrow().clone()
+    }
+
+    /// Waits until somebody has asked for so many pauses.
+    pub(crate) async fn has_seen(&self, pauses: usize) {
+        let mut seen = self.pauses.subscribe();
+        let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= pauses)).await;
+        all.expect("they come").expect("it is there");
     }
 
     /// Lets time pass.
@@ -45,8 +59,10 @@ impl Clock for Leaps {
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
         let pause = until(self.now(), at);
         if pause < TIME_OUT {
-            self.pauses.lock().expect("a lock").push(pause);
-            self.clock.advance(pause);
+            self.pauses.send_modify(|pauses| pauses.push(pause));
+            if !self.stands {
+                self.clock.advance(pause);
+            }
         }
         self.clock.sleep_until(at)
     }

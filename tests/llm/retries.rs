@@ -1,0 +1,333 @@
+//! What may be better the next time is tried again, later and later.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::json;
+use swarmbench::clock::Clock;
+use swarmbench::llm::{Spent, Stop};
+use tokio::io::AsyncReadExt;
+use tokio::net::TcpListener;
+
+use crate::endpoint::{Endpoint, Reply, completion};
+use crate::time::{Leaps, TIME_OUT};
+use crate::{Bench, ask, question, stop_of};
+
+/// All kinds of trouble that pass, and how they are counted.
+fn troubles() -> Vec<(&'static str, Reply, fn(&Spent) -> u64)> {
+    let answer = || Reply::says("ACTION: UP");
+    vec![
+        ("408", Reply::error(408, "too slow"), |spent| spent.troubles.server),
+        ("409", Reply::error(409, "locked"), |spent| spent.troubles.server),
+        ("425", Reply::error(425, "too early"), |spent| spent.troubles.server),
+        ("500", Reply::error(500, "oops"), |spent| spent.troubles.server),
+        ("502", Reply::text(502, "<html><h1>Bad Gateway</h1></html>"), |spent| {
+            spent.troubles.server
+        }),
+        ("504", Reply::text(504, ""), |spent| spent.troubles.server),
+        ("520", Reply::text(520, "error code: 520"), |spent| spent.troubles.server),
+        ("429", Reply::error(429, "slow down"), |spent| spent.troubles.load),
+        ("503", Reply::error(503, "overloaded"), |spent| spent.troubles.load),
+        ("529", Reply::error(529, "overloaded"), |spent| spent.troubles.load),
+        ("a hang-up", answer().breaking(), |spent| spent.troubles.connections),
+        ("a page", Reply::text(200, "<html>Sign in!</html>"), |spent| spent.troubles.unreadable),
+        ("nothing", Reply::text(200, ""), |spent| spent.troubles.unreadable),
+        ("half of it", Reply::text(200, "{\"choices\": ["), |spent| spent.troubles.unreadable),
+        ("other JSON", Reply::json(200, &json!({ "ok": true })), |spent| spent.troubles.unreadable),
+        ("a list", Reply::json(200, &json!([1])), |spent| spent.troubles.unreadable),
+        ("too much", Reply::text(200, vec![b' '; 9 << 20]), |spent| spent.troubles.unreadable),
+        (
+            "an error with success",
+            Reply::json(200, &json!({ "error": { "message": "upstream", "code": 502 } })),
+            |spent| spent.troubles.server,
+        ),
+        (
+            "a limit with success",
+            Reply::json(200, &json!({ "error": { "message": "slow down", "code": 429 } })),
+            |spent| spent.troubles.load,
+        ),
+        (
+            "an error in the choice",
+            Reply::json(
+                200,
+                &json!({ "choices": [{ "error": { "message": "upstream", "code": 502 } }] }),
+            ),
+            |spent| spent.troubles.server,
+        ),
+    ]
+}
+
+#[tokio::test]
+async fn what_may_pass_is_tried_again() {
+    for (name, reply, count) in troubles() {
+        let endpoint = Endpoint::replies(vec![reply]).await;
+        let bench = Bench::new(&endpoint);
+        let model = bench.model();
+        let answer = model.answer(&question(0, 0)).await.expect(name);
+        assert_eq!((answer.response.as_str(), answer.retries), ("ACTION: UP", 1), "{name}");
+        assert_eq!(endpoint.seen().len(), 2, "{name}");
+        let [pause] = bench.clock.pauses()[..] else {
+            panic!("{name}: {:?}", bench.clock.pauses())
+        };
+        assert!((1.0..2.0).contains(&pause.as_secs_f64()), "{name}: {pause:?}");
+        let spent = model.spent();
+        assert_eq!((count(&spent), spent.troubles.total()), (1, 1), "{name}: {spent:?}");
+        assert_eq!((spent.requests, spent.retries, spent.answers, spent.in_flight), (2, 1, 1, 0));
+    }
+}
+
+#[tokio::test]
+async fn pauses_grow_until_it_is_given_up() {
+    for status in [500, 429] {
+        let endpoint = Endpoint::start(move |_, _| Reply::error(status, "oops")).await;
+        let mut bench = Bench::new(&endpoint);
+        bench.settings.retries = 8;
+        let model = bench.model();
+        let Stop::Unreachable { url, tries, last } = stop_of(&model).await else { panic!() };
+        assert_eq!(url, format!("{}/chat/completions", endpoint.base()));
+        assert_eq!((tries, last), (9, format!("{status}, oops")));
+        assert_eq!(endpoint.seen().len(), 9);
+        let pauses = bench.clock.pauses();
+        assert_eq!(pauses.len(), 8, "{pauses:?}");
+        for (pause, least) in pauses.iter().zip([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0]) {
+            assert!((least..2.0 * least).contains(&pause.as_secs_f64()), "{pauses:?}");
+        }
+        let text = stop_of(&model).await.to_string();
+        assert!(text.contains("9 tries") && text.contains("run the same command again"), "{text}");
+        assert_eq!(endpoint.seen().len(), 9, "nobody asks an endpoint that was given up");
+    }
+}
+
+#[tokio::test]
+async fn no_pause_is_longer_than_the_patience() {
+    for status in [500, 429] {
+        let endpoint = Endpoint::start(move |_, _| Reply::error(status, "oops")).await;
+        let mut bench = Bench::new(&endpoint);
+        bench.settings.patience = Duration::from_secs(3);
+        stop_of(&bench.model()).await;
+        let pauses = bench.clock.pauses();
+        assert_eq!(pauses.len(), 8);
+        assert!(pauses.iter().all(|pause| *pause <= Duration::from_secs(3)), "{pauses:?}");
+    }
+}
+
+#[tokio::test]
+async fn the_endpoint_says_when_to_come_again() {
+    // The clock stands at 12:00:00.
+    for (name, told, wait) in [
+        ("retry-after", "7", 7.0),
+        ("retry-after", "7.5", 7.5),
+        ("retry-after", "Sun, 01 Mar 2026 12:00:30 GMT", 30.0),
+        ("retry-after", "Sunday, 01-Mar-26 12:00:30 GMT", 30.0),
+        ("retry-after-ms", "7500", 7.5),
+    ] {
+        for status in [429, 500, 503] {
+            let refusal = Reply::error(status, "later").header(name, told);
+            let endpoint = Endpoint::replies(vec![refusal]).await;
+            let bench = Bench::new(&endpoint);
+            bench.model().answer(&question(0, 0)).await.expect("an answer");
+            let pauses: Vec<_> = bench.clock.pauses().iter().map(Duration::as_secs_f64).collect();
+            assert_eq!(pauses, [wait], "{name}: {told}");
+        }
+    }
+    // What is no time, has passed or is too short does not make anybody hurry.
+    for told in ["soon", "-5", "0", "Sun, 01 Mar 2026 11:00:00 GMT", "nan", "1e400", ""] {
+        let refusal = || Reply::error(429, "later").header("retry-after", told);
+        let endpoint = Endpoint::replies(vec![refusal(), refusal()]).await;
+        let bench = Bench::new(&endpoint);
+        bench.model().answer(&question(0, 0)).await.expect("an answer");
+        let pauses = bench.clock.pauses();
+        assert_eq!(pauses.len(), 2);
+        assert!((1.0..2.0).contains(&pauses[0].as_secs_f64()), "{told}: {pauses:?}");
+        assert!((2.0..4.0).contains(&pauses[1].as_secs_f64()), "{told}: {pauses:?}");
+    }
+}
+
+#[tokio::test]
+async fn who_asks_for_more_than_the_patience_is_left_alone() {
+    for status in [429, 503, 500] {
+        let refusal = Reply::error(status, "daily limit").header("retry-after", "7200");
+        let endpoint = Endpoint::replies(vec![refusal]).await;
+        let bench = Bench::new(&endpoint);
+        let model = bench.model();
+        let stop = stop_of(&model).await;
+        let Stop::ComeLater { wait_s: 7200, patience_s: 600, .. } = stop else {
+            panic!("{stop:?}")
+        };
+        assert!(stop.to_string().contains("--patience"), "{stop}");
+        assert_eq!(stop_of(&model).await, stop);
+        assert_eq!((endpoint.seen().len(), bench.clock.pauses().len()), (1, 0));
+    }
+}
+
+#[tokio::test]
+async fn an_answer_that_does_not_come_whole_in_time_is_asked_for_again() {
+    let silent = Reply::says("ACTION: DOWN").held_until(1);
+    let slow = Reply::says("ACTION: LEFT").stalling();
+    let endpoint = Endpoint::replies(vec![silent, slow]).await;
+    let bench = Bench::new(&endpoint);
+    let model = bench.model();
+    let asked = ask(&model, question(0, 0));
+    for request in 1..=2 {
+        endpoint.has_seen(request).await;
+        assert_eq!(model.spent().in_flight, 1);
+        bench.clock.pass(TIME_OUT);
+    }
+    let answer = asked.await.expect("no panic").expect("an answer");
+    assert_eq!((answer.response.as_str(), answer.retries), ("ACTION: UP", 2));
+    // It is the time of the request that succeeded.
+    assert_eq!(answer.usage.latency_ms, Some(0));
+    assert_eq!(model.spent().troubles.time_outs, 2);
+}
+
+#[tokio::test]
+async fn nobody_at_the_address() {
+    let endpoint = Endpoint::replies(vec![]).await;
+    let closed = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = closed.local_addr().expect("an address");
+    drop(closed);
+    let mut bench = Bench::new(&endpoint);
+    bench.settings.api_base = format!("http://{address}/v1");
+    bench.settings.retries = 2;
+    let model = bench.model();
+    let text = stop_of(&model).await.to_string();
+    assert!(text.contains(&address.to_string()) && text.contains("3 tries"), "{text}");
+    assert!(text.to_lowercase().contains("refused"), "{text}");
+    assert_eq!(model.spent().troubles.connections, 3);
+}
+
+#[tokio::test]
+async fn who_hangs_up_before_answering_is_asked_again() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let address = listener.local_addr().expect("an address");
+    let server = tokio::spawn(async move {
+        for _ in 0..3 {
+            let (mut connection, _) = listener.accept().await.expect("a connection");
+            let mut some = [0; 16];
+            connection.read_exact(&mut some).await.expect("a request");
+        }
+    });
+    let endpoint = Endpoint::replies(vec![]).await;
+    let mut bench = Bench::new(&endpoint);
+    bench.settings.api_base = format!("http://{address}/v1");
+    bench.settings.retries = 2;
+    let model = bench.model();
+    let stop = stop_of(&model).await;
+    assert!(matches!(stop, Stop::Unreachable { tries: 3, .. }), "{stop:?}");
+    assert_eq!(model.spent().troubles.connections, 3);
+    server.await.expect("three came");
+}
+
+#[tokio::test]
+async fn one_that_is_refused_makes_the_others_wait() {
+    let refusal = Reply::error(429, "slow down").header("retry-after", "100");
+    let endpoint = Endpoint::replies(vec![refusal]).await;
+    let mut bench = Bench::with(&endpoint, Leaps::standing(), 4, None);
+    let first = ask(&bench.model(), question(0, 0));
+    bench.clock.has_seen(1).await;
+    // Another way to ask the same model.
+    bench.settings.sampling.temperature = Some(0.0);
+    let second = ask(&bench.model(), question(1, 0));
+    bench.clock.has_seen(2).await;
+    assert_eq!(bench.clock.pauses(), [Duration::from_secs(100); 2]);
+    assert_eq!(endpoint.seen().len(), 1);
+    // Another model is another matter.
+    bench.settings.model = "swarm-2".to_owned();
+    bench.model().answer(&question(2, 0)).await.expect("an answer");
+    bench.clock.pass(Duration::from_secs(100));
+    first.await.expect("no panic").expect("an answer");
+    second.await.expect("no panic").expect("an answer");
+    assert_eq!(endpoint.seen().len(), 4);
+}
+
+#[tokio::test]
+async fn fewer_are_in_flight_after_a_refusal_and_more_after_answers() {
+    const SEATS: u32 = 48;
+    // All eight that come first are refused together. The last eight have to be there together.
+    let endpoint = Endpoint::start(|number, _| match number {
+        0..8 => Reply::error(429, "slow down").held_until(1),
+        8..16 => Reply::says("ACTION: UP").held_until(2),
+        56.. => Reply::says("ACTION: UP").held_until(3),
+        _ => Reply::says("ACTION: UP"),
+    })
+    .await;
+    let bench = Bench::with(&endpoint, Leaps::leaping(), 8, None);
+    let model = bench.model();
+    let all =
+        |round| (0..SEATS).map(|agent| ask(&model, question(agent, round))).collect::<Vec<_>>();
+    let asked = all(0);
+    endpoint.has_seen(8).await;
+    assert_eq!(model.spent().in_flight, 8);
+    endpoint.release();
+    endpoint.has_seen(12).await;
+    assert_eq!(model.spent().in_flight, 4);
+    endpoint.release();
+    for asked in asked {
+        asked.await.expect("no panic").expect("an answer");
+    }
+    // Eight refusals of one moment are one refusal, so no pause has grown.
+    let longest = bench.clock.pauses().into_iter().max().expect("a pause");
+    assert!(longest < Duration::from_secs(2), "{longest:?}");
+    assert_eq!(model.spent().troubles.load, 8);
+    let asked = all(1);
+    endpoint.has_seen(56 + 8).await;
+    endpoint.release();
+    for asked in asked {
+        asked.await.expect("no panic").expect("an answer");
+    }
+    assert_eq!((endpoint.most_at_once(), endpoint.seen().len()), (8, 8 + 2 * SEATS as usize));
+}
+
+#[tokio::test]
+async fn an_endpoint_that_bears_one_at_a_time_answers_all() {
+    const SEATS: u32 = 40;
+    // It refuses whoever comes while another is there.
+    let busy = Arc::new(Mutex::new(Vec::new()));
+    let clock = Arc::new(Leaps::leaping());
+    let (seen, now) = (busy.clone(), clock.clone());
+    let endpoint = Endpoint::start(move |_, _| {
+        let mut seen = seen.lock().expect("a lock");
+        let at = now.now();
+        // One request a second of its clock.
+        if seen.last().is_some_and(|last| at.duration_since(*last).as_secs() < 1) {
+            return Reply::error(429, "one a second").header("retry-after", "1");
+        }
+        seen.push(at);
+        Reply::says("ACTION: UP")
+    })
+    .await;
+    let mut bench = Bench::with(&endpoint, Leaps::leaping(), 16, None);
+    bench.allowance = swarmbench::llm::Allowance::new(16, None, clock.clone());
+    bench.settings.retries = 3;
+    let model = bench.model();
+    let asked: Vec<_> = (0..SEATS).map(|agent| ask(&model, question(agent, 0))).collect();
+    for asked in asked {
+        asked.await.expect("no panic").expect("nobody is given up while others are answered");
+    }
+    assert_eq!(busy.lock().expect("a lock").len(), SEATS as usize);
+    assert_eq!(model.spent().answers, u64::from(SEATS));
+    // It settles: without a width that shrinks, nearly all requests would be refusals.
+    let refusals = model.spent().troubles.load;
+    assert!(refusals < 2 * u64::from(SEATS), "{refusals}");
+    println!("REFUSALS {refusals}");
+}
+
+#[tokio::test]
+async fn the_whole_story_of_one_question() {
+    let good = completion(&json!({ "content": "ACTION: UP" }), "stop");
+    let endpoint = Endpoint::replies(vec![
+        Reply::error(429, "slow down").header("retry-after", "5"),
+        Reply::error(500, "oops"),
+        Reply::text(200, "<html>"),
+        Reply::json(200, &good),
+    ])
+    .await;
+    let bench = Bench::new(&endpoint);
+    let model = bench.model();
+    let answer = model.answer(&question(0, 0)).await.expect("an answer");
+    assert_eq!(answer.retries, 3);
+    let spent = model.spent();
+    assert_eq!((spent.requests, spent.retries, spent.troubles.total()), (4, 3, 3));
+    assert_eq!((spent.prompt_tokens, spent.completion_tokens), (10, 5));
+    assert_eq!(bench.allowance.spent(), 15);
+}

@@ -1,0 +1,258 @@
+//! What no retry helps against stops at once, with a sentence that does.
+
+use serde_json::json;
+use swarmbench::llm::{ApiKey, Stop};
+
+use crate::endpoint::{Endpoint, Reply};
+use crate::time::Leaps;
+use crate::{Bench, KEY, VARIABLE, ask, key, question, stop_of};
+
+/// What a model that is refused so says, without having asked twice.
+async fn refused(reply: Reply, change: impl FnOnce(&mut Bench)) -> Stop {
+    let endpoint = Endpoint::replies(vec![reply]).await;
+    let mut bench = Bench::new(&endpoint);
+    change(&mut bench);
+    let model = bench.model();
+    let stop = stop_of(&model).await;
+    assert_eq!(stop_of(&model).await, stop, "it says the same to all");
+    assert_eq!(endpoint.seen().len(), 1, "it is not asked again: {stop}");
+    assert_eq!(bench.clock.pauses(), []);
+    stop
+}
+
+fn assert_says(stop: &Stop, words: &[&str]) {
+    let text = stop.to_string();
+    for word in words {
+        assert!(text.contains(word), "{word:?} is missing in {text}");
+    }
+    assert!(!text.contains(KEY) && !format!("{stop:?}").contains(KEY), "{text}");
+    assert!(!text.contains('\n'), "{text}");
+}
+
+#[tokio::test]
+async fn a_wrong_key_says_where_it_came_from() {
+    let reply = || Reply::error(401, "Incorrect API key provided");
+    let stop = refused(reply(), |_| {}).await;
+    assert!(matches!(stop, Stop::WrongKey { .. }));
+    assert_says(
+        &stop,
+        &["refuses the key in SWARM_TEST_KEY", "--api-key-env", "Incorrect API key"],
+    );
+    let stop = refused(reply(), |bench| bench.settings.key = ApiKey::new(VARIABLE, None)).await;
+    assert_says(&stop, &["SWARM_TEST_KEY is not set", "/v1/chat/completions asks for a good key"]);
+    let empty = ApiKey::new(VARIABLE, Some(" \n".to_owned()));
+    let stop = refused(reply(), |bench| bench.settings.key = empty).await;
+    assert_says(&stop, &["SWARM_TEST_KEY is empty"]);
+    let stop = refused(Reply::text(401, ""), |_| {}).await;
+    assert_says(&stop, &["It gave no reason"]);
+}
+
+#[tokio::test]
+async fn the_key_is_in_no_error_even_if_the_endpoint_shows_it() {
+    // Also where the quotation is cut.
+    for before in [0, 1].into_iter().chain((250..310).step_by(7)) {
+        let text = format!("{} {KEY} is no good, {KEY}!", "x".repeat(before));
+        let reply = if before % 2 == 0 { Reply::error(401, &text) } else { Reply::text(401, text) };
+        let stop = refused(reply, |_| {}).await;
+        assert_says(&stop, &[]);
+        assert!(!stop.to_string().contains(&KEY[..8]), "no part of it either: {stop}");
+    }
+}
+
+#[tokio::test]
+async fn white_space_around_a_key_is_no_part_of_it() {
+    let endpoint = Endpoint::replies(vec![]).await;
+    let mut bench = Bench::new(&endpoint);
+    bench.settings.key = ApiKey::new(VARIABLE, Some(format!(" {KEY}\n")));
+    bench.model().answer(&question(0, 0)).await.expect("an answer");
+    assert_eq!(endpoint.seen()[0].headers["authorization"], format!("Bearer {KEY}"));
+}
+
+#[tokio::test]
+async fn other_refusals_say_what_to_do() {
+    let model_not_found =
+        json!({ "error": { "message": "no such model", "code": "model_not_found" } });
+    let cases: Vec<(Reply, fn(&Stop) -> bool, &[&str])> = vec![
+        (
+            Reply::error(403, "not in your region"),
+            |stop| matches!(stop, Stop::Forbidden { .. }),
+            &["403", VARIABLE, "swarm-1", "not in your region"],
+        ),
+        (
+            Reply::error(402, "Insufficient credits"),
+            |stop| matches!(stop, Stop::NoCredit { .. }),
+            &["add credit", "Insufficient credits", "run the same command again"],
+        ),
+        (
+            Reply::json(
+                429,
+                &json!({ "error": {
+                "message": "You exceeded your current quota", "type": "insufficient_quota", "code": null,
+            } }),
+            ),
+            |stop| matches!(stop, Stop::NoCredit { status: 429, .. }),
+            &["add credit", "You exceeded your current quota"],
+        ),
+        (
+            Reply::json(404, &model_not_found),
+            |stop| matches!(stop, Stop::NotFound { .. }),
+            &["swarm-1", "/v1/models lists the models", "no such model"],
+        ),
+        (
+            Reply::text(404, "Not Found"),
+            |stop| matches!(stop, Stop::NotFound { .. }),
+            &["/v1/chat/completions was not found (404)", "whether the api base is right"],
+        ),
+        (
+            Reply::json(405, &json!({ "detail": "Method Not Allowed" })),
+            |stop| matches!(stop, Stop::NotFound { .. }),
+            &["405", "Method Not Allowed"],
+        ),
+        (
+            Reply::error(
+                400,
+                "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead.",
+            ),
+            |stop| matches!(stop, Stop::BadRequest { .. }),
+            &["takes max_completion_tokens in place of max_tokens", "Unsupported parameter"],
+        ),
+        (
+            Reply::error(400, "'temperature' does not support 0.5 with this model."),
+            |stop| matches!(stop, Stop::BadRequest { .. }),
+            &["leave it out", "does not support 0.5"],
+        ),
+        (
+            Reply::json(
+                400,
+                &json!([{ "error": { "code": 400, "message": "no", "status": "INVALID" } }]),
+            ),
+            |stop| matches!(stop, Stop::BadRequest { .. }),
+            &["(400). It said: no"],
+        ),
+        (
+            Reply::json(422, &json!({ "detail": [{ "loc": ["body"], "msg": "extra" }] })),
+            |stop| matches!(stop, Stop::BadRequest { status: 422, .. }),
+            &["422", "extra"],
+        ),
+        (
+            Reply::json(400, &json!({ "error": "prompt is longer than the context" })),
+            |stop| matches!(stop, Stop::BadRequest { .. }),
+            &["the prompt is too long", "longer than the context"],
+        ),
+        (
+            Reply::json(200, &json!({ "error": { "message": "key?", "code": 401 } })),
+            |stop| matches!(stop, Stop::WrongKey { .. }),
+            &["key?"],
+        ),
+    ];
+    for (reply, is_it, words) in cases {
+        let stop = refused(reply, |_| {}).await;
+        assert!(is_it(&stop), "{stop:?}");
+        assert_says(&stop, words);
+    }
+}
+
+#[tokio::test]
+async fn an_address_without_v1_is_pointed_out() {
+    let without = |bench: &mut Bench| {
+        let base = bench.settings.api_base.trim_end_matches("/v1").to_owned();
+        bench.settings.api_base = base;
+    };
+    let stop = refused(Reply::text(404, "404 page not found"), without).await;
+    assert_says(&stop, &["many endpoints want /v1 at the end", "/v1. It said: 404 page not found"]);
+}
+
+#[tokio::test]
+async fn the_key_is_carried_nowhere_else() {
+    let other = Endpoint::replies(vec![]).await;
+    for status in [301, 302, 303, 307, 308] {
+        let to = format!("{}/chat/completions?key={KEY}", other.base());
+        let stop = refused(Reply::text(status, "").header("location", to), |_| {}).await;
+        assert!(matches!(stop, Stop::Elsewhere { .. }), "{stop:?}");
+        assert_says(&stop, &[&format!("sends on to {} ({status})", other.base()), "--api-base"]);
+    }
+    for to in ["", "http://[", "http://user:secret@127.0.0.1/v1"] {
+        let stop = refused(Reply::text(302, "").header("location", to), |_| {}).await;
+        assert!(!stop.to_string().contains("secret"), "{stop}");
+    }
+    let stop = refused(Reply::text(302, ""), |_| {}).await;
+    assert_says(&stop, &["an address that cannot be read"]);
+    assert_eq!(other.seen().len(), 0);
+}
+
+#[tokio::test]
+async fn settings_that_cannot_work_are_told_before_anybody_is_asked() {
+    let endpoint = Endpoint::replies(vec![]).await;
+    let cases: Vec<(&str, Box<dyn Fn(&mut Bench)>)> = vec![
+        (
+            "is no address",
+            Box::new(|bench| bench.settings.api_base = "api.openai.com/v1".to_owned()),
+        ),
+        ("is no address", Box::new(|bench| bench.settings.api_base = "localhost:8080".to_owned())),
+        (
+            "is no address",
+            Box::new(|bench| bench.settings.api_base = "file:///etc/passwd".to_owned()),
+        ),
+        ("is no address", Box::new(|bench| bench.settings.api_base = String::new())),
+        (
+            "holds credentials: put the key into SWARM_TEST_KEY",
+            Box::new(|bench| bench.settings.api_base = format!("https://me:{KEY}@127.0.0.1/v1")),
+        ),
+        (
+            "the key in SWARM_TEST_KEY has characters that no key has",
+            Box::new(|bench| {
+                bench.settings.key = ApiKey::new(VARIABLE, Some(format!("{KEY}\n{KEY}")))
+            }),
+        ),
+        (
+            "\"messages\"",
+            Box::new(|bench| {
+                bench.settings.extra.insert("messages".to_owned(), json!([]));
+            }),
+        ),
+        (
+            "\"temperature\" of the request's body is given twice",
+            Box::new(|bench| {
+                bench.settings.sampling.temperature = Some(1.0);
+                bench.settings.extra.insert("temperature".to_owned(), json!(0.5));
+            }),
+        ),
+        (
+            "holds the key of SWARM_TEST_KEY",
+            Box::new(|bench| {
+                bench.settings.extra.insert("auth".to_owned(), json!({ "is": [KEY] }));
+            }),
+        ),
+    ];
+    for (words, change) in cases {
+        let mut bench = Bench::new(&endpoint);
+        change(&mut bench);
+        let stop = bench.try_model().expect_err(words);
+        assert!(matches!(stop, Stop::Settings(_)), "{stop:?}");
+        assert_says(&stop, &[words]);
+    }
+    assert_eq!(endpoint.seen().len(), 0);
+    assert_eq!((key().variable(), key().is_there()), (VARIABLE, true));
+}
+
+#[tokio::test]
+async fn who_pauses_or_waits_is_told_too() {
+    // The first is to be asked again in a while, the second is refused for good.
+    let endpoint =
+        Endpoint::replies(vec![Reply::error(500, "oops"), Reply::error(401, "no").held_until(1)])
+            .await;
+    let bench = Bench::with(&endpoint, Leaps::standing(), 1, None);
+    let model = bench.model();
+    let pausing = ask(&model, question(0, 0));
+    bench.clock.has_seen(1).await;
+    let refused = ask(&model, question(1, 0));
+    endpoint.has_seen(2).await;
+    let waiting = ask(&model, question(2, 0));
+    endpoint.release();
+    for asked in [pausing, refused, waiting] {
+        let stop = asked.await.expect("no panic").expect_err("it stops");
+        assert!(matches!(stop, Stop::WrongKey { .. }), "{stop:?}");
+    }
+    assert_eq!(endpoint.seen().len(), 2);
+    assert_eq!(model.spent().in_flight, 0);
+}
