@@ -160,10 +160,10 @@ impl Conductor<'_> {
         };
         let run = self.client.run(&run.run.id, Some(&token)).await?;
         watch(News::Stands(&run));
-        if ended == End::Stopped {
-            return Err(Halt::Asked);
-        }
         if run.run.status != RunStatus::Finished.name() {
+            if ended == End::Stopped {
+                return Err(Halt::Asked);
+            }
             return Err(Halt::Ended { id: run.run.id, status: run.run.status });
         }
         watch(News::Ends(number, &run));

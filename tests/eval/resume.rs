@@ -7,18 +7,8 @@ use rustix::process::Signal;
 use super::bench::Bench;
 use super::endpoint::{Endpoint, Reply};
 
-const GAME: [&str; 10] = [
-    "--task",
-    "Synchronization",
-    "--num-agents",
-    "2",
-    "--max-round",
-    "4",
-    "--seeds",
-    "1..5",
-    "--parallel",
-    "3",
-];
+const GAME: [&str; 8] =
+    ["--task", "Synchronization", "--num-agents", "2", "--max-round", "4", "--seeds", "1..5"];
 
 fn args<'a>(endpoint: &'a Endpoint, more: &[&'a str]) -> Vec<&'a str> {
     [&["--model", "m", "--api-base", endpoint.base()], &GAME[..], more].concat()
@@ -28,7 +18,7 @@ fn args<'a>(endpoint: &'a Endpoint, more: &[&'a str]) -> Vec<&'a str> {
 async fn answers(count: usize, text: &'static str) -> Endpoint {
     Endpoint::start(move |number, _| {
         let reply = Reply::says(text);
-        if number < count { reply } else { reply.held() }
+        if number < count { reply } else { reply.held_until(1) }
     })
     .await
 }
@@ -66,8 +56,8 @@ async fn after_a_kill_no_game_starts_over_and_nothing_acknowledged_is_asked_agai
     let mut runs = Vec::new();
     for answers_now in [9, 5] {
         let endpoint = answers(answers_now, "ACTION: STAY before").await;
-        // One question at a time: the next is asked when the one before it has come.
-        let running = bench.start(&args(&endpoint, &["--requests", "1"]));
+        // One question at a time: the next is asked when the answer to the one before it has come.
+        let running = bench.start(&args(&endpoint, &["--requests", "1", "--parallel", "1"]));
         endpoint.has_seen(answers_now + 1).await;
         running.signal(Signal::KILL);
         let done = running.end().await;
@@ -78,10 +68,10 @@ async fn after_a_kill_no_game_starts_over_and_nothing_acknowledged_is_asked_agai
     }
     assert_eq!(runs[0], runs[1]);
     let endpoint = answers(usize::MAX, "ACTION: STAY after").await;
-    let done = bench.eval(&args(&endpoint, &["--requests", "1", "--verify"])).await.ends(0);
+    let done = bench.eval(&args(&endpoint, &["--parallel", "1", "--verify"])).await.ends(0);
     done.says(&["goes on", &runs[0], "verified: 4 games"]);
     let (before, after) = acts_by_answer(&bench).await;
-    // What came the moment before a kill may not have been sent yet, and is asked again.
+    // Of the round that was open at a kill the two acts may not have been kept yet, and are asked for again.
     assert!((answered - 2 * 2..=answered).contains(&before), "{before} of {answered}");
     assert_eq!((before + after, endpoint.seen().len()), (ALL, after));
     // Once more: nothing is asked.
@@ -115,7 +105,7 @@ async fn an_interruption_loses_nothing_that_was_answered() {
 async fn another_definition_is_another_run() {
     let bench = Bench::new();
     let endpoint = answers(3, "ACTION: STAY before").await;
-    let running = bench.start(&args(&endpoint, &["--temperature", "1"]));
+    let running = bench.start(&args(&endpoint, &["--temperature", "1", "--requests", "1"]));
     endpoint.has_seen(4).await;
     running.signal(Signal::INT);
     running.end().await.ends(130);
