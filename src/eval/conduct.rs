@@ -23,7 +23,7 @@ use crate::wire::observation::Observation;
 use crate::wire::run::{RunDetail, RunList, RunSummary};
 
 /// How often the server is asked how all games stand, for whoever watches.
-const SYNC: Duration = Duration::from_secs(2);
+const SYNC: Duration = Duration::from_secs(1);
 
 /// How a run was found.
 #[derive(Clone, Debug, PartialEq)]

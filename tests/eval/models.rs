@@ -268,3 +268,22 @@ async fn a_recording_plays_the_same_games_without_an_endpoint() {
     let done = elsewhere.eval(&args).await.ends(1);
     done.says(&["no answer for Agent_0 in round 0 of Synchronization/3/"]);
 }
+
+/// The recording of the examples: whoever changes prompts records it anew, as its file says.
+#[tokio::test]
+async fn the_committed_recording_plays() {
+    let bench = Bench::new();
+    let example = |name: &str| {
+        let path =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/eval").join(name);
+        path.display().to_string()
+    };
+    let (file, tape) = (example("cassette.toml"), example("cassette.jsonl"));
+    let board = bench.board(&[&file, "--replay", &tape, "--verify"]).await;
+    let row = &board["rows"][0];
+    assert_eq!((&row["model"], &row["verified"]), (&"fake".into(), &true.into()));
+    // Two games of six rounds for three agents.
+    assert_eq!(row["acts"]["sent"], 36);
+    let answers = std::fs::read_to_string(&tape).expect("a file").lines().count() - 2;
+    assert_eq!(answers, 36);
+}
