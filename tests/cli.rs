@@ -80,9 +80,18 @@ fn errors_say_what_to_do_next() {
 #[test]
 fn help_teaches() {
     let shown = text(&swarmbench(&["--help"]).stdout);
-    for command in
-        ["demo", "serve", "key", "play", "verify", "backup", "loadtest", "openapi", "healthcheck"]
-    {
+    for command in [
+        "demo",
+        "serve",
+        "key",
+        "play",
+        "eval",
+        "verify",
+        "backup",
+        "loadtest",
+        "openapi",
+        "healthcheck",
+    ] {
         assert!(shown.contains(command), "{shown}");
         let help = swarmbench(&[command, "--help"]);
         assert!(help.status.success());

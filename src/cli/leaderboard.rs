@@ -216,7 +216,7 @@ pub(super) fn fit(table: &mut Table, width: u16) {
 }
 
 /// The heading of a task: the longest name would take too much of a terminal.
-fn short(task: &str) -> &str {
+pub(super) fn short(task: &str) -> &str {
     if task == TaskName::Synchronization.name() { "Synchr." } else { task }
 }
 

@@ -23,7 +23,7 @@ use crate::wire::observation::Observation;
 use crate::wire::run::{RunDetail, RunList, RunSummary};
 
 /// How often the server is asked how all games stand, for whoever watches.
-const SYNC: Duration = Duration::from_secs(2);
+const SYNC: Duration = Duration::from_secs(1);
 
 /// How a run was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,9 +57,17 @@ pub enum Halt {
     /// Somebody asked for it.
     #[error("stopped")]
     Asked,
+    /// What this call might spend is spent.
+    #[error("the budget is spent: {spent} of {budget} tokens; the next call has as many again")]
+    Budget {
+        /// Tokens that were spent.
+        spent: u64,
+        /// Tokens that might be.
+        budget: u64,
+    },
     /// A model cannot be asked.
     #[error("{0}")]
-    Model(#[from] Stop),
+    Model(Stop),
     /// The server cannot be used.
     #[error(transparent)]
     Client(#[from] ClientError),
@@ -83,16 +91,22 @@ impl Halt {
     #[must_use]
     pub fn can_go_on(&self) -> bool {
         match self {
-            Self::Asked => true,
+            Self::Asked | Self::Budget { .. } => true,
             Self::Model(stop) => matches!(
                 stop,
-                Stop::BudgetSpent { .. }
-                    | Stop::NoCredit { .. }
-                    | Stop::Unreachable { .. }
-                    | Stop::ComeLater { .. }
+                Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
             ),
             Self::Client(ClientError::Transport { .. }) => true,
             Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
+        }
+    }
+}
+
+impl From<Stop> for Halt {
+    fn from(stop: Stop) -> Self {
+        match stop {
+            Stop::BudgetSpent { spent, budget } => Self::Budget { spent, budget },
+            stop => Self::Model(stop),
         }
     }
 }
@@ -146,10 +160,10 @@ impl Conductor<'_> {
         };
         let run = self.client.run(&run.run.id, Some(&token)).await?;
         watch(News::Stands(&run));
-        if ended == End::Stopped {
-            return Err(Halt::Asked);
-        }
         if run.run.status != RunStatus::Finished.name() {
+            if ended == End::Stopped {
+                return Err(Halt::Asked);
+            }
             return Err(Halt::Ended { id: run.run.id, status: run.run.status });
         }
         watch(News::Ends(number, &run));
@@ -239,6 +253,12 @@ impl Conductor<'_> {
 
 fn halt<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> Halt) -> Halt {
     match error {
+        // The token was good when it was given out a moment ago.
+        DriveError::Client(error @ ClientError::Refused { .. }) if matches!(&error, ClientError::Refused { problem, .. } if problem.code == "unauthorized") => {
+            Halt::Play(format!(
+                "another call plays this run now, so the token of this one is worth nothing any more: {error}"
+            ))
+        }
         DriveError::Client(error) => Halt::Client(error),
         DriveError::Refused { .. } => Halt::Play(error.to_string()),
         DriveError::Swarm(error) => own(error),

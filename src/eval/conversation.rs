@@ -61,7 +61,7 @@ impl Swarm for Conversation {
 
     fn waits_for_others(error: &Halt) -> bool {
         // What was asked is paid for, and nothing more is asked, so the rest comes soon.
-        matches!(error, Halt::Model(Stop::BudgetSpent { .. } | Stop::NotOnCassette { .. }))
+        matches!(error, Halt::Budget { .. } | Halt::Model(Stop::NotOnCassette { .. }))
     }
 }
 

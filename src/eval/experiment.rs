@@ -258,7 +258,23 @@ impl<'de> Item<'de> for i64 {
     const WHAT: &'static str = "a whole number";
 
     fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Self::deserialize(deserializer)
+        struct Whole;
+        impl Visitor<'_> for Whole {
+            type Value = i64;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(i64::WHAT)
+            }
+
+            fn visit_i64<E: Error>(self, value: i64) -> Result<i64, E> {
+                Ok(value)
+            }
+
+            fn visit_u64<E: Error>(self, value: u64) -> Result<i64, E> {
+                i64::try_from(value).map_err(|_| E::custom("the number is too large"))
+            }
+        }
+        deserializer.deserialize_any(Whole)
     }
 }
 
@@ -266,7 +282,29 @@ impl<'de> Item<'de> for f64 {
     const WHAT: &'static str = "a number";
 
     fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Self::deserialize(deserializer)
+        struct Number;
+        impl Visitor<'_> for Number {
+            type Value = f64;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(f64::WHAT)
+            }
+
+            fn visit_i64<E: Error>(self, value: i64) -> Result<f64, E> {
+                #[expect(clippy::cast_precision_loss, reason = "settings are small numbers")]
+                Ok(value as f64)
+            }
+
+            fn visit_u64<E: Error>(self, value: u64) -> Result<f64, E> {
+                #[expect(clippy::cast_precision_loss, reason = "settings are small numbers")]
+                Ok(value as f64)
+            }
+
+            fn visit_f64<E: Error>(self, value: f64) -> Result<f64, E> {
+                Ok(value)
+            }
+        }
+        deserializer.deserialize_any(Number)
     }
 }
 

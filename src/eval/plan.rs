@@ -100,6 +100,8 @@ pub struct Planned {
     pub suite: Suite,
     /// A prompt template of its own, for models.
     pub template: Option<String>,
+    /// Whether a recording answers in the model's place.
+    pub is_replay: bool,
 }
 
 /// The names of all settings that can be varied, in the order in which they multiply.
@@ -171,6 +173,9 @@ impl Planned {
                 }
                 if !extra.is_empty() {
                     meta.insert("extra".to_owned(), json!(extra));
+                }
+                if self.is_replay {
+                    meta.insert("replay".to_owned(), json!(true));
                 }
             }
             Who::Player(PlayerPlan { seed, by_task, .. }) => {
@@ -311,6 +316,7 @@ impl Plan {
                     who: Who::Model(model(experiment, entry, *temperature, *top_p)),
                     suite: named(suite.clone(), &all_tasks, &seeds),
                     template: template.map(str::to_owned),
+                    is_replay: false,
                 });
             }
         }
@@ -321,6 +327,7 @@ impl Plan {
                     who: Who::Player(player.clone()),
                     suite: named(suite.clone(), &tasks, &seeds),
                     template: None,
+                    is_replay: false,
                 });
             }
         }
@@ -343,6 +350,15 @@ impl Plan {
         })
     }
 
+    /// The same with a recording in place of all models: that is not what the models played, so these are other runs.
+    #[must_use]
+    pub fn replayed(mut self) -> Self {
+        for run in &mut self.runs {
+            run.is_replay = matches!(run.who, Who::Model(_));
+        }
+        self
+    }
+
     /// The settings that all runs share and that are not those of the standard setting, by name.
     #[must_use]
     pub fn shared(&self) -> Vec<(&'static str, String)> {
@@ -350,6 +366,7 @@ impl Plan {
             who: Who::Player(PlayerPlan { name: String::new(), seed: 0, by_task: BTreeMap::new() }),
             suite: standard(),
             template: None,
+            is_replay: false,
         };
         let run = &self.runs[0];
         let shared = AXES.into_iter().filter(|axis| !self.varied.contains(axis));

@@ -4,7 +4,7 @@ use serde::Serialize;
 use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
-use super::plan::{Plan, Planned, ranges};
+use super::plan::{Plan, Planned, Who, ranges};
 use crate::wire::board::{text, write_csv};
 use crate::wire::run::{ActTally, RunDetail};
 
@@ -30,6 +30,8 @@ pub struct Report {
 pub struct Row {
     /// Who played.
     pub model: String,
+    /// Whether that is a language model; else it is a built-in player.
+    pub is_model: bool,
     /// The settings that were varied, in the order of the report; none where it has none.
     pub varied: Vec<Option<String>>,
     /// The id of the run.
@@ -97,6 +99,11 @@ impl Report {
         self.tasks.len() > 1 && self.rows.iter().any(|row| row.total.is_some())
     }
 
+    /// Whether a language model played.
+    fn has_models(&self) -> bool {
+        self.rows.iter().any(|row| row.is_model)
+    }
+
     /// The board as headings and rows of texts, for people.
     #[must_use]
     pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
@@ -110,7 +117,10 @@ impl Report {
                 if self.has_totals() {
                     headings.extend(own(&["total"]));
                 }
-                headings.extend(own(&["games", "invalid", "tokens in", "out"]));
+                headings.extend(own(&["games"]));
+                if self.has_models() {
+                    headings.extend(own(&["invalid", "tokens in", "out"]));
+                }
                 (headings, self.rows.iter().map(|row| self.wide(row)).collect())
             }
             Shape::Long => {
@@ -139,9 +149,11 @@ impl Report {
         let (games, planned): (u32, u32) =
             (row.tasks.iter()).fold((0, 0), |sum, cell| (sum.0 + cell.games, sum.1 + cell.planned));
         cells.push(of(games, planned));
-        let share = row.acts.invalid_share;
-        cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
-        cells.extend([row.acts.prompt_tokens, row.acts.completion_tokens].map(short));
+        if self.has_models() {
+            let share = row.acts.invalid_share;
+            cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
+            cells.extend([row.acts.prompt_tokens, row.acts.completion_tokens].map(short));
+        }
         cells
     }
 
@@ -253,6 +265,7 @@ impl Row {
         let plays = |task: &TaskName| run.run.suite.tasks.iter().any(|own| own == task.name());
         Self {
             model: planned.name(),
+            is_model: matches!(planned.who, Who::Model(_)),
             varied: plan.varied.iter().map(|axis| planned.setting(axis)).collect(),
             run: run.run.id.clone(),
             status: run.run.status.clone(),
@@ -296,7 +309,7 @@ pub fn short(count: u64) -> String {
     #[expect(clippy::cast_precision_loss, reason = "three digits are shown")]
     match count {
         0..10_000 => count.to_string(),
-        10_000..10_000_000 => format!("{:.1}k", count as f64 / 1e3),
+        10_000..1_000_000 => format!("{:.1}k", count as f64 / 1e3),
         _ => format!("{:.1}M", count as f64 / 1e6),
     }
 }

@@ -66,6 +66,11 @@ fn object(text: &str) -> Result<Map<String, Value>, String> {
 }
 
 impl Asking {
+    /// Whether a recording alone answers.
+    pub(super) fn is_replay(&self) -> bool {
+        self.replay.is_some()
+    }
+
     /// What was said on the command line.
     pub(super) fn said(&self) -> Experiment {
         Experiment {

@@ -218,6 +218,7 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     let (experiment, template) = args.experiment()?;
     let plan = Plan::of(&experiment, template.as_deref())?;
+    let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
     if args.dry_run {
         showing::dry_run(&plan);
         return Ok(ExitCode::SUCCESS);

@@ -139,6 +139,8 @@ impl<'a> Progress<'a> {
         self.rounds.now = self.rounds.found;
         if *found == Found::Finished {
             self.leave();
+        } else {
+            self.stand(run);
         }
         self.tell();
     }

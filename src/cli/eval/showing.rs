@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, ensure};
 use comfy_table::CellAlignment;
 
-use super::super::leaderboard::fit;
+use super::super::leaderboard::{fit, short};
 use super::super::play::table;
 use super::Hosting;
 use crate::eval::experiment::Shape;
@@ -132,7 +132,7 @@ fn headline(plan: &Plan) -> String {
 
 fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
     let (headings, rows) = report.table(plan.shape);
-    let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
+    let headings: Vec<&str> = headings.iter().map(|heading| short(heading)).collect();
     let mut shown = table(&headings);
     fit(&mut shown, width);
     for row in rows {

@@ -1,0 +1,12 @@
+//! Evaluations as researchers run them: the real program, on databases and servers of its own, with models that are
+//! played by a server of the test.
+
+mod bench;
+mod boards;
+#[path = "../llm/endpoint.rs"]
+#[expect(dead_code, reason = "the tests of the language models use all of it")]
+mod endpoint;
+mod experiments;
+mod models;
+mod players;
+mod resume;

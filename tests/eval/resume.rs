@@ -1,0 +1,120 @@
+//! Stopped in the middle, by whatever: the same command goes on.
+
+use std::collections::BTreeMap;
+
+use rustix::process::Signal;
+
+use super::bench::Bench;
+use super::endpoint::{Endpoint, Reply};
+
+const GAME: [&str; 8] =
+    ["--task", "Synchronization", "--num-agents", "2", "--max-round", "4", "--seeds", "1..5"];
+
+fn args<'a>(endpoint: &'a Endpoint, more: &[&'a str]) -> Vec<&'a str> {
+    [&["--model", "m", "--api-base", endpoint.base()], &GAME[..], more].concat()
+}
+
+/// An endpoint that answers so often, and then leaves everybody waiting.
+async fn answers(count: usize, text: &'static str) -> Endpoint {
+    Endpoint::start(move |number, _| {
+        let reply = Reply::says(text);
+        if number < count { reply } else { reply.held_until(1) }
+    })
+    .await
+}
+
+/// Acts by their answers: those before the interruption and those after it.
+async fn acts_by_answer(bench: &Bench) -> (usize, usize) {
+    let serving = bench.serve().await;
+    let run = serving.run().await;
+    assert_eq!(run.run.status, "finished");
+    let mut episodes: Vec<_> = run.games.iter().filter_map(|game| game.episode.clone()).collect();
+    episodes.sort();
+    episodes.dedup();
+    assert_eq!((run.games.len(), episodes.len()), (4, 4));
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for (_, act) in serving.acts(&run).await {
+        *counts.entry(act["response"].as_str().expect("a text").to_owned()).or_default() += 1;
+    }
+    serving.stop().await;
+    let count = |text: &str| counts.get(text).copied().unwrap_or(0);
+    assert_eq!(
+        counts.values().sum::<usize>(),
+        count("ACTION: STAY before") + count("ACTION: STAY after")
+    );
+    (count("ACTION: STAY before"), count("ACTION: STAY after"))
+}
+
+/// All acts of all games: four seeds, four rounds, two agents.
+const ALL: usize = 32;
+
+/// Killed without notice, twice.
+#[tokio::test]
+async fn after_a_kill_no_game_starts_over_and_nothing_acknowledged_is_asked_again() {
+    let bench = Bench::new();
+    let mut answered = 0;
+    let mut runs = Vec::new();
+    for answers_now in [9, 5] {
+        let endpoint = answers(answers_now, "ACTION: STAY before").await;
+        // One question at a time: the next is asked when the answer to the one before it has come.
+        let running = bench.start(&args(&endpoint, &["--requests", "1", "--parallel", "1"]));
+        endpoint.has_seen(answers_now + 1).await;
+        running.signal(Signal::KILL);
+        let done = running.end().await;
+        assert_eq!(done.code(), None);
+        answered += answers_now;
+        let id = done.err.split_whitespace().find(|word| word.starts_with("run_"));
+        runs.push(id.expect("an id").to_owned());
+    }
+    assert_eq!(runs[0], runs[1]);
+    let endpoint = answers(usize::MAX, "ACTION: STAY after").await;
+    let done = bench.eval(&args(&endpoint, &["--parallel", "1", "--verify"])).await.ends(0);
+    done.says(&["goes on", &runs[0], "verified: 4 games"]);
+    let (before, after) = acts_by_answer(&bench).await;
+    // Of the round that was open at a kill the two acts may not have been kept yet, and are asked for again.
+    assert!((answered - 2 * 2..=answered).contains(&before), "{before} of {answered}");
+    assert_eq!((before + after, endpoint.seen().len()), (ALL, after));
+    // Once more: nothing is asked.
+    let done = bench.eval(&args(&endpoint, &[])).await.ends(0);
+    done.says(&["was played before"]);
+    assert_eq!(endpoint.seen().len(), after);
+}
+
+/// Interrupted: what was answered is sent, and nothing is lost.
+#[tokio::test]
+async fn an_interruption_loses_nothing_that_was_answered() {
+    let bench = Bench::new();
+    let endpoint = answers(7, "ACTION: STAY before").await;
+    let running = bench.start(&args(&endpoint, &["--requests", "1"]));
+    endpoint.has_seen(8).await;
+    running.signal(Signal::INT);
+    running
+        .end()
+        .await
+        .ends(130)
+        .says(&["goes on where this one stopped", "of 4 games were played"]);
+    let other = answers(usize::MAX, "ACTION: STAY after").await;
+    bench.eval(&args(&other, &[])).await.ends(0).says(&["goes on"]);
+    let (before, after) = acts_by_answer(&bench).await;
+    assert_eq!((before, after), (7, ALL - 7));
+    assert_eq!(other.seen().len(), after);
+}
+
+/// What differs in anything that matters is another run, and it says so.
+#[tokio::test]
+async fn another_definition_is_another_run() {
+    let bench = Bench::new();
+    let endpoint = answers(3, "ACTION: STAY before").await;
+    let running = bench.start(&args(&endpoint, &["--temperature", "1", "--requests", "1"]));
+    endpoint.has_seen(4).await;
+    running.signal(Signal::INT);
+    running.end().await.ends(130);
+    let other = answers(usize::MAX, "ACTION: STAY after").await;
+    let done = bench.eval(&args(&other, &["--temperature", "0.5"])).await.ends(0);
+    done.says(&["is new; the unfinished run_", "is another: temperature 0.5 instead of 1"]);
+    assert_eq!(other.seen().len(), ALL);
+    // How much is done at once is no difference.
+    let more = ["--temperature", "1", "--requests", "2", "--budget", "1000000", "--timeout", "60"];
+    bench.eval(&args(&other, &more)).await.ends(0).says(&["goes on"]);
+    assert_eq!(other.seen().len(), ALL + ALL - 3);
+}
