@@ -3,6 +3,7 @@
 import asyncio
 import ipaddress
 import os
+import ssl
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from importlib.metadata import version
@@ -35,10 +36,14 @@ class _Base(Operations):
         self.retry = retry or Retry()
 
     def _options(self) -> dict[str, Any]:
+        url = httpx.URL(self.server)
         return {
             "headers": {"user-agent": f"swarmbench-python/{version('swarmbench')}"},
             # A proxy of the environment cannot reach this machine's own addresses.
-            "trust_env": not _is_loopback(httpx.URL(self.server).host),
+            "trust_env": not _is_loopback(url.host),
+            # Without TLS there is no need to read all certificates of the host, which takes a while. This context knows
+            # none, so it would trust nobody.
+            **({"verify": ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)} if url.scheme == "http" else {}),
             # Many may wait at the same time. The server closes what was idle for 75 seconds.
             "limits": httpx.Limits(max_connections=None, max_keepalive_connections=64, keepalive_expiry=60.0),
         }
