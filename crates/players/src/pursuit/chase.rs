@@ -41,6 +41,7 @@ fn find(view: &View, what: Seen) -> Option<Pos> {
 /// What is seen on a cell; none outside the view.
 fn seen_at(view: &View, at: Pos) -> Option<Seen> {
     let row = usize::try_from(at.i - view.origin.i).ok()?;
-    let column = usize::try_from(at.j - view.origin.j).ok().filter(|&column| column < view.width)?;
+    let column =
+        usize::try_from(at.j - view.origin.j).ok().filter(|&column| column < view.width)?;
     view.cells.get(row * view.width + column).copied()
 }

@@ -57,7 +57,9 @@ impl CornerTraps {
     fn listen(&mut self, observation: &Observation) {
         let count = self.news.agents.len();
         for message in &observation.messages {
-            let Some((_, told)) = news::read(message.as_str(), observation.round, count) else { continue };
+            let Some((_, told)) = news::read(message.as_str(), observation.round, count) else {
+                continue;
+            };
             for (agent, fix) in told.agents.into_iter().enumerate() {
                 if agent != self.agent {
                     take_newer(&mut self.news.agents[agent], fix);
@@ -98,7 +100,8 @@ impl CornerTraps {
         self.score = observation.score;
         for (at, seen) in observation.view.iter().flat_map(View::positions) {
             for (agent, fix) in self.news.agents.iter_mut().enumerate() {
-                let is_there = matches!(seen, Seen::Agent { number, .. } if usize::from(number) == agent);
+                let is_there =
+                    matches!(seen, Seen::Agent { number, .. } if usize::from(number) == agent);
                 if is_there {
                     *fix = Some(Fix { at, seen: now });
                 } else if fix.is_some_and(|fix| fix.at == at) {
@@ -142,7 +145,8 @@ impl CornerTraps {
     fn plan(&self) -> Vec<Step> {
         let prey = self.news.prey.map(|fix| fix.at).or(self.quarry.likely());
         let field = self.field(prey);
-        let known: Vec<usize> = (0..self.news.agents.len()).filter(|&a| self.news.agents[a].is_some()).collect();
+        let known: Vec<usize> =
+            (0..self.news.agents.len()).filter(|&a| self.news.agents[a].is_some()).collect();
         let places: Vec<Pos> = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
         let mut march = March::new(&field, &places);
         if let Some(prey) = prey {

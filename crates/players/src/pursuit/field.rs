@@ -40,7 +40,8 @@ impl Field {
 
     /// All empty cells in reading order.
     pub(super) fn empty_cells(&self) -> impl Iterator<Item = Pos> {
-        let cells = (1..self.height - 1).flat_map(|i| (1..self.width - 1).map(move |j| Pos::new(i, j)));
+        let cells =
+            (1..self.height - 1).flat_map(|i| (1..self.width - 1).map(move |j| Pos::new(i, j)));
         cells.filter(|&cell| self.is_free(cell))
     }
 
@@ -54,7 +55,10 @@ impl Field {
 
     /// The empty cells beside a cell.
     pub(super) fn gaps(&self, at: Pos) -> impl Iterator<Item = Pos> {
-        Direction::ALL.into_iter().map(move |side| at.toward(side)).filter(|&cell| self.is_free(cell))
+        Direction::ALL
+            .into_iter()
+            .map(move |side| at.toward(side))
+            .filter(|&cell| self.is_free(cell))
     }
 
     fn index(&self, at: Pos) -> Option<usize> {

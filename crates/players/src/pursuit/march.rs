@@ -24,7 +24,11 @@ pub(super) fn assign(agents: &[Pos], posts: &[Pos]) -> Vec<Option<Pos>> {
 
 /// The column of every row in a matching of the least total cost, by the Hungarian method with potentials;
 /// there are at least as many columns as rows.
-fn cheapest_matching(rows: usize, columns: usize, cost: impl Fn(usize, usize) -> i64) -> Vec<usize> {
+fn cheapest_matching(
+    rows: usize,
+    columns: usize,
+    cost: impl Fn(usize, usize) -> i64,
+) -> Vec<usize> {
     // Row and column 0 are the method's usual sentinels.
     let mut of_row = vec![0_i64; rows + 1];
     let mut of_column = vec![0_i64; columns + 1];

@@ -12,36 +12,15 @@ pub(super) struct Nets {
 
 /// By row, `A` is a post.
 const EVEN: [&str; 8] = [
-    ".A....A.",
-    "A..A.A.A",
-    "........",
-    "........",
-    "....A...",
-    "...A....",
-    "A.....A.",
-    ".A.A....",
+    ".A....A.", "A..A.A.A", "........", "........", "....A...", "...A....", "A.....A.", ".A.A....",
 ];
 
 const ODD: [&str; 8] = [
-    ".A......",
-    "A.....A.",
-    "...A...A",
-    "........",
-    ".....A..",
-    "....A.A.",
-    "A...A...",
-    ".A..A...",
+    ".A......", "A.....A.", "...A...A", "........", ".....A..", "....A.A.", "A...A...", ".A..A...",
 ];
 
 const FARM: [&str; 8] = [
-    ".A....A.",
-    "A......A",
-    "..A..A..",
-    "........",
-    "....A...",
-    "..A.....",
-    "A......A",
-    ".A....A.",
+    ".A....A.", "A......A", "..A..A..", "........", "....A...", "..A.....", "A......A", ".A....A.",
 ];
 
 impl Nets {
@@ -55,7 +34,11 @@ impl Nets {
 
     /// The posts against a prey on odd cells, or on even ones.
     pub(super) fn against(&self, prey: Whereabouts) -> &[Pos] {
-        &self.nets[match prey { Whereabouts::Even => 0, Whereabouts::Odd => 1, Whereabouts::Trapped => 2 }]
+        &self.nets[match prey {
+            Whereabouts::Even => 0,
+            Whereabouts::Odd => 1,
+            Whereabouts::Trapped => 2,
+        }]
     }
 }
 

@@ -121,7 +121,8 @@ mod tests {
     #[test]
     fn news_of_a_whole_swarm_are_read_as_they_were_written() {
         let fix = |i, j, seen| Some(Fix { at: Pos::new(i, j), seen });
-        let mut news = News { agents: vec![fix(3, 4, 120); 12], prey: fix(8, 1, 119), is_odd: Some(true) };
+        let mut news =
+            News { agents: vec![fix(3, 4, 120); 12], prey: fix(8, 1, 119), is_odd: Some(true) };
         news.agents[5] = None;
         let message = write(&news, 121).unwrap();
         assert_eq!(read(message.as_str(), 123, 12), Some((121, news)));
@@ -129,7 +130,11 @@ mod tests {
 
     #[test]
     fn no_changed_sign_gets_through() {
-        let news = News { agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })], prey: None, is_odd: None };
+        let news = News {
+            agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })],
+            prey: None,
+            is_odd: None,
+        };
         let message = write(&news, 6).unwrap();
         for place in 0..message.as_str().len() {
             let mut changed = message.as_str().as_bytes().to_vec();
@@ -140,7 +145,11 @@ mod tests {
 
     #[test]
     fn as_many_agents_as_fit_are_told() {
-        let news = News { agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90], prey: None, is_odd: None };
+        let news = News {
+            agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90],
+            prey: None,
+            is_odd: None,
+        };
         let message = write(&news, 7).unwrap();
         assert!(message.as_str().len() <= Message::CHARS_MAX);
         let (_, told) = read(message.as_str(), 7, 90).unwrap();

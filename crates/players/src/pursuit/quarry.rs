@@ -50,7 +50,8 @@ impl Quarry {
 
     /// A prey that may be anywhere but is not caught.
     pub(super) fn anywhere(field: &Field, is_odd: Option<bool>) -> Self {
-        let cells = field.empty_cells().filter(|&cell| is_odd.is_none_or(|odd| odd == is_odd_cell(cell)));
+        let cells =
+            field.empty_cells().filter(|&cell| is_odd.is_none_or(|odd| odd == is_odd_cell(cell)));
         Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
     }
 
