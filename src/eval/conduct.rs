@@ -91,12 +91,11 @@ impl Halt {
     #[must_use]
     pub fn can_go_on(&self) -> bool {
         match self {
-            Self::Asked | Self::Budget { .. } => true,
+            Self::Asked | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => true,
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
             ),
-            Self::Client(ClientError::Transport { .. }) => true,
             Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
         }
     }

@@ -54,7 +54,9 @@ pub async fn play(
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
-            looked.iter().for_each(|seen| progress(seen.sight.round, seen.sight.score));
+            for seen in looked {
+                progress(seen.sight.round, seen.sight.score);
+            }
         }
     })
     .await?;
@@ -79,7 +81,9 @@ pub async fn play_run(
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
-            looked.iter().for_each(|seen| progress(&seen.sight));
+            for seen in looked {
+                progress(&seen.sight);
+            }
         }
     })
     .await?;
