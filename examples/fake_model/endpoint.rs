@@ -56,7 +56,7 @@ fn refuse(status: StatusCode, message: &str) -> Response {
 /// share, and anything else by chance that follows from the prompt.
 fn decide(prompt: &str) -> String {
     let chance = Sha256::digest(prompt);
-    let round = after(prompt, "\nRound: ").and_then(|rest| number(rest));
+    let round = after(prompt, "\nRound: ").and_then(number);
     let light = after(prompt, "\nYour light is ").map(|rest| rest.starts_with("on"));
     let (thought, action) = if let (Some(round), Some(is_on)) = (round, light) {
         let wanted = round.is_multiple_of(2);

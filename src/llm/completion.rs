@@ -8,12 +8,12 @@ use serde_json::Value;
 
 use crate::wire::act::Usage;
 
-/// Bytes of a response that are kept, as JSON writes them. With [`REASONING_BYTES_MAX`] it is less than half of what an
-/// act may have, and about what the journal has room for in each act of an episode of usual size.
-pub const RESPONSE_BYTES_MAX: usize = 64 * 1024;
+/// Bytes of a response that are kept, as JSON writes them. With [`REASONING_BYTES_MAX`] it is far less than an act may
+/// have, and the journal has room for as much in every act of an episode of usual size: 12 agents, 100 rounds.
+pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 
 /// Bytes of reasoning that are kept, as JSON writes them.
-pub const REASONING_BYTES_MAX: usize = 32 * 1024;
+pub const REASONING_BYTES_MAX: usize = 16 * 1024;
 
 /// No answer costs more tokens than this; whoever says so is not believed.
 const TOKENS_MAX: u64 = 1 << 40;

@@ -1,5 +1,6 @@
 //! One request to an endpoint, and what became of it.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use jiff::Timestamp;
@@ -31,6 +32,8 @@ pub(super) struct Endpoint {
     pub(super) settings: Settings,
     /// The body without the messages.
     pub(super) body: Map<String, Value>,
+    /// Whether anything has ever come from there.
+    has_spoken: AtomicBool,
 }
 
 /// Why there is no answer.
@@ -50,6 +53,8 @@ pub(super) struct Passing {
     pub(super) said: String,
     /// How long the endpoint wants to be left alone.
     pub(super) wait: Option<Duration>,
+    /// Whether nobody was there, as ever: the address may be wrong.
+    pub(super) is_nobody: bool,
 }
 
 /// What kind of trouble it was.
@@ -68,8 +73,8 @@ pub(super) enum Kind {
 }
 
 impl Passing {
-    fn new(kind: Kind, said: String) -> Trouble {
-        Trouble::Passing(Self { kind, said, wait: None })
+    fn trouble(kind: Kind, said: String) -> Trouble {
+        Trouble::Passing(Self { kind, said, wait: None, is_nobody: false })
     }
 }
 
@@ -104,7 +109,7 @@ impl Endpoint {
             .user_agent(concat!("swarmbench/", env!("CARGO_PKG_VERSION")))
             .build()
             .map_err(|error| Stop::Settings(format!("no HTTP client: {error}")))?;
-        Ok(Self { http, url, shown, settings, body })
+        Ok(Self { http, url, shown, settings, body, has_spoken: AtomicBool::new(false) })
     }
 
     /// Asks once.
@@ -115,7 +120,7 @@ impl Endpoint {
             result = self.exchange(prompt, clock) => result?,
             () = clock.sleep_until(after(began, timeout)) => {
                 let said = format!("no whole answer within {} s", timeout.as_secs_f64());
-                return Err(Passing::new(Kind::TimeOut, said));
+                return Err(Passing::trouble(Kind::TimeOut, said));
             }
         };
         completion.answer.usage.latency_ms = Some(millis(until(began, clock.now())));
@@ -132,6 +137,7 @@ impl Endpoint {
         body.insert("messages".to_owned(), json!([{ "role": "user", "content": prompt }]));
         let request = self.http.post(self.url.clone()).json(&body);
         let response = request.send().await.map_err(|error| self.broken(error))?;
+        self.has_spoken.store(true, Ordering::Relaxed);
         let (status, headers) = (response.status(), response.headers().clone());
         if status.is_redirection() {
             return Err(Trouble::Final(self.elsewhere(status, &headers)));
@@ -139,12 +145,12 @@ impl Endpoint {
         let wait = wait_of(&headers, clock.now());
         if !status.is_success() {
             let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
-            return self.refused(status.as_u16(), refusal(&body.bytes), wait);
+            return self.refused(status.as_u16(), &refusal(&body.bytes), wait);
         }
         let body = self.body_of(response, BODY_BYTES_MAX).await?;
         if body.is_cut {
             let said = format!("an answer of more than {BODY_BYTES_MAX} bytes");
-            return Err(Passing::new(Kind::Unreadable, said));
+            return Err(Passing::trouble(Kind::Unreadable, said));
         }
         let unreadable = || {
             let shown = self.quoted(&String::from_utf8_lossy(&body.bytes));
@@ -155,15 +161,15 @@ impl Endpoint {
                 status.as_u16(),
                 one_line(kind)
             );
-            Passing::new(Kind::Unreadable, said)
+            Passing::trouble(Kind::Unreadable, said)
         };
         let value: Value = serde_json::from_slice(&body.bytes).map_err(|_| unreadable())?;
         if let Some(refusal) = error_of(&value) {
             // A router that had begun to answer cannot take its status back.
             let status = refusal.status.filter(|status| *status >= 400);
             return match status {
-                Some(status) => self.refused(status, refusal, wait),
-                None => Err(Passing::new(Kind::Server, self.quoted(&refusal.said))),
+                Some(status) => self.refused(status, &refusal, wait),
+                None => Err(Passing::trouble(Kind::Server, self.quoted(&refusal.said))),
             };
         }
         read(&value).ok_or_else(unreadable)
@@ -173,7 +179,7 @@ impl Endpoint {
     fn refused(
         &self,
         status: u16,
-        refusal: Refusal,
+        refusal: &Refusal,
         wait: Option<Duration>,
     ) -> Result<Completion, Trouble> {
         let url = self.shown.clone();
@@ -184,11 +190,11 @@ impl Endpoint {
         let passing = |kind| {
             let said =
                 if said.is_empty() { status.to_string() } else { format!("{status}, {said}") };
-            Err(Trouble::Passing(Passing { kind, said, wait }))
+            Err(Trouble::Passing(Passing { kind, said, wait, is_nobody: false }))
         };
         let said = Said(said.clone());
         let stop = match status {
-            400 | 403 if refusal.is_filtered => return Ok(filtered(said)),
+            400 | 403 if refusal.is_filtered => return Ok(filtered(&said)),
             429 if refusal.names.iter().any(|name| is_about_credit(name)) => {
                 Stop::NoCredit { url, status, said }
             }
@@ -197,10 +203,8 @@ impl Endpoint {
             401 => Stop::WrongKey { url, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
             403 => Stop::Forbidden { url, variable, state, model, said },
-            404 | 405 => {
-                Stop::NotFound { url, status, model, hint: self.not_found(&refusal), said }
-            }
-            _ => Stop::BadRequest { url, status, hint: hint(&refusal), said },
+            404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
+            _ => Stop::BadRequest { url, status, hint: hint(refusal), said },
         };
         Err(Trouble::Final(stop))
     }
@@ -237,13 +241,15 @@ impl Endpoint {
     /// A connection that did not come about, or broke.
     fn broken(&self, error: reqwest::Error) -> Trouble {
         let kind = if error.is_timeout() { Kind::TimeOut } else { Kind::Connection };
+        let is_nobody = error.is_connect() && !self.has_spoken.load(Ordering::Relaxed);
         // What is wrong is at the bottom; the address, with what may be secret in it, at the top.
         let error = error.without_url();
         let mut cause: &dyn std::error::Error = &error;
         while let Some(deeper) = cause.source() {
             cause = deeper;
         }
-        Passing::new(kind, self.quoted(&cause.to_string()))
+        let said = self.quoted(&cause.to_string());
+        Trouble::Passing(Passing { kind, said, wait: None, is_nobody })
     }
 
     async fn body_of(&self, mut response: reqwest::Response, most: usize) -> Result<Body, Trouble> {
@@ -272,7 +278,7 @@ struct Body {
 }
 
 /// An answer to a question at which a filter took offence.
-fn filtered(said: Said) -> Completion {
+fn filtered(said: &Said) -> Completion {
     let reasoning = Some(format!("[content filter] {}", said.0));
     let failure = Some(Failure::ContentFilter);
     Completion { answer: Answer { reasoning, failure, ..Answer::default() }, tokens: None }
@@ -291,24 +297,23 @@ fn is_about_credit(name: &str) -> bool {
 
 /// What to change in a request that is refused, where its refusal tells.
 fn hint(refusal: &Refusal) -> String {
-    let said = refusal.said.to_lowercase();
-    let hints = [
+    let hints: [(&[&str], &str); 7] = [
         (
-            "max_completion_tokens",
-            "this model takes max_completion_tokens in place of max_tokens: leave max_tokens out and give the other as a \
-             further field of the body",
+            &["max_completion_tokens", "max_tokens"],
+            "leave --max-tokens out and say --extra '{\"max_completion_tokens\": …}' in its place",
         ),
-        ("max_tokens", "give another max_tokens, or leave it out"),
-        ("temperature", "this model takes no such temperature: leave it out"),
-        ("top_p", "this model takes no such top_p: leave it out"),
-        ("seed", "leave the seed of the sampling out"),
+        (&["max_completion_tokens"], "say --max-tokens in place of max_completion_tokens"),
+        (&["max_tokens"], "say another --max-tokens, or leave it out"),
+        (&["temperature"], "say another --temperature, or leave it out"),
+        (&["top_p"], "say another --top-p, or leave it out"),
         (
-            "context",
-            "the prompt is too long for this model: give the agents a smaller view or a shorter memory",
+            &["context"],
+            "the prompt is too long for this model: try a smaller --view-size or --memory",
         ),
-        ("model", "see whether the endpoint has a model of this name"),
+        (&["valid model"], "see whether the endpoint has a model of this name"),
     ];
-    let found = hints.iter().find(|(word, _)| said.contains(word));
+    let found =
+        hints.iter().find(|(words, _)| words.iter().all(|word| refusal.said.contains(word)));
     found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
 }
 

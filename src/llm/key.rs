@@ -23,8 +23,9 @@ impl ApiKey {
     /// it is no part of the key, and an empty one is none: endpoints on one's own machine mostly ask for none.
     #[must_use]
     pub fn new(variable: impl Into<String>, value: Option<String>) -> Self {
-        let secret = value.as_deref().map(str::trim).filter(|key| !key.is_empty());
-        Self { variable: variable.into(), is_set: value.is_some(), secret: secret.map(Into::into) }
+        let is_set = value.is_some();
+        let key = value.map(|value| value.trim().to_owned()).filter(|key| !key.is_empty());
+        Self { variable: variable.into(), is_set, secret: key.map(SecretString::from) }
     }
 
     /// The environment variable that it came from.

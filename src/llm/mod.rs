@@ -1,4 +1,4 @@
-//! Language models: questions to any endpoint of OpenAI's chat completions, and cassettes that answer in its place.
+//! Language models: questions to any endpoint that speaks chat completions, and cassettes that answer in its place.
 //!
 //! A [`Model`] is asked [`Question`]s: a game, an agent, a round, and the prompt of that observation. It gives an
 //! [`Answer`], or says with a [`Stop`] why no more can be had. The line between the two:
@@ -47,6 +47,10 @@ use gate::Gate;
 use spent::Counters;
 
 use crate::clock::{after, millis};
+
+/// How many times an address is tried again where nobody has ever answered: it may be wrong, and whoever mistyped it is
+/// not to wait for minutes.
+const NOBODY_RETRIES: u32 = 2;
 
 /// What a model is asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,6 +139,13 @@ impl Model {
     pub fn spent(&self) -> Spent {
         self.0.counters.spent()
     }
+
+    /// What came of the last request that came to nothing, such as `429, slow down`; none while the last one was
+    /// answered. For people who wonder why nothing moves.
+    #[must_use]
+    pub fn trouble(&self) -> Option<String> {
+        self.0.counters.last_trouble()
+    }
 }
 
 impl Inner {
@@ -162,8 +173,8 @@ impl Inner {
                 Err(Trouble::Final(stop)) => return Err(self.stop(stop)),
                 Err(Trouble::Passing(passing)) => passing,
             };
-            self.counters.trouble(passing.kind);
-            let Passing { kind, said, wait } = passing;
+            let Passing { kind, said, wait, is_nobody } = passing;
+            self.counters.trouble(kind, &said);
             tracing::debug!(
                 model = settings.model,
                 agent = question.agent,
@@ -175,6 +186,8 @@ impl Inner {
             }
             let pause = if kind == Kind::Load {
                 pass.refused(wait, settings.pauses(), clock).map(|()| None)
+            } else if is_nobody && retries >= NOBODY_RETRIES {
+                Err(retries + 1)
             } else {
                 drop(pass);
                 // It knows better when to come again, but it may not know how often it has said so.

@@ -86,11 +86,22 @@ impl Troubles {
 
 /// A [`Spent`] that grows.
 #[derive(Debug, Default)]
-pub(super) struct Counters(Mutex<Spent>);
+pub(super) struct Counters {
+    spent: Mutex<Spent>,
+    trouble: Mutex<Option<String>>,
+}
 
 impl Counters {
     fn get(&self) -> MutexGuard<'_, Spent> {
-        self.0.lock().expect("nothing panics while it holds this")
+        self.spent.lock().expect("nothing panics while it holds this")
+    }
+
+    fn told(&self) -> MutexGuard<'_, Option<String>> {
+        self.trouble.lock().expect("nothing panics while it holds this")
+    }
+
+    pub(super) fn last_trouble(&self) -> Option<String> {
+        self.told().clone()
     }
 
     pub(super) fn spent(&self) -> Spent {
@@ -116,6 +127,7 @@ impl Counters {
     }
 
     pub(super) fn answered(&self, answer: &Answer, is_unmetered: bool) {
+        *self.told() = None;
         let mut spent = self.get();
         spent.answers += 1;
         spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
@@ -124,7 +136,8 @@ impl Counters {
         spent.failures.count(answer.failure);
     }
 
-    pub(super) fn trouble(&self, kind: Kind) {
+    pub(super) fn trouble(&self, kind: Kind, said: &str) {
+        *self.told() = Some(said.to_owned());
         let troubles = &mut self.get().troubles;
         *match kind {
             Kind::Load => &mut troubles.load,

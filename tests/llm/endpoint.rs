@@ -15,6 +15,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
 
 /// Nothing takes this long; a test that hangs is to fail.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
@@ -122,6 +123,7 @@ pub(crate) struct Endpoint {
     base: String,
     shared: Arc<Shared>,
     task: JoinHandle<()>,
+    connections: CancellationToken,
 }
 
 impl Drop for Endpoint {
@@ -142,10 +144,13 @@ impl Endpoint {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let base = format!("http://{}/v1", listener.local_addr().expect("an address"));
         let router = Router::new().fallback(serve).with_state(shared.clone());
+        let connections = CancellationToken::new();
+        let end = connections.clone();
         let task = tokio::spawn(async move {
-            axum::serve(listener, router).await.expect("it serves");
+            let serve = axum::serve(listener, router);
+            serve.with_graceful_shutdown(end.cancelled_owned()).await.expect("it serves");
         });
-        Self { base, shared, task }
+        Self { base, shared, task, connections }
     }
 
     /// Answers the first requests with these replies, in order, and all others as a good endpoint does.
@@ -156,6 +161,13 @@ impl Endpoint {
             next.unwrap_or_else(|| Reply::says("ACTION: UP"))
         })
         .await
+    }
+
+    /// The server goes, and its connections with it.
+    pub(crate) async fn ends(mut self) {
+        self.connections.cancel();
+        let task = std::mem::replace(&mut self.task, tokio::spawn(async {}));
+        task.await.expect("it ends");
     }
 
     pub(crate) fn base(&self) -> &str {

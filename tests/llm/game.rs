@@ -47,8 +47,8 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
     Ok((world.score(), valid, invalid))
 }
 
-fn settings(task: TaskName, max_round: i64) -> Settings {
-    Settings { max_round, ..Settings::standard(task, 27) }
+fn settings(task: TaskName, max_round: u32) -> Settings {
+    Settings { max_round: max_round.into(), ..Settings::standard(task, 27) }
 }
 
 #[tokio::test]
@@ -61,7 +61,7 @@ async fn the_offline_model_plays_all_tasks_and_a_cassette_plays_them_again() {
     bench.settings.api_base = format!("http://{address}/v1");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cassette.jsonl");
-    let rounds = 12;
+    let rounds = 12_u32;
     let games: Vec<_> = TaskName::ALL.map(|task| settings(task, rounds)).into();
     let model = bench.model_on(Some(&Cassette::record(&path).expect("a cassette")));
     let mut played = Vec::new();
@@ -72,7 +72,7 @@ async fn the_offline_model_plays_all_tasks_and_a_cassette_plays_them_again() {
     }
     let sync = games.iter().position(|game| game.task == "Synchronization").expect("a task");
     assert!(
-        (played[sync].0 - rounds as f64).abs() < 1e-9,
+        (played[sync].0 - f64::from(rounds)).abs() < 1e-9,
         "every round scores: {}",
         played[sync].0
     );

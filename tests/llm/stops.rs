@@ -68,11 +68,17 @@ async fn white_space_around_a_key_is_no_part_of_it() {
     assert_eq!(endpoint.seen()[0].headers["authorization"], format!("Bearer {KEY}"));
 }
 
+/// What comes, what it is, and the words that help.
+type Case = (Reply, fn(&Stop) -> bool, &'static [&'static str]);
+
+/// What is wrong with the settings.
+type Change = Box<dyn Fn(&mut Bench)>;
+
 #[tokio::test]
 async fn other_refusals_say_what_to_do() {
     let model_not_found =
         json!({ "error": { "message": "no such model", "code": "model_not_found" } });
-    let cases: Vec<(Reply, fn(&Stop) -> bool, &[&str])> = vec![
+    let cases: Vec<Case> = vec![
         (
             Reply::error(403, "not in your region"),
             |stop| matches!(stop, Stop::Forbidden { .. }),
@@ -114,12 +120,12 @@ async fn other_refusals_say_what_to_do() {
                 "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead.",
             ),
             |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["takes max_completion_tokens in place of max_tokens", "Unsupported parameter"],
+            &["leave --max-tokens out and say --extra", "Unsupported parameter"],
         ),
         (
             Reply::error(400, "'temperature' does not support 0.5 with this model."),
             |stop| matches!(stop, Stop::BadRequest { .. }),
-            &["leave it out", "does not support 0.5"],
+            &["say another --temperature, or leave it out", "does not support 0.5"],
         ),
         (
             Reply::json(
@@ -183,7 +189,7 @@ async fn the_key_is_carried_nowhere_else() {
 #[tokio::test]
 async fn settings_that_cannot_work_are_told_before_anybody_is_asked() {
     let endpoint = Endpoint::replies(vec![]).await;
-    let cases: Vec<(&str, Box<dyn Fn(&mut Bench)>)> = vec![
+    let cases: Vec<(&str, Change)> = vec![
         (
             "is no address",
             Box::new(|bench| bench.settings.api_base = "api.openai.com/v1".to_owned()),
@@ -201,7 +207,7 @@ async fn settings_that_cannot_work_are_told_before_anybody_is_asked() {
         (
             "the key in SWARM_TEST_KEY has characters that no key has",
             Box::new(|bench| {
-                bench.settings.key = ApiKey::new(VARIABLE, Some(format!("{KEY}\n{KEY}")))
+                bench.settings.key = ApiKey::new(VARIABLE, Some(format!("{KEY}\n{KEY}")));
             }),
         ),
         (
