@@ -91,12 +91,11 @@ impl Halt {
     #[must_use]
     pub fn can_go_on(&self) -> bool {
         match self {
-            Self::Asked | Self::Budget { .. } => true,
+            Self::Asked | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => true,
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
             ),
-            Self::Client(ClientError::Transport { .. }) => true,
             Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
         }
     }
@@ -142,9 +141,9 @@ impl Conductor<'_> {
         }
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
-                let choose = |task| player.of(task);
                 let table = Table::of(&run);
-                let mut swarm = BuiltIns::new(self.client, &token, table, player.seed, choose);
+                let mut swarm =
+                    BuiltIns::new(self.client, &token, table, player.seed, player.choice());
                 let played = self.play(&run, &token, &mut swarm, watch).await;
                 played.map_err(|error| halt(error, |puzzled| Halt::Play(puzzled.to_string())))?
             }

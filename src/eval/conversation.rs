@@ -7,7 +7,7 @@ use tokio::sync::Mutex;
 
 use super::conduct::Halt;
 use super::plan::Planned;
-use crate::llm::{Answer, Model, Question, Stop};
+use crate::llm::{Answer, Model, Question};
 use crate::players::client::Client;
 use crate::players::drive::{Swarm, Thought};
 use crate::wire::act::{ActRequest, SwarmAct};
@@ -60,8 +60,8 @@ impl Swarm for Conversation {
     }
 
     fn waits_for_others(error: &Halt) -> bool {
-        // What was asked is paid for, and nothing more is asked, so the rest comes soon.
-        matches!(error, Halt::Budget { .. } | Halt::Model(Stop::NotOnCassette { .. }))
+        // What is under way is paid for, and nothing more is asked.
+        matches!(error, Halt::Budget { .. } | Halt::Model(_))
     }
 }
 

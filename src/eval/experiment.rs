@@ -78,21 +78,18 @@ impl Axes {
     /// These, and what they leave out as in `base`.
     #[must_use]
     pub fn over(self, base: &Self) -> Self {
-        fn or<T: Clone>(own: Option<List<T>>, base: &Option<List<T>>) -> Option<List<T>> {
-            own.or_else(|| base.clone())
-        }
         Self {
-            rules: or(self.rules, &base.rules),
-            control: or(self.control, &base.control),
-            map_size: or(self.map_size, &base.map_size),
-            num_agents: or(self.num_agents, &base.num_agents),
-            view_size: or(self.view_size, &base.view_size),
-            memory: or(self.memory, &base.memory),
-            max_round: or(self.max_round, &base.max_round),
-            noise: or(self.noise, &base.noise),
-            max_delay: or(self.max_delay, &base.max_delay),
-            temperature: or(self.temperature, &base.temperature),
-            top_p: or(self.top_p, &base.top_p),
+            rules: self.rules.or_else(|| base.rules.clone()),
+            control: self.control.or_else(|| base.control.clone()),
+            map_size: self.map_size.or_else(|| base.map_size.clone()),
+            num_agents: self.num_agents.or_else(|| base.num_agents.clone()),
+            view_size: self.view_size.or_else(|| base.view_size.clone()),
+            memory: self.memory.or_else(|| base.memory.clone()),
+            max_round: self.max_round.or_else(|| base.max_round.clone()),
+            noise: self.noise.or_else(|| base.noise.clone()),
+            max_delay: self.max_delay.or_else(|| base.max_delay.clone()),
+            temperature: self.temperature.or_else(|| base.temperature.clone()),
+            top_p: self.top_p.or_else(|| base.top_p.clone()),
         }
     }
 }

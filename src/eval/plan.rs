@@ -75,10 +75,11 @@ pub struct PlayerPlan {
 }
 
 impl PlayerPlan {
-    /// Who plays a task.
+    /// The players themselves.
     #[must_use]
-    pub fn of(&self, task: TaskName) -> Option<&'static BuiltIn> {
-        find(self.by_task.get(&task)?, task).ok()
+    pub fn choice(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
+        let found = |(&task, name): (&TaskName, &&str)| Some((task, find(name, task).ok()?));
+        self.by_task.iter().filter_map(found).collect()
     }
 }
 
@@ -333,7 +334,9 @@ impl Plan {
         }
         let mut known = BTreeSet::new();
         runs.retain(|run| known.insert(run.identity()));
-        runs.iter().for_each(|run| problems.check(run));
+        for run in &runs {
+            problems.check(run);
+        }
         if !problems.0.is_empty() {
             return Err(PlanError(problems.0));
         }
@@ -459,7 +462,7 @@ fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
     suite.seeds = seeds.to_vec();
     for built_in in Suite::BUILT_IN {
-        suite.name = built_in.to_owned();
+        built_in.clone_into(&mut suite.name);
         if Suite::built_in(built_in, &suite.rules).as_ref() == Some(&suite) {
             return suite;
         }

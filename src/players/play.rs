@@ -50,11 +50,14 @@ pub async fn play(
         height: config.height,
     };
     let token = &created.swarm_token;
-    let mut swarm = BuiltIns::new(client, token, table, player_seed, move |_| Some(player));
+    let choice = TaskName::parse(&config.task).map(|task| (task, player)).into_iter().collect();
+    let mut swarm = BuiltIns::new(client, token, table, player_seed, choice);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
-            looked.iter().for_each(|seen| progress(seen.sight.round, seen.sight.score));
+            for seen in looked {
+                progress(seen.sight.round, seen.sight.score);
+            }
         }
     })
     .await?;
@@ -71,15 +74,17 @@ pub async fn play_run(
     client: &Client,
     run: &RunDetail,
     token: &str,
-    player: impl Fn(TaskName) -> Option<&'static BuiltIn>,
+    choice: Choice,
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, player);
+    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, choice);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
-            looked.iter().for_each(|seen| progress(&seen.sight));
+            for seen in looked {
+                progress(&seen.sight);
+            }
         }
     })
     .await?;
@@ -122,28 +127,31 @@ impl Table {
     }
 }
 
+/// Which player plays which task.
+pub type Choice = BTreeMap<TaskName, &'static BuiltIn>;
+
 /// Built-in players on all seats of a swarm token.
 ///
 /// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
 /// they play on as if nothing had happened.
-pub struct BuiltIns<F> {
+pub struct BuiltIns {
     client: Client,
     token: String,
     table: Arc<Table>,
     seed: u64,
-    choose: F,
+    choice: Choice,
     games: BTreeMap<String, Arc<Mutex<Game>>>,
 }
 
-impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
-    /// Players as `choose` has them for each task; `seed` is that of their own choices.
-    pub fn new(client: &Client, token: &str, table: Table, seed: u64, choose: F) -> Self {
+impl BuiltIns {
+    /// Players as `choice` has them for each task; `seed` is that of their own choices.
+    pub fn new(client: &Client, token: &str, table: Table, seed: u64, choice: Choice) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
             table: Arc::new(table),
             seed,
-            choose,
+            choice,
             games: BTreeMap::new(),
         }
     }
@@ -153,7 +161,7 @@ impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
         let task = TaskName::parse(&name);
-        let Some((task, built_in)) = task.and_then(|task| Some((task, (self.choose)(task)?)))
+        let Some((task, built_in)) = task.and_then(|task| Some((task, *self.choice.get(&task)?)))
         else {
             return Box::pin(async move { Err(Puzzled::Task(name)) });
         };
@@ -187,7 +195,7 @@ impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
     }
 }
 
-impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> Swarm for BuiltIns<F> {
+impl Swarm for BuiltIns {
     type Error = Puzzled;
 
     fn reads_prompts(&self) -> bool {

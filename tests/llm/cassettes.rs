@@ -299,3 +299,56 @@ async fn a_cassette_that_cannot_be_used_says_why() {
     assert!(stop.to_string().contains("another process records on it"), "{stop}");
     Cassette::replay(&path).expect("who only reads may do so meanwhile");
 }
+
+/// A disk that is full is a small file system of its own, which needs Linux and the right to mount one.
+#[cfg(target_os = "linux")]
+#[tokio::test]
+async fn an_answer_that_cannot_be_kept_stops_and_a_larger_disk_goes_on() {
+    use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
+
+    struct Mounted(TempDir);
+
+    impl Drop for Mounted {
+        fn drop(&mut self) {
+            if let Err(error) = unmount(self.0.path(), UnmountFlags::DETACH) {
+                eprintln!("{} stays mounted: {error}", self.0.path().display());
+            }
+        }
+    }
+
+    let folder = tempfile::tempdir().expect("a folder");
+    if let Err(error) = mount("tmpfs", folder.path(), "tmpfs", MountFlags::empty(), c"size=16k") {
+        eprintln!("full disk: NOT RUN, as no tmpfs may be mounted here ({error})");
+        return;
+    }
+    let folder = Mounted(folder);
+    let path = folder.0.path().join("cassette.jsonl");
+    let endpoint =
+        Endpoint::start(|_, _| Reply::says(&format!("{}\nACTION: UP", "x".repeat(3000)))).await;
+    let bench = Bench::new(&endpoint);
+    let mut kept = 0;
+    {
+        let cassette = open(&path);
+        let model = bench.model_on(Some(&cassette));
+        let stop = loop {
+            match model.answer(&question(0, kept)).await {
+                Ok(_) => kept += 1,
+                Err(stop) => break stop,
+            }
+        };
+        assert!(kept > 0 && stop.to_string().contains("No space left"), "{stop}");
+        assert_eq!(model.answer(&question(0, 0)).await.expect("it is there").retries, 0);
+        assert_eq!(model.answer(&question(0, kept)).await, Err(stop));
+        // Nothing is written after what is torn.
+        bench.model_on(Some(&cassette)).answer(&question(0, kept)).await.expect_err("no room");
+        assert_eq!(cassette.answers(), kept as usize);
+    }
+    let before = endpoint.seen().len();
+    mount_remount(folder.0.path(), MountFlags::empty(), "size=1m").expect("it can grow");
+    let model = bench.model_on(Some(&open(&path)));
+    for round in 0..=kept {
+        model.answer(&question(0, round)).await.expect("an answer");
+    }
+    assert_eq!(endpoint.seen().len(), before + 1);
+    assert_eq!(Cassette::replay(&path).expect("it is whole").answers(), kept as usize + 1);
+}

@@ -20,11 +20,17 @@ const NOWHERE: &str = "http://127.0.0.1:9/v1";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Asking {
-    /// The endpoint, up to /chat/completions, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL].
-    #[arg(long, value_name = "URL")]
+    #[arg(
+        long,
+        value_name = "URL",
+        help = "The endpoint, up to /chat/completions, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL]"
+    )]
     api_base: Option<String>,
-    /// The environment variable that holds its key (OPENAI_API_KEY).
-    #[arg(long, value_name = "NAME")]
+    #[arg(
+        long,
+        value_name = "NAME",
+        help = "The environment variable that holds its key (OPENAI_API_KEY)"
+    )]
     api_key_env: Option<String>,
     /// How freely a model draws; not sent where it is left out. Several are several runs.
     #[arg(long, value_delimiter = ',')]
@@ -35,8 +41,12 @@ pub(super) struct Asking {
     /// How many tokens an answer may have; not sent where it is left out.
     #[arg(long, value_name = "TOKENS")]
     max_tokens: Option<u64>,
-    /// Further fields of each request as a JSON object, such as '{"reasoning_effort": "low"}'.
-    #[arg(long, value_name = "JSON", value_parser = object)]
+    #[arg(
+        long,
+        value_name = "JSON",
+        value_parser = object,
+        help = "Further fields of each request as a JSON object, such as '{\"reasoning_effort\": \"low\"}'"
+    )]
     extra: Option<Map<String, Value>>,
     /// Questions at once, over all games (16).
     #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=4096))]

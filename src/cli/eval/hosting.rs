@@ -17,8 +17,12 @@ const DATABASE: &str = "swarmbench.db";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Hosting {
-    /// Join the server at this address [env: SWARMBENCH_SERVER].
-    #[arg(long, value_name = "URL", conflicts_with = "db")]
+    #[arg(
+        long,
+        value_name = "URL",
+        conflicts_with = "db",
+        help = "Join the server at this address [env: SWARMBENCH_SERVER]"
+    )]
     server: Option<String>,
     /// Your key, where the server asks for one.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
@@ -52,12 +56,11 @@ impl Hosting {
 
     /// A client of the server, and the server where it is one of its own.
     pub(super) async fn open(&self) -> anyhow::Result<(Client, Option<Hosted>)> {
-        let (base, hosted) = match self.joined() {
-            Some(server) => (server, None),
-            None => {
-                let hosted = Hosted::open(self.database()).await?;
-                (hosted.base.clone(), Some(hosted))
-            }
+        let (base, hosted) = if let Some(server) = self.joined() {
+            (server, None)
+        } else {
+            let hosted = Hosted::open(self.database()).await?;
+            (hosted.base.clone(), Some(hosted))
         };
         let client = Client::new(&base)?;
         let client = match self.key.clone() {

@@ -133,6 +133,10 @@ struct WhoArgs {
     player_seed: Option<u64>,
 }
 
+fn taken<T>(values: &mut Vec<T>) -> Option<List<T>> {
+    list(std::mem::take(values))
+}
+
 fn list<T>(values: Vec<T>) -> Option<List<T>> {
     (!values.is_empty()).then_some(List(values))
 }
@@ -154,9 +158,6 @@ impl Args {
             max_delay,
             prompt_template,
         } = &mut self.games;
-        fn taken<T>(values: &mut Vec<T>) -> Option<List<T>> {
-            list(std::mem::take(values))
-        }
         let models = std::mem::take(&mut self.who.model);
         Experiment {
             tasks: taken(task),
