@@ -151,13 +151,12 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
             (client.run(&id, Some(&token)).await?, token)
         }
     };
-    for task in run.run.suite.tasks.iter().filter_map(|task| TaskName::parse(task)) {
-        player(name, task)?;
-    }
+    let tasks = run.run.suite.tasks.iter().filter_map(|task| TaskName::parse(task));
+    let players =
+        tasks.map(|task| Ok((task, player(name, task)?))).collect::<anyhow::Result<_>>()?;
     let mut bars = RunBars::new(&run, name.unwrap_or("its own player"));
-    let choose = |task| player(name, task).ok();
     let played =
-        play_run(client, &run, &token, choose, args.player_seed, |sight| bars.note(sight)).await?;
+        play_run(client, &run, &token, players, args.player_seed, |sight| bars.note(sight)).await?;
     bars.finish();
     println!("\n{}", results(&played));
     let (base, id) = (client.base(), &played.run.id);

@@ -75,10 +75,12 @@ pub struct PlayerPlan {
 }
 
 impl PlayerPlan {
-    /// Who plays a task.
+    /// Who plays which task.
     #[must_use]
-    pub fn of(&self, task: TaskName) -> Option<&'static BuiltIn> {
-        find(self.by_task.get(&task)?, task).ok()
+    pub fn players(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
+        let known =
+            self.by_task.iter().filter_map(|(&task, name)| Some((task, find(name, task).ok()?)));
+        known.collect()
     }
 }
 

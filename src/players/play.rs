@@ -28,6 +28,9 @@ pub enum Puzzled {
     Task(String),
 }
 
+/// Which player plays which task.
+pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
+
 /// An episode could not be played.
 pub type PlayError = DriveError<Puzzled>;
 
@@ -50,7 +53,8 @@ pub async fn play(
         height: config.height,
     };
     let token = &created.swarm_token;
-    let mut swarm = BuiltIns::new(client, token, table, player_seed, move |_| Some(player));
+    let players = player.tasks.iter().map(|&task| (task, player)).collect();
+    let mut swarm = BuiltIns::new(client, token, table, player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -73,11 +77,11 @@ pub async fn play_run(
     client: &Client,
     run: &RunDetail,
     token: &str,
-    player: impl Fn(TaskName) -> Option<&'static BuiltIn>,
+    players: Players,
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, player);
+    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -130,24 +134,25 @@ impl Table {
 ///
 /// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
 /// they play on as if nothing had happened.
-pub struct BuiltIns<F> {
+pub struct BuiltIns {
     client: Client,
     token: String,
     table: Arc<Table>,
     seed: u64,
-    choose: F,
+    players: Players,
     games: BTreeMap<String, Arc<Mutex<Game>>>,
 }
 
-impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
-    /// Players as `choose` has them for each task; `seed` is that of their own choices.
-    pub fn new(client: &Client, token: &str, table: Table, seed: u64, choose: F) -> Self {
+impl BuiltIns {
+    /// The players of each task; `seed` is that of their own choices.
+    #[must_use]
+    pub fn new(client: &Client, token: &str, table: Table, seed: u64, players: Players) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
             table: Arc::new(table),
             seed,
-            choose,
+            players,
             games: BTreeMap::new(),
         }
     }
@@ -157,7 +162,7 @@ impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
         let task = TaskName::parse(&name);
-        let Some((task, built_in)) = task.and_then(|task| Some((task, (self.choose)(task)?)))
+        let Some((task, built_in)) = task.and_then(|task| Some((task, *self.players.get(&task)?)))
         else {
             return Box::pin(async move { Err(Puzzled::Task(name)) });
         };
@@ -191,7 +196,7 @@ impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> BuiltIns<F> {
     }
 }
 
-impl<F: Fn(TaskName) -> Option<&'static BuiltIn>> Swarm for BuiltIns<F> {
+impl Swarm for BuiltIns {
     type Error = Puzzled;
 
     fn reads_prompts(&self) -> bool {
