@@ -9,7 +9,7 @@ use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
 use crate::players::client::Client;
-use crate::players::play::{Choice, play, play_run};
+use crate::players::play::{play, play_run};
 use crate::wire::episode::{EpisodeRequest, EpisodeSummary};
 use crate::wire::observation::Sight;
 use crate::wire::run::{RunDetail, RunRequest, SuiteRequest};
@@ -152,11 +152,11 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
         }
     };
     let tasks = run.run.suite.tasks.iter().filter_map(|task| TaskName::parse(task));
-    let choice: Choice =
+    let players =
         tasks.map(|task| Ok((task, player(name, task)?))).collect::<anyhow::Result<_>>()?;
     let mut bars = RunBars::new(&run, name.unwrap_or("its own player"));
     let played =
-        play_run(client, &run, &token, choice, args.player_seed, |sight| bars.note(sight)).await?;
+        play_run(client, &run, &token, players, args.player_seed, |sight| bars.note(sight)).await?;
     bars.finish();
     println!("\n{}", results(&played));
     let (base, id) = (client.base(), &played.run.id);

@@ -141,9 +141,8 @@ impl Conductor<'_> {
         }
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
-                let table = Table::of(&run);
-                let mut swarm =
-                    BuiltIns::new(self.client, &token, table, player.seed, player.choice());
+                let (table, players) = (Table::of(&run), player.players());
+                let mut swarm = BuiltIns::new(self.client, &token, table, player.seed, players);
                 let played = self.play(&run, &token, &mut swarm, watch).await;
                 played.map_err(|error| halt(error, |puzzled| Halt::Play(puzzled.to_string())))?
             }

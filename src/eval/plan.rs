@@ -75,11 +75,12 @@ pub struct PlayerPlan {
 }
 
 impl PlayerPlan {
-    /// The players themselves.
+    /// Who plays which task.
     #[must_use]
-    pub fn choice(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
-        let found = |(&task, name): (&TaskName, &&str)| Some((task, find(name, task).ok()?));
-        self.by_task.iter().filter_map(found).collect()
+    pub fn players(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
+        let known =
+            self.by_task.iter().filter_map(|(&task, name)| Some((task, find(name, task).ok()?)));
+        known.collect()
     }
 }
 

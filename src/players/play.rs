@@ -28,6 +28,9 @@ pub enum Puzzled {
     Task(String),
 }
 
+/// Which player plays which task.
+pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
+
 /// An episode could not be played.
 pub type PlayError = DriveError<Puzzled>;
 
@@ -50,8 +53,8 @@ pub async fn play(
         height: config.height,
     };
     let token = &created.swarm_token;
-    let choice = TaskName::parse(&config.task).map(|task| (task, player)).into_iter().collect();
-    let mut swarm = BuiltIns::new(client, token, table, player_seed, choice);
+    let players = player.tasks.iter().map(|&task| (task, player)).collect();
+    let mut swarm = BuiltIns::new(client, token, table, player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -74,11 +77,11 @@ pub async fn play_run(
     client: &Client,
     run: &RunDetail,
     token: &str,
-    choice: Choice,
+    players: Players,
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, choice);
+    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -127,9 +130,6 @@ impl Table {
     }
 }
 
-/// Which player plays which task.
-pub type Choice = BTreeMap<TaskName, &'static BuiltIn>;
-
 /// Built-in players on all seats of a swarm token.
 ///
 /// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
@@ -139,19 +139,20 @@ pub struct BuiltIns {
     token: String,
     table: Arc<Table>,
     seed: u64,
-    choice: Choice,
+    players: Players,
     games: BTreeMap<String, Arc<Mutex<Game>>>,
 }
 
 impl BuiltIns {
-    /// Players as `choice` has them for each task; `seed` is that of their own choices.
-    pub fn new(client: &Client, token: &str, table: Table, seed: u64, choice: Choice) -> Self {
+    /// The players of each task; `seed` is that of their own choices.
+    #[must_use]
+    pub fn new(client: &Client, token: &str, table: Table, seed: u64, players: Players) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
             table: Arc::new(table),
             seed,
-            choice,
+            players,
             games: BTreeMap::new(),
         }
     }
@@ -161,7 +162,7 @@ impl BuiltIns {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
         let task = TaskName::parse(&name);
-        let Some((task, built_in)) = task.and_then(|task| Some((task, *self.choice.get(&task)?)))
+        let Some((task, built_in)) = task.and_then(|task| Some((task, *self.players.get(&task)?)))
         else {
             return Box::pin(async move { Err(Puzzled::Task(name)) });
         };
