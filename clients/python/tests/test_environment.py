@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, get_args
 
+import httpx
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
@@ -296,6 +297,47 @@ def test_an_action_of_everybody_is_needed(make: Make) -> None:
     env.reset()
     with pytest.raises(ValueError, match="Agent_1, Agent_2"):
         env.step({"Agent_0": 0})
+
+
+def test_an_action_that_does_not_exist_is_told(make: Make) -> None:
+    env = make(num_agents=1)
+    env.reset()
+    for number in (-1, 5):
+        with pytest.raises(ValueError, match="0 to 4"):
+            env.step({"Agent_0": number})
+
+
+def test_acts_without_a_place_are_sent_again(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("swarmbench.environment.time.sleep", pauses.append)
+    real = httpx.Client()
+    refused = {"type": "urn:swarmbench:problem:overloaded", "title": "…", "status": 503, "detail": "…"}
+    refused |= {"code": "overloaded", "retry_after_ms": 700}
+    sizes: list[int] = []
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        """Keeps the last act from the server as long as there are several, and says that it had no place for it."""
+        content, more = request.content, []
+        if request.url.path == "/swarm/act":
+            acts = json.loads(content)["acts"]
+            sizes.append(len(acts))
+            if len(acts) > 1:
+                content, more = json.dumps({"acts": acts[:-1]}).encode(), [refused]
+        headers = {name: request.headers[name] for name in ("authorization", "content-type") if name in request.headers}
+        answer = real.request(request.method, request.url, content=content, headers=headers)
+        told = answer.json()
+        if more:
+            told["receipts"] += more
+        return httpx.Response(answer.status_code, json=told)
+
+    client = Client(server.url, "", http=httpx.Client(transport=httpx.MockTransport(handle)))
+    env = parallel_env(num_agents=3, max_round=2, server=client)
+    env.reset()
+    while env.agents:
+        env.step(dict.fromkeys(env.agents, 4))
+    assert sizes == [3, 1, 3, 1]
+    assert pauses == [0.7, 0.7]
+    real.close()
 
 
 def test_wrong_settings_are_told(make: Make) -> None:

@@ -335,10 +335,12 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
     def _act(self, agent: str, round: int, action: Any) -> SwarmAct:
         act: SwarmAct = {"episode": self.episode or "", "agent": agent, "round": round}
+        number = int(action["action"] if self._messages else action)
+        if not 0 <= number < len(self.actions):
+            raise ValueError(f"{agent} has the actions 0 to {len(self.actions) - 1}, and not {number}")
+        act["action"] = self.actions[number]
         if not self._messages:
-            act["action"] = self.actions[int(action)]
             return act
-        act["action"] = self.actions[int(action["action"])]
         if action["message"]:
             act["message"] = action["message"]
             if action.get("to"):
