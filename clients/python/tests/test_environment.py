@@ -16,7 +16,7 @@ from pettingzoo.test.seed_test import parallel_seed_test, seed_test
 from pettingzoo.test.state_test import state_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from swarmbench import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmbench import Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
 from swarmbench.arrays import CHANNELS
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
@@ -225,7 +225,9 @@ def test_a_team_shares_its_score(client: Client, make: Make) -> None:
 def test_rewards_are_what_was_scored(client: Client, make: Make, task: wire.TaskName, player: str, rules: str) -> None:
     score, rounds = recorded(client, task=task, seed=27, player=player, rules=rules, max_round=60)
     assert score > 0
-    own = make(task, max_round=60, rules=rules, rewards="individual")
+    # A prompt is there also for who has escaped.
+    shown = "both" if task == "Transport" else "array"
+    own = make(task, max_round=60, rules=rules, rewards="individual", observations=shown)
     own.reset(seed=27)
     sums, left = dict.fromkeys(own.agents, 0.0), set()
     for acts in rounds:
@@ -241,6 +243,7 @@ def test_rewards_are_what_was_scored(client: Client, make: Make, task: wire.Task
             assert (agent in own.agents) == (not ended[agent])
             if not own.seen[agent]["alive"]:
                 left.add(agent)
+                assert own.observation_space(agent).contains(observations[agent])
                 assert observations[agent]["position"].tolist() == [-1, -1]
                 assert observations[agent]["view"][CHANNELS.index("outside")].all()
         if task == "Pursuit" and own.score > before and (rules == "paper" or before > 0):
@@ -358,6 +361,15 @@ def test_it_starts_and_stops_a_server_of_its_own() -> None:
     assert "stopped" in repr(own)
     env.reset()
     env.close()
+
+
+def test_a_server_may_be_stopped_before_its_environments() -> None:
+    with Server() as server:
+        env = parallel_env("Foraging", num_agents=1, server=server)
+        env.reset()
+    env.close()
+    with pytest.raises(ServerError, match="not started"):
+        env.reset()
 
 
 def test_no_warning_is_given_without_a_reason(make: Make) -> None:

@@ -270,15 +270,19 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
     def close(self) -> None:
         """Aborts the episode that is not at its end, and stops the server if it is the environment's own."""
-        self._abort()
         self.agents = []
-        if self._own_server is not None or isinstance(self._server, str | Server):
-            if self._client is not None:
+        if isinstance(self._server, Server) and not self._server.is_running:
+            # It is gone, and with it whatever was played there.
+            self._swarm = None
+        try:
+            self._abort()
+        finally:
+            if self._client is not None and not isinstance(self._server, Client):
                 self._client.close()
             self._client = None
-        if self._own_server is not None:
-            self._own_server.stop()
-            self._own_server = None
+            if self._own_server is not None:
+                self._own_server.stop()
+                self._own_server = None
 
     # Spaces.
 
