@@ -333,6 +333,13 @@ def test_retry_after_may_be_a_date(kind: str, pauses: list[float]) -> None:
 
 
 @both
+def test_text_that_is_no_unicode_is_sent_all_the_same(kind: str) -> None:
+    transport, asked = answering(ok())
+    ask(kind, transport, lambda client: client.act(0, response="half a \ud83d sign, and a whole \U0001f600"))
+    assert json.loads(asked[0].content)["response"] == "half a ? sign, and a whole \U0001f600"
+
+
+@both
 def test_it_gives_up_after_so_many_times(kind: str, pauses: list[float]) -> None:
     transport, asked = answering(*[httpx.ReadTimeout("slow")] * 3)
     with pytest.raises(ConnectionFailedError, match="GET /healthz: slow"):

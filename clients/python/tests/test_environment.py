@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, get_args
 
+import httpx
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
@@ -15,7 +16,7 @@ from pettingzoo.test.seed_test import parallel_seed_test, seed_test
 from pettingzoo.test.state_test import state_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from swarmbench import Client, Server, SwarmbenchError, SwarmEnv, parallel_env, wire
+from swarmbench import Client, Server, ServerError, SwarmbenchError, SwarmEnv, parallel_env, wire
 from swarmbench.arrays import CHANNELS
 
 TASKS: tuple[wire.TaskName, ...] = get_args(wire.TaskName)
@@ -224,7 +225,9 @@ def test_a_team_shares_its_score(client: Client, make: Make) -> None:
 def test_rewards_are_what_was_scored(client: Client, make: Make, task: wire.TaskName, player: str, rules: str) -> None:
     score, rounds = recorded(client, task=task, seed=27, player=player, rules=rules, max_round=60)
     assert score > 0
-    own = make(task, max_round=60, rules=rules, rewards="individual")
+    # A prompt is there also for who has escaped.
+    shown = "both" if task == "Transport" else "array"
+    own = make(task, max_round=60, rules=rules, rewards="individual", observations=shown)
     own.reset(seed=27)
     sums, left = dict.fromkeys(own.agents, 0.0), set()
     for acts in rounds:
@@ -240,6 +243,7 @@ def test_rewards_are_what_was_scored(client: Client, make: Make, task: wire.Task
             assert (agent in own.agents) == (not ended[agent])
             if not own.seen[agent]["alive"]:
                 left.add(agent)
+                assert own.observation_space(agent).contains(observations[agent])
                 assert observations[agent]["position"].tolist() == [-1, -1]
                 assert observations[agent]["view"][CHANNELS.index("outside")].all()
         if task == "Pursuit" and own.score > before and (rules == "paper" or before > 0):
@@ -298,6 +302,47 @@ def test_an_action_of_everybody_is_needed(make: Make) -> None:
         env.step({"Agent_0": 0})
 
 
+def test_an_action_that_does_not_exist_is_told(make: Make) -> None:
+    env = make(num_agents=1)
+    env.reset()
+    for number in (-1, 5):
+        with pytest.raises(ValueError, match="0 to 4"):
+            env.step({"Agent_0": number})
+
+
+def test_acts_without_a_place_are_sent_again(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("swarmbench.environment.time.sleep", pauses.append)
+    real = httpx.Client()
+    refused = {"type": "urn:swarmbench:problem:overloaded", "title": "…", "status": 503, "detail": "…"}
+    refused |= {"code": "overloaded", "retry_after_ms": 700}
+    sizes: list[int] = []
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        """Keeps the last act from the server as long as there are several, and says that it had no place for it."""
+        content, more = request.content, []
+        if request.url.path == "/swarm/act":
+            acts = json.loads(content)["acts"]
+            sizes.append(len(acts))
+            if len(acts) > 1:
+                content, more = json.dumps({"acts": acts[:-1]}).encode(), [refused]
+        headers = {name: request.headers[name] for name in ("authorization", "content-type") if name in request.headers}
+        answer = real.request(request.method, request.url, content=content, headers=headers)
+        told = answer.json()
+        if more:
+            told["receipts"] += more
+        return httpx.Response(answer.status_code, json=told)
+
+    client = Client(server.url, "", http=httpx.Client(transport=httpx.MockTransport(handle)))
+    env = parallel_env(num_agents=3, max_round=2, server=client)
+    env.reset()
+    while env.agents:
+        env.step(dict.fromkeys(env.agents, 4))
+    assert sizes == [3, 1, 3, 1]
+    assert pauses == [0.7, 0.7]
+    real.close()
+
+
 def test_wrong_settings_are_told(make: Make) -> None:
     with pytest.raises(ValueError, match="'team', 'individual'"):
         make(rewards="mine")
@@ -316,6 +361,15 @@ def test_it_starts_and_stops_a_server_of_its_own() -> None:
     assert "stopped" in repr(own)
     env.reset()
     env.close()
+
+
+def test_a_server_may_be_stopped_before_its_environments() -> None:
+    with Server() as server:
+        env = parallel_env("Foraging", num_agents=1, server=server)
+        env.reset()
+    env.close()
+    with pytest.raises(ServerError, match="not started"):
+        env.reset()
 
 
 def test_no_warning_is_given_without_a_reason(make: Make) -> None:

@@ -270,15 +270,19 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
     def close(self) -> None:
         """Aborts the episode that is not at its end, and stops the server if it is the environment's own."""
-        self._abort()
         self.agents = []
-        if self._own_server is not None or isinstance(self._server, str | Server):
-            if self._client is not None:
+        if isinstance(self._server, Server) and not self._server.is_running:
+            # It is gone, and with it whatever was played there.
+            self._swarm = None
+        try:
+            self._abort()
+        finally:
+            if self._client is not None and not isinstance(self._server, Client):
                 self._client.close()
             self._client = None
-        if self._own_server is not None:
-            self._own_server.stop()
-            self._own_server = None
+            if self._own_server is not None:
+                self._own_server.stop()
+                self._own_server = None
 
     # Spaces.
 
@@ -335,10 +339,12 @@ class SwarmEnv(ParallelEnv[str, Any, Any]):
 
     def _act(self, agent: str, round: int, action: Any) -> SwarmAct:
         act: SwarmAct = {"episode": self.episode or "", "agent": agent, "round": round}
+        number = int(action["action"] if self._messages else action)
+        if not 0 <= number < len(self.actions):
+            raise ValueError(f"{agent} has the actions 0 to {len(self.actions) - 1}, and not {number}")
+        act["action"] = self.actions[number]
         if not self._messages:
-            act["action"] = self.actions[int(action)]
             return act
-        act["action"] = self.actions[int(action["action"])]
         if action["message"]:
             act["message"] = action["message"]
             if action.get("to"):

@@ -14,14 +14,17 @@ T = TypeVar("T")
 ANSWER_S_MAX = 30.0
 """How long an answer may take beyond the `wait` that was asked for."""
 
+PAUSE_S_MAX = 10.0
+"""What a pause grows to, unless the server asks for a longer one."""
+
 
 @dataclass(frozen=True)
 class Retry:
     """How temporary failures are tried again: no answer, 429, 502, 503 and 504.
 
-    The pauses double from `first_pause_s` on, with chance in them so that many clients do not come back at once. A
-    `Retry-After` of the server is waited for instead. Every request of this package may be repeated: the same act
-    again gets the same receipt, and creations carry an `Idempotency-Key`.
+    The pauses double from `first_pause_s` up to 10 s, with chance in them so that many clients do not come back at
+    once. A `Retry-After` of the server is waited for instead. Every request of this package may be repeated: the same
+    act again gets the same receipt, and creations carry an `Idempotency-Key`.
     """
 
     times: int = 6
@@ -85,7 +88,7 @@ def call(
         path=path.format(*(quote(id, safe="") for id in ids)),
         read=read,
         query=kept,
-        body=None if body is None else json.dumps(body, ensure_ascii=False, allow_nan=False).encode(),
+        body=None if body is None else json.dumps(body, ensure_ascii=False, allow_nan=False).encode(errors="replace"),
         headers={**(headers or {}), **({} if body is None else {"content-type": "application/json"})},
         wait_s=float(kept.get("wait", 0)),
     )
@@ -114,7 +117,7 @@ def converse(request: Call[T], retry: Retry) -> Flow[T]:
             reason = str(reply.reason) or type(reply.reason).__name__
             error = ConnectionFailedError(f"no answer to {request.method} {request.path}: {reason}")
             error.__cause__ = reply.reason
-        pause_s = retry.first_pause_s * 2**attempt * random.uniform(0.5, 1.0)  # noqa: S311 - not a secret
+        pause_s = min(retry.first_pause_s * 2**attempt, PAUSE_S_MAX) * random.uniform(0.5, 1.0)  # noqa: S311 - not a secret
         if asked_s is not None:
             pause_s = max(pause_s, asked_s)
         waited_s += pause_s

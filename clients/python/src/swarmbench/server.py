@@ -14,6 +14,7 @@ from types import TracebackType
 from ._compat import Self
 from .client import AsyncClient, Client
 from .errors import ServerError
+from .exchange import Retry
 
 START_S_MAX = 30.0
 """How long a server may take to be ready."""
@@ -101,7 +102,8 @@ class Server:
         self._finalizer = weakref.finalize(self, _stop, os.getpid(), process, directory)
         try:
             self._url = _address(process, log)
-            with Client(self._url, token="") as client:
+            # A database with many unfinished games takes a while.
+            with Client(self._url, token="", retry=Retry(times=1000, patience_s=START_S_MAX)) as client:
                 client.ready()
         except BaseException:
             self.stop()
