@@ -11,14 +11,16 @@ use std::sync::Arc;
 use futures::future::{Either, select};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, TaskName, World};
-use swarmbench_players::{Player, Seat, default_for, find};
+pub use swarmbench_players::EACH_TASKS_OWN;
+use swarmbench_players::{Player, Seat, find};
 use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::episode::Status;
-use crate::episode::actor::{ActError, Handle, is_heavy};
+use crate::episode::actor::{ActError, Handle};
+use crate::episode::heavy::{is_heavy, off_thread};
 use crate::episode::lockstep::Submission;
-use crate::episode::recovery::{RecoveryError, off_thread, state_at};
+use crate::episode::recovery::{RecoveryError, state_at};
 use crate::episode::spec::Spec;
 use crate::journal::record::{ActRecord, Source};
 use crate::journal::{Journal, JournalError};
@@ -27,18 +29,13 @@ use crate::journal::{Journal, JournalError};
 /// which would play as fast as the disk goes, leave most of the processors to everybody else.
 const DECIDING_MAX: usize = 1;
 
-/// The name of the player that plays a task: the one of this name, or the task's own.
+/// The name of the player that plays a task under this name, which may be that of each task's own.
 ///
 /// # Errors
 /// Where no player of that name plays the task; the text names those that do.
-pub fn player(name: Option<&str>, task: TaskName) -> Result<String, String> {
-    match name {
-        None => Ok(default_for(task).name.to_owned()),
-        Some(name) => {
-            let found = find(name, task).map_err(|error| error.to_string())?;
-            Ok(found.name.to_owned())
-        }
-    }
+pub fn player(name: &str, task: TaskName) -> Result<String, String> {
+    let found = find(name, task).map_err(|error| error.to_string())?;
+    Ok(found.name.to_owned())
 }
 
 /// Turns to decide, shared by all hosted episodes of a server.

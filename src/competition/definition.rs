@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{Config, Settings, TaskName};
 
-use super::standings::Declaration;
+use super::entrant::Declaration;
 use crate::episode::spec::Visibility;
 use crate::run::definition as run;
 use crate::run::suite::{Suite, SuiteSettings};

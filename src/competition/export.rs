@@ -10,7 +10,8 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::definition::Definition;
-use super::standings::{Entrant, Row};
+use super::entrant::Entrant;
+use super::standings::Row;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
 

@@ -9,6 +9,7 @@
 
 pub mod closing;
 pub mod definition;
+pub mod entrant;
 pub mod export;
 pub mod phase;
 pub mod sealed;

@@ -13,9 +13,10 @@ use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
 
 use super::definition::{Definition, Window};
+use super::entrant::Entrant;
 use super::export::{self, FORMAT, Line};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
-use super::standings::{Attempt, Entrant, Row, standings};
+use super::standings::{Attempt, Row, standings};
 use crate::board::{Game, Slot};
 use crate::journal::chain::Head;
 use crate::journal::replay::{self, Report as Played, check_line};

@@ -10,14 +10,14 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use futures::future::BoxFuture;
 use jiff::Timestamp;
-use swarmbench_engine::{AgentId, Config, TaskName, World};
+use swarmbench_engine::{AgentId, World};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
+use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
-use super::recovery::off_thread;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
@@ -996,13 +996,4 @@ const fn kind(given: &Given) -> &'static str {
         (Source::Player, true) => "valid",
         (Source::Player, false) => "invalid",
     }
-}
-
-/// Whether a step can take more than a few milliseconds and has to leave the async threads.
-#[must_use]
-pub fn is_heavy(config: &Config) -> bool {
-    let settings = config.settings();
-    config.num_agents() > 128
-        || settings.width * settings.height > 64 * 64
-        || (config.task() == TaskName::Flocking && config.num_agents() > 24)
 }

@@ -6,6 +6,7 @@
 //! everybody holds. Readers look at a [`Snapshot`], which never changes.
 
 pub mod actor;
+pub mod heavy;
 pub mod lockstep;
 pub mod places;
 pub mod quota;

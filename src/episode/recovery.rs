@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Keyframes, is_heavy};
+use super::actor::{Fresh, Keyframes};
+use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
 use super::seating::Seating;
 use super::spec::Spec;
@@ -220,16 +221,4 @@ fn replay(world: &World, acts: &[(u32, RoundActs)], to: u32) -> Result<Arc<World
         world.step(&acts);
     }
     Ok(Arc::new(world))
-}
-
-/// Does work, off the async threads where it is heavy.
-pub(crate) async fn off_thread<T: Send + 'static>(
-    heavy: bool,
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, JournalError> {
-    if !heavy {
-        return Ok(work());
-    }
-    let done = tokio::task::spawn_blocking(work).await;
-    done.map_err(|error| JournalError(error.to_string().into()))
 }

@@ -11,10 +11,11 @@ use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, is_heavy, seated, spawn};
+use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
+use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Lockstep, Standing};
 use super::quota::{Full, Quotas};
-use super::recovery::{RecoveryError, clocks, described, off_thread, recover};
+use super::recovery::{RecoveryError, clocks, described, recover};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::clock::{Clock, after};

@@ -7,10 +7,10 @@ use std::fmt;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Config, TaskName};
-use swarmbench_players::{BuiltIn, all, default_for, find};
+use swarmbench_players::{BuiltIn, EACH_TASKS_OWN, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
-use crate::run::definition::{EACH_TASKS_OWN, digest_of_template};
+use crate::run::definition::digest_of_template;
 use crate::run::suite::{Suite, SuiteSettings};
 use crate::wire::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 

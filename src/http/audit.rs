@@ -9,7 +9,7 @@ use super::App;
 use super::auth::{Caller, Organizer};
 use super::error::ApiError;
 use super::extract::{Params, page_limit, read_cursor, write_cursor};
-use super::openapi::{QueryRefusals, TokenRefusals};
+use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
 use crate::wire::competition::{AuditLog, Deed};
 use crate::wire::problem::Problem;

@@ -22,9 +22,12 @@ use ipnet::IpNet;
 use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use super::serve::Peer;
 use crate::clock::Clock;
 use crate::keys::OwnerKey;
+
+/// The address of the client, in the extensions of every request. Behind a proxy it is the proxy's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Peer(pub(super) IpAddr);
 
 /// Whoever sent a request, as far as the connection tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

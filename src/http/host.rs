@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{ApiError, Code};
-use super::openapi::RateRefusals;
+use super::refusals::RateRefusals;
 use crate::telemetry;
 use crate::wire::problem::Problem;
 

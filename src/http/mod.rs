@@ -19,6 +19,7 @@ mod keys;
 pub mod limits;
 pub mod openapi;
 mod pace;
+mod refusals;
 mod router;
 mod runs;
 pub mod serve;

@@ -22,7 +22,7 @@ use tokio_util::task::TaskTracker;
 use tower::{ServiceBuilder, ServiceExt};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 
-use super::client::network;
+use super::client::{Peer, network};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use super::pace::{Answer, Pace, Paced, Patience};
@@ -35,10 +35,6 @@ const REFUSAL: Duration = Duration::from_secs(1);
 
 /// When those who found no place may come again.
 const COME_AGAIN: Duration = Duration::from_secs(5);
-
-/// The address of the client, in the extensions of every request. Behind a proxy it is the proxy's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Peer(pub(super) IpAddr);
 
 /// Serves until `stop` is cancelled, then lets open requests end.
 pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: CancellationToken) {

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{Config, TaskName};
+use swarmbench_engine::Config;
 
 use super::suite::{Game, Suite};
 use crate::episode::spec::{Spec, Visibility};
@@ -15,9 +15,6 @@ use crate::house;
 use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
-
-/// As a player's name: each task's own built-in player.
-pub const EACH_TASKS_OWN: &str = "default";
 
 /// All that was decided about a run when it was created; stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,7 +37,7 @@ pub struct Definition {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
     /// The built-in player that the server hosts on all seats, where nobody else plays;
-    /// [`EACH_TASKS_OWN`] for the one that each task has of its own.
+    /// `default` for the one that each task has of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
     /// How many games are open at a time, at most.
@@ -95,7 +92,11 @@ impl Definition {
             open_seats: Vec::new(),
             fill_after: None,
             fill_with: None,
-            player: self.player.as_deref().map(|name| player(name, config.task())).transpose()?,
+            player: self
+                .player
+                .as_deref()
+                .map(|name| house::player(name, config.task()))
+                .transpose()?,
             config: Arc::new(config),
         })
     }
@@ -123,12 +124,4 @@ impl Definition {
 #[must_use]
 pub fn digest_of_template(text: &str) -> String {
     data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6])
-}
-
-/// The name of the built-in player that plays a task under this name.
-///
-/// # Errors
-/// Where no such player plays it.
-pub fn player(name: &str, task: TaskName) -> Result<String, String> {
-    house::player((name != EACH_TASKS_OWN).then_some(name), task)
 }

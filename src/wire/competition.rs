@@ -7,8 +7,9 @@ use utoipa::ToSchema;
 
 use super::Seconds;
 use crate::competition::definition::{Definition, Window};
+use crate::competition::entrant::Entrant;
 use crate::competition::phase::Phase;
-use crate::competition::standings::{Entrant, Row, TaskRow};
+use crate::competition::standings::{Row, TaskRow};
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]

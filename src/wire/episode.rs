@@ -140,10 +140,12 @@ pub struct EpisodeRequest {
     #[schema(minimum = 0, maximum = 604_800)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fill_after_s: Option<f64>,
-    /// Which built-in player takes them; that of the task where it is left out.
+    /// Which built-in player takes them; `default` is the task's own.
+    #[schema(default = "default")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fill_with: Option<String>,
-    /// The built-in player that the server hosts on the creator's seats, which then have no tokens.
+    /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
+    /// task's own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
 }

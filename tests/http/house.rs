@@ -36,7 +36,8 @@ async fn the_server_plays_a_whole_episode_of_every_task() {
     let app = TestApp::start().await;
     for task in TaskName::ALL {
         let player = swarmbench_players::default_for(task).name;
-        let request = json!({ "task": task.name(), "seed": 27, "max_round": 20, "player": player });
+        let request =
+            json!({ "task": task.name(), "seed": 27, "max_round": 20, "player": "default" });
         let created = app.post("/api/v1/episodes").json(&request).ok().await;
         assert_eq!(list(&created["seats"]), Vec::<Value>::new(), "the server has them");
         assert_eq!(created["config"]["seed"], 27);

@@ -278,16 +278,15 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     let mut forged = file.clone();
     forged.0.drain(attempts[0]..attempts[1]);
     refused(&forged.write(), "row ");
-    let entrant =
-        |name: &str, change: &dyn Fn(&mut swarmbench::competition::standings::Entrant)| {
-            file.forged(|line| {
-                if let Line::Entrant(entrant) = line
-                    && entrant.name == name
-                {
-                    change(entrant);
-                }
-            })
-        };
+    let entrant = |name: &str, change: &dyn Fn(&mut swarmbench::competition::entrant::Entrant)| {
+        file.forged(|line| {
+            if let Line::Entrant(entrant) = line
+                && entrant.name == name
+            {
+                change(entrant);
+            }
+        })
+    };
     refused(&entrant("blue", &|e| e.declaration.model = "better".to_owned()), "setting model");
     refused(&entrant("blue", &|e| e.declaration.temperature = Some(1.0)), "other things");
     refused(&entrant("green", &|e| e.status = EntrantStatus::Active), "row ");

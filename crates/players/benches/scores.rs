@@ -5,7 +5,8 @@
 //! ```
 //!
 //! Every option may be left out: all tasks, all their players and the seeds 0..20 then. `--centralized` plays
-//! under centralized control, `--each` shows the score of every game.
+//! under centralized control, `--each` shows the score of every game. How long decisions take at worst is
+//! measured by the benchmark `decisions`: the longest time here is mostly that of the system's other work.
 
 use std::ops::Range;
 use std::process::ExitCode;
@@ -14,8 +15,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use swarmbench_engine::{AgentId, Config, Observation, Settings, TaskName, World};
-use swarmbench_players::{BuiltIn, Player, Seat, of_task};
+use swarmbench_engine::{Config, Settings, TaskName};
+use swarmbench_players::game::Game;
+use swarmbench_players::{BuiltIn, of_task};
 
 const USAGE: &str = "options: --task NAME, --player NAME, --seeds FROM..TO, --centralized, --each";
 
@@ -62,29 +64,21 @@ struct Played {
 }
 
 #[expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
-fn timed(player: &mut dyn Player, observation: &Observation) -> (swarmbench_engine::Act, Duration) {
-    let start = Instant::now();
-    let act = player.decide(observation);
-    (act, start.elapsed())
-}
-
 fn play(built_in: &BuiltIn, settings: &Settings, seed: u64, played: &Mutex<Played>) {
     let config = Config::check(settings).expect("the standard setting");
-    let mut world = World::new(Arc::new(config));
-    let make = |agent: AgentId| built_in.make(&Seat::of(world.config(), agent, seed));
-    let mut players: Vec<_> = world.agents().map(make).collect();
+    let mut game = Game::new(Arc::new(config), built_in, seed);
     let mut decisions = Vec::new();
-    while !world.is_over() {
-        let decide = |(agent, player): (AgentId, &mut Box<dyn Player>)| {
-            let (act, time) = timed(&mut **player, &world.observe(agent));
-            decisions.push(time);
+    while !game.world().is_over() {
+        let acts = game.decide_by(|player, observation| {
+            let start = Instant::now();
+            let act = player.decide(observation);
+            decisions.push(start.elapsed());
             act
-        };
-        let acts: Vec<_> = world.agents().zip(&mut players).map(decide).collect();
-        world.step(&acts);
+        });
+        game.step(&acts);
     }
     let mut played = played.lock().expect("no game panics");
-    played.scores.push((seed, world.score()));
+    played.scores.push((seed, game.world().score()));
     played.decisions.append(&mut decisions);
 }
 

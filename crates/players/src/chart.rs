@@ -1,9 +1,11 @@
 //! What an agent has learned about the map, and the way across it.
+//!
+//! A chart of the largest map has 65,536 cells and a swarm has up to 1,024 charts, so a cell that was never
+//! seen takes no memory, and a way is found in one pass over the cells.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::VecDeque;
 
-use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, limits};
+use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, View, limits};
 
 use crate::Seat;
 
@@ -11,16 +13,72 @@ use crate::Seat;
 pub(crate) struct Chart {
     height: i32,
     width: i32,
-    cells: Vec<Option<Glimpse>>,
+    /// One [`Glimpse`] a cell as a number, 0 where there was none: the system hands out zeros only where they
+    /// are written.
+    cells: Vec<u64>,
+    /// Whether there is a wall all around the map, seen or not.
+    ring_closed: bool,
     /// The round of the last observation.
     now: u32,
 }
 
 /// What a cell held, and in which round.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Glimpse {
     seen: Seen,
     round: u32,
+}
+
+impl Glimpse {
+    /// As a number that is not 0: what was seen, and the round in the upper half.
+    fn pack(self) -> u64 {
+        u64::from(code(self.seen)) | u64::from(self.round) << 32
+    }
+
+    /// The glimpse that a number stands for; none for 0.
+    fn unpack(packed: u64) -> Option<Self> {
+        let [kind, marked, low, high, round @ ..] = packed.to_le_bytes();
+        let seen = match kind {
+            1 => Seen::Empty,
+            2 => Seen::Yourself,
+            3 => Seen::Agent { number: u16::from_le_bytes([low, high]), marked: marked == 1 },
+            4 => Seen::Outside,
+            5 => Seen::Wall,
+            6 => Seen::Nest,
+            7 => Seen::Food,
+            8 => Seen::Block,
+            9 => Seen::Prey,
+            _ => return None,
+        };
+        Some(Self { seen, round: u32::from_le_bytes(round) })
+    }
+}
+
+/// The kind of an agent as a number.
+const AGENT: u32 = 3;
+
+/// The first kind that no agent can enter; all that follow are of that sort too.
+const FIXED: u32 = 4;
+
+/// What was seen as a number that is not 0: the kind in the lowest byte, then the mark and the number of an
+/// agent.
+const fn code(seen: Seen) -> u32 {
+    match seen {
+        Seen::Empty => 1,
+        Seen::Yourself => 2,
+        Seen::Agent { number, marked } => AGENT | (marked as u32) << 8 | (number as u32) << 16,
+        Seen::Outside => FIXED,
+        Seen::Wall => 5,
+        Seen::Nest => 6,
+        Seen::Food => 7,
+        Seen::Block => 8,
+        Seen::Prey => 9,
+    }
+}
+
+/// The kind of a packed glimpse; 0 where there was none.
+fn kind(packed: u64) -> u32 {
+    u32::from(packed.to_le_bytes()[0])
 }
 
 impl Chart {
@@ -29,32 +87,33 @@ impl Chart {
         let most = i32::try_from(*limits::SIZE.end()).unwrap_or(i32::MAX);
         let (height, width) = (i32::from(seat.height).min(most), i32::from(seat.width).min(most));
         let area = usize::try_from(height * width).unwrap_or(0);
-        Self { height, width, cells: vec![None; area], now: 0 }
+        Self { height, width, cells: vec![0; area], ring_closed: false, now: 0 }
     }
 
     /// Notes everything in view. Returns where the agent stands: none where it has escaped or where
     /// the observation is of another map, and then there is nothing for it to do.
     pub(crate) fn look(&mut self, observation: &Observation) -> Option<Pos> {
-        let (here, view) = (observation.position?, observation.view.as_ref()?);
-        let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
-        let is_near = near.contains(&view.origin.i) && near.contains(&view.origin.j);
-        if !self.contains(here) || !is_near {
-            return None;
-        }
+        let (here, view) = sights(observation).filter(|(here, _)| self.contains(*here))?;
+        let Pos { i: top, j: left } = view.origin;
         self.now = observation.round;
-        for (at, seen) in view.positions() {
-            self.note(at, seen);
+        // Most of a large window may lie outside the map.
+        let (above, before) = (usize::try_from(-top), usize::try_from(-left));
+        let (above, before) = (above.unwrap_or(0), before.unwrap_or(0));
+        let start = usize::try_from(left).unwrap_or(0);
+        let round = u64::from(self.now) << 32;
+        let (width, mine) = (self.row_length(), &mut self.cells);
+        let mine = mine.chunks_exact_mut(width).skip(usize::try_from(top).unwrap_or(0));
+        for (mine, row) in mine.zip(view.rows().skip(above)) {
+            for (cell, &seen) in mine.iter_mut().skip(start).zip(row.iter().skip(before)) {
+                *cell = u64::from(code(seen)) | round;
+            }
         }
         Some(here)
     }
 
     /// Notes that there is a wall all around the map.
-    pub(crate) fn close_ring(&mut self) {
-        for cell in self.positions() {
-            if self.is_on_ring(cell) {
-                self.note(cell, Seen::Wall);
-            }
-        }
+    pub(crate) const fn close_ring(&mut self) {
+        self.ring_closed = true;
     }
 
     /// Notes what somebody told; what was seen with own eyes counts more.
@@ -87,20 +146,21 @@ impl Chart {
 
     /// Whether another agent was seen on the cell within the last `rounds`, this one included.
     pub(crate) fn is_taken(&self, at: Pos, rounds: u32) -> bool {
-        self.glimpse(at).is_some_and(|glimpse| {
-            matches!(glimpse.seen, Seen::Agent { .. })
-                && self.now.saturating_sub(glimpse.round) < rounds
-        })
+        self.index(at).is_some_and(|index| self.is_crowded(self.cells[index], rounds))
     }
 
     /// Whether an agent may enter the cell. The unknown is worth a try.
     pub(crate) fn is_open(&self, at: Pos) -> bool {
-        self.contains(at) && !self.at(at).is_some_and(is_fixed)
+        self.index(at).is_some_and(|index| !self.is_shut(at, self.cells[index]))
     }
 
     /// The first cell in reading order that was last seen to hold `what`.
     pub(crate) fn find(&self, what: Seen) -> Option<Pos> {
-        self.positions().find(|&cell| self.at(cell) == Some(what))
+        let wanted = u64::from(code(what));
+        let is_wanted = |&packed: &u64| packed & u64::from(u32::MAX) == wanted;
+        let index = self.cells.iter().position(is_wanted)?;
+        let (row, column) = (index / self.row_length(), index % self.row_length());
+        Some(Pos::new(i32::try_from(row).ok()?, i32::try_from(column).ok()?))
     }
 
     /// The first step of a shortest way over open cells from `from` to a goal; none where there is no
@@ -113,48 +173,111 @@ impl Chart {
         crowd: u32,
         is_goal: impl Fn(Pos) -> bool,
     ) -> Option<Direction> {
-        let mut settled = vec![false; self.cells.len()];
-        // Cells by the length so far, then by age, each with the number of the way's first step.
-        let mut open = BinaryHeap::from([Reverse((0, 0, from, None::<usize>))]);
-        let mut age = 0_u32;
-        while let Some(Reverse((length, _, cell, first))) = open.pop() {
+        if is_goal(from) {
+            return None;
+        }
+        let mut frontier = Frontier::default();
+        let mut reached = vec![false; self.cells.len()];
+        reached[self.index(from)?] = true;
+        let mut next = Some(Reached { length: 0, age: 0, cell: from, first: None });
+        while let Some(Reached { length, cell, first, .. }) = next {
             if is_goal(cell) {
-                return first.map(|number| order[number]);
+                return first;
             }
-            if std::mem::replace(&mut settled[self.index(cell)?], true) {
-                continue;
-            }
-            for (number, &direction) in order.iter().enumerate() {
-                let next = cell.toward(direction);
-                if self.is_open(next) && self.index(next).is_some_and(|index| !settled[index]) {
-                    age += 1;
-                    let step = if self.is_taken(next, 1) { 1 + crowd } else { 1 };
-                    open.push(Reverse((length + step, age, next, first.or(Some(number)))));
+            for direction in order {
+                let beside = cell.toward(direction);
+                let Some(index) = self.index(beside) else { continue };
+                // What a step costs depends on where it ends, so that the first way to a cell is a
+                // shortest one.
+                let packed = self.cells[index];
+                if !reached[index] && !self.is_shut(beside, packed) {
+                    reached[index] = true;
+                    let more = if self.is_crowded(packed, 1) { crowd } else { 0 };
+                    frontier.push(length, more, beside, first.or(Some(direction)));
                 }
             }
+            next = frontier.pop();
         }
         None
     }
 
-    /// All cells of the map in reading order.
-    fn positions(&self) -> impl Iterator<Item = Pos> + use<> {
-        let (height, width) = (self.height, self.width);
-        (0..height).flat_map(move |i| (0..width).map(move |j| Pos::new(i, j)))
-    }
-
     fn note(&mut self, at: Pos, seen: Seen) {
         if let Some(index) = self.index(at) {
-            self.cells[index] = Some(Glimpse { seen, round: self.now });
+            self.cells[index] = Glimpse { seen, round: self.now }.pack();
         }
     }
 
     fn glimpse(&self, at: Pos) -> Option<Glimpse> {
-        self.cells[self.index(at)?]
+        let glimpse = Glimpse::unpack(self.cells[self.index(at)?]);
+        let ring = || Glimpse { seen: Seen::Wall, round: 0 };
+        glimpse.or_else(|| (self.ring_closed && self.is_on_ring(at)).then(ring))
+    }
+
+    /// Whether no agent may enter a cell of which this is known.
+    fn is_shut(&self, at: Pos, packed: u64) -> bool {
+        kind(packed) >= FIXED || packed == 0 && self.ring_closed && self.is_on_ring(at)
+    }
+
+    /// Whether this says that an agent was there within the last `rounds`.
+    fn is_crowded(&self, packed: u64, rounds: u32) -> bool {
+        let round = u32::try_from(packed >> 32).unwrap_or(0);
+        kind(packed) == AGENT && self.now.saturating_sub(round) < rounds
+    }
+
+    /// The number of columns, and 1 where there are none.
+    fn row_length(&self) -> usize {
+        usize::try_from(self.width).unwrap_or(0).max(1)
     }
 
     fn index(&self, at: Pos) -> Option<usize> {
         let on_map = (0..self.height).contains(&at.i) && (0..self.width).contains(&at.j);
         if on_map { usize::try_from(at.i * self.width + at.j).ok() } else { None }
+    }
+}
+
+/// Where the agent stands and what it sees; none where it has escaped or where the numbers are beyond any
+/// map, with which nobody should have to count.
+pub(crate) fn sights(observation: &Observation) -> Option<(Pos, &View)> {
+    let (here, view) = (observation.position?, observation.view.as_ref()?);
+    let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
+    let is_near = |at: Pos| near.contains(&at.i) && near.contains(&at.j);
+    (is_near(here) && is_near(view.origin)).then_some((here, view))
+}
+
+/// Cells that a search has reached and not gone on from, the nearest first. A step has one of two costs, so
+/// that two queues hold them in order.
+#[derive(Default)]
+struct Frontier {
+    plain: VecDeque<Reached>,
+    crowded: VecDeque<Reached>,
+    age: u32,
+}
+
+/// A cell, how far away it is, when it was reached, and by which first step.
+struct Reached {
+    length: u32,
+    age: u32,
+    cell: Pos,
+    first: Option<Direction>,
+}
+
+impl Frontier {
+    /// Notes a cell that is one step and `more` away from one at `length`. No nearer one may come later.
+    fn push(&mut self, length: u32, more: u32, cell: Pos, first: Option<Direction>) {
+        self.age += 1;
+        let queue = if more == 0 { &mut self.plain } else { &mut self.crowded };
+        let length = length.saturating_add(more).saturating_add(1);
+        queue.push_back(Reached { length, age: self.age, cell, first });
+    }
+
+    /// Takes the nearest cell, of several the one that was reached first.
+    fn pop(&mut self) -> Option<Reached> {
+        let rank = |queue: &VecDeque<Reached>| queue.front().map(|cell| (cell.length, cell.age));
+        match (rank(&self.plain), rank(&self.crowded)) {
+            (Some(plain), Some(crowded)) if crowded < plain => self.crowded.pop_front(),
+            (None, _) => self.crowded.pop_front(),
+            _ => self.plain.pop_front(),
+        }
     }
 }
 
@@ -168,10 +291,32 @@ pub(crate) const fn push(direction: Direction) -> Action {
     }
 }
 
-/// Whether no agent can enter a cell that holds this.
-fn is_fixed(seen: Seen) -> bool {
-    match seen {
-        Seen::Wall | Seen::Nest | Seen::Food | Seen::Block | Seen::Prey | Seen::Outside => true,
-        Seen::Empty | Seen::Yourself | Seen::Agent { .. } => false,
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_packed_comes_out_again() {
+        let agent = |number, marked| Seen::Agent { number, marked };
+        let all = [
+            (Seen::Empty, true),
+            (Seen::Yourself, true),
+            (agent(0, false), true),
+            (agent(u16::MAX, true), true),
+            (Seen::Outside, false),
+            (Seen::Wall, false),
+            (Seen::Nest, false),
+            (Seen::Food, false),
+            (Seen::Block, false),
+            (Seen::Prey, false),
+        ];
+        for (seen, is_open) in all {
+            for round in [0, 1, u32::MAX] {
+                let glimpse = Glimpse { seen, round };
+                assert_eq!(Glimpse::unpack(glimpse.pack()), Some(glimpse));
+                assert_eq!(kind(glimpse.pack()) < FIXED, is_open, "{seen:?}");
+            }
+        }
+        assert_eq!(Glimpse::unpack(0), None);
     }
 }

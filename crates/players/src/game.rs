@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use swarmbench_engine::{Act, Config, SettingErrors, Settings, World};
+use swarmbench_engine::{Act, Config, Observation, SettingErrors, Settings, World};
 
 use crate::{BuiltIn, Player, Seat};
 
@@ -32,8 +32,16 @@ impl Game {
 
     /// What all agents decide in the current round, in the order of their numbers.
     pub fn decide(&mut self) -> Vec<Act> {
+        self.decide_by(|player, observation| player.decide(observation))
+    }
+
+    /// The same where `ask` asks each player, so that it can measure how long that takes.
+    pub fn decide_by(
+        &mut self,
+        mut ask: impl FnMut(&mut dyn Player, &Observation) -> Act,
+    ) -> Vec<Act> {
         let seats = self.world.agents().zip(&mut self.players);
-        seats.map(|(agent, player)| player.decide(&self.world.observe(agent))).collect()
+        seats.map(|(agent, player)| ask(&mut **player, &self.world.observe(agent))).collect()
     }
 
     /// Resolves the current round with these acts.

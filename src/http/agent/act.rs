@@ -11,7 +11,7 @@ use super::super::App;
 use super::super::auth::Seat;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Json, Params, wait};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::obs::{is_past, json, observation, with_field};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;

@@ -12,7 +12,7 @@ use super::super::App;
 use super::super::auth::Seat;
 use super::super::error::ApiError;
 use super::super::extract::{Params, wait};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::clock::{millis, until};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;

@@ -11,7 +11,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, page_limit};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::Format;
 use crate::board::cross_play::pairs;
 use crate::wire::board::CrossPlay;

@@ -10,7 +10,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, page_limit};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::Format;
 use crate::board::collection::Question;
 use crate::wire::board::{Leaderboard, read_cursor};

@@ -12,7 +12,7 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
-use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
 use crate::episode::spec::Spec;

@@ -8,7 +8,7 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
-use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
 use crate::journal::{Entry, Journal};
 use crate::wire::competition::{EntrantChange, EntrantSummary};

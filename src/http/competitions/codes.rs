@@ -10,7 +10,7 @@ use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
-use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::{Token, TokenKind};
 use crate::journal::{Entry, Journal};
 use crate::keys::NAME_CHARS_MAX;

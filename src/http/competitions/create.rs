@@ -11,7 +11,7 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::clock::millis;
 use crate::competition::definition::{

@@ -7,7 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Ids, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::store::competitions::Declared;
 use crate::wire::competition::{EntrantDetail, EntrantList};
 use crate::wire::problem::Problem;

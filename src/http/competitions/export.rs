@@ -16,7 +16,7 @@ use super::super::auth::Caller;
 use super::super::episodes::journal::JournalReader;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::Field;
 use crate::competition::export::{
     Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,

@@ -9,7 +9,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Params, page_limit, read_cursor, write_cursor};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::journal::CompetitionKey;
 use crate::wire::competition::CompetitionList;

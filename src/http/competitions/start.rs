@@ -10,7 +10,7 @@ use super::super::answer;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
-use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
 use crate::competition::phase::attempt as choose;
 use crate::ids::Token;

@@ -14,7 +14,7 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params, idempotency_key};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
@@ -213,11 +213,13 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         problems.refuse("player", problem);
     }
     let task = request.task.as_deref().and_then(TaskName::parse);
-    let mut built_in = |field: &str, name: Option<&str>| {
+    let mut built_in = |field: &str, name: &str| {
         house::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
     };
-    let fill_with = fill_after.and_then(|_| built_in("fill_with", request.fill_with.as_deref()));
-    let player = request.player.as_deref().and_then(|name| built_in("player", Some(name)));
+    let fill_with = fill_after.and_then(|_| {
+        built_in("fill_with", request.fill_with.as_deref().unwrap_or(house::EACH_TASKS_OWN))
+    });
+    let player = request.player.as_deref().and_then(|name| built_in("player", name));
     let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));
     let model = request.model.unwrap_or_else(usual);
     problems.model(&app.limits, &model);

@@ -20,7 +20,7 @@ use super::super::agent::obs::result;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::recovery::state_at;
 use crate::wire::episode::{RoundEvent, StreamedEvent};

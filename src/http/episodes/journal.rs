@@ -15,7 +15,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::record::{RawRecord, first_lines, round_record};
 use crate::journal::{Journal, JournalError, StoredEpisode};
 use crate::wire::problem::Problem;

@@ -9,7 +9,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::episode::recovery::state_at;
 use crate::wire::episode::State as StateBody;
 use crate::wire::problem::Problem;

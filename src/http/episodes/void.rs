@@ -9,7 +9,7 @@ use super::super::auth::{Caller, Organizer};
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Json, Nothing, Params};
-use super::super::openapi::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::EpisodeId;
 use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::Key;

@@ -20,7 +20,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, one_of};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
 use crate::dataset::files::Archive;
 use crate::episode::Status;

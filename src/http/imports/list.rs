@@ -10,7 +10,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::ImportKey;
 use crate::store::imports::ImportFilter;
 use crate::wire::import::ImportList;

@@ -8,7 +8,7 @@ use super::super::auth::Caller;
 use super::super::episodes::state::StateParams;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::dataset::imported;
 use crate::wire::episode::State as StateBody;
 use crate::wire::problem::Problem;

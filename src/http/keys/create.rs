@@ -10,7 +10,7 @@ use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::wire::key::{CreatedKey, KeyRequest, KeySummary};

@@ -7,7 +7,7 @@ use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Nothing, Params};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::wire::key::{KeyList, KeySummary};
 use crate::wire::problem::Problem;
 

@@ -8,7 +8,7 @@ use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::store::tokens::Grant;
 use crate::wire::key::KeySummary;

@@ -14,12 +14,13 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params, idempotency_key};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::clock::millis;
+use crate::house;
 use crate::ids::Token;
 use crate::keys::OwnerKey;
-use crate::run::definition::{Definition, player};
+use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
 use crate::run::suite::{Suite, SuiteSettings};
 use crate::store::runs::StoredRun;
@@ -241,7 +242,7 @@ fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
             }
         }
         if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
-            && let Err(problem) = player(name, task)
+            && let Err(problem) = house::player(name, task)
             && told.insert(("player".to_owned(), problem.clone()))
         {
             problems.refuse("player", problem);

@@ -16,7 +16,7 @@ use super::super::auth::Caller;
 use super::super::episodes::events::send;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::run::manager::Table;
 use crate::wire::run::StreamedRunEvent;
 

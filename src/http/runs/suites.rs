@@ -4,7 +4,7 @@ use axum::Json;
 
 use super::super::error::ApiError;
 use super::super::extract::{Nothing, Params};
-use super::super::openapi::{QueryRefusals, RateRefusals};
+use super::super::refusals::{QueryRefusals, RateRefusals};
 use crate::run::suite::Suite;
 use crate::wire::run::{SuiteList, SuiteView};
 

@@ -10,7 +10,7 @@ use super::super::answer::with_tokens;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::openapi::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::Token;
 use crate::journal::{Entry, RunKey};
 use crate::store::tokens::Grant;

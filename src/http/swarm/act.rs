@@ -16,7 +16,7 @@ use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Named, Nothing, Params, json_bytes, read};
-use super::super::openapi::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};

@@ -17,7 +17,7 @@ use super::super::agent::obs::{json, waiting_observation, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
-use super::super::openapi::{QueryRefusals, TokenRefusals};
+use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::clock;
 use crate::episode::{Snapshot, Status};

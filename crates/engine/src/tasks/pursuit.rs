@@ -12,6 +12,53 @@ const STEPS: [Direction; 4] = [Direction::Right, Direction::Left, Direction::Dow
 /// How many rows and columns of the danger window lie before a cell, and how many from it on.
 const WINDOW: (i32, i32) = (4, 4);
 
+/// A map on which a prey flees: the board itself, or what somebody believes it to be.
+pub trait Ground {
+    /// Rows.
+    fn height(&self) -> i32;
+    /// Columns.
+    fn width(&self) -> i32;
+    /// What lies on a cell of the map; only cells of the map are asked for.
+    fn kind_at(&self, at: Pos) -> Option<Kind>;
+
+    /// Whether the cell lies on the map and nothing lies on it.
+    fn is_free(&self, at: Pos) -> bool {
+        let on_map = (0..self.height()).contains(&at.i) && (0..self.width()).contains(&at.j);
+        on_map && self.kind_at(at).is_none()
+    }
+}
+
+impl Ground for Board {
+    fn height(&self) -> i32 {
+        self.grid().height()
+    }
+
+    fn width(&self) -> i32 {
+        self.grid().width()
+    }
+
+    fn kind_at(&self, at: Pos) -> Option<Kind> {
+        Self::kind_at(self, at)
+    }
+
+    fn is_free(&self, at: Pos) -> bool {
+        self.grid().is_free(at)
+    }
+}
+
+/// Whether a prey on this cell is caught.
+pub fn is_caught(ground: &impl Ground, prey: Pos) -> bool {
+    STEPS.iter().all(|&step| !ground.is_free(prey.toward(step)))
+}
+
+/// To which cell a prey flees that was not caught; none where it stays.
+pub fn flight(ground: &impl Ground, rules: RuleSet, prey: Pos) -> Option<Pos> {
+    match rules {
+        RuleSet::Paper => safest_of_all(ground, prey),
+        RuleSet::Reference => safer_than_left(ground, prey),
+    }
+}
+
 /// What Pursuit keeps beside the board.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pursuit {
@@ -38,16 +85,11 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
 impl Pursuit {
     pub(super) fn update(&mut self, stage: &Stage<'_>, board: &mut Board, score: f64) -> f64 {
         let prey = board.body(self.prey).at;
-        let caught = STEPS.iter().all(|&step| !board.grid().is_free(prey.toward(step)));
-        if caught {
+        if is_caught(board, prey) {
             self.respawn(board);
             return score + 1.0;
         }
-        let goal = match stage.config.rules {
-            RuleSet::Paper => safest_of_all(board, prey),
-            RuleSet::Reference => safer_than_left(board, prey),
-        };
-        if let Some(goal) = goal {
+        if let Some(goal) = flight(board, stage.config.rules, prey) {
             board.put(self.prey, goal);
         }
         score
@@ -82,17 +124,17 @@ impl Pursuit {
 
 /// The rules `paper`: the first sequence of two steps over empty cells whose end has the least
 /// danger.
-fn safest_of_all(board: &Board, from: Pos) -> Option<Pos> {
+fn safest_of_all(ground: &impl Ground, from: Pos) -> Option<Pos> {
     let mut best: Option<(f64, Pos)> = None;
     for first in STEPS {
         let middle = from.toward(first);
-        if !board.grid().is_free(middle) {
+        if !ground.is_free(middle) {
             continue;
         }
         for second in STEPS {
             let end = middle.toward(second);
-            if board.grid().is_free(end) {
-                let danger = danger(board, end);
+            if ground.is_free(end) {
+                let danger = danger(ground, end);
                 if best.is_none_or(|(least, _)| danger < least) {
                     best = Some((danger, end));
                 }
@@ -104,16 +146,16 @@ fn safest_of_all(board: &Board, from: Pos) -> Option<Pos> {
 
 /// The rules `reference`: the cell that lies one second step away from the start must be empty too,
 /// and the end must be less dangerous than the cell left of the prey.
-fn safer_than_left(board: &Board, from: Pos) -> Option<Pos> {
-    let mut least = danger(board, from.toward(Direction::Left));
+fn safer_than_left(ground: &impl Ground, from: Pos) -> Option<Pos> {
+    let mut least = danger(ground, from.toward(Direction::Left));
     let mut best = None;
     for first in STEPS {
         let middle = from.toward(first);
         for second in STEPS {
             let end = middle.toward(second);
             let open = [middle, from.toward(second), end];
-            if open.iter().all(|&cell| board.grid().is_free(cell)) {
-                let danger = danger(board, end);
+            if open.iter().all(|&cell| ground.is_free(cell)) {
+                let danger = danger(ground, end);
                 if danger < least {
                     least = danger;
                     best = Some(end);
@@ -135,13 +177,13 @@ fn window(center: i32, size: i32) -> (i32, i32) {
 }
 
 /// The danger of one cell.
-fn danger(board: &Board, cell: Pos) -> f64 {
-    let (top, bottom) = window(cell.i, board.grid().height());
-    let (left, right) = window(cell.j, board.grid().width());
+pub fn danger(ground: &impl Ground, cell: Pos) -> f64 {
+    let (top, bottom) = window(cell.i, ground.height());
+    let (left, right) = window(cell.j, ground.width());
     let (mut agents, mut walls) = (0, 0);
     for i in top..bottom {
         for j in left..right {
-            match board.kind_at(Pos::new(i, j)) {
+            match ground.kind_at(Pos::new(i, j)) {
                 Some(Kind::Agent) => agents += 1,
                 Some(Kind::Wall) => walls += 1,
                 Some(Kind::Nest | Kind::Food | Kind::Block | Kind::Prey) | None => {}

@@ -1,0 +1,103 @@
+"""What can go wrong. Everything that this package raises by itself is a `SwarmbenchError`."""
+
+import json
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from email.utils import parsedate_to_datetime
+from typing import TYPE_CHECKING, cast
+
+from .wire import FieldProblem, Limit, Problem, Receipt
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+TEMPORARY_STATUS = frozenset({429, 502, 503, 504})
+"""Answers after which the same request may succeed: too much at once, or a server that is just restarting."""
+
+
+class SwarmbenchError(Exception):
+    """Any failure that is told by this package."""
+
+
+class ConnectionFailedError(SwarmbenchError):
+    """No answer came, also not when it was tried again."""
+
+
+class UnexpectedAnswerError(SwarmbenchError):
+    """Something answered that does not speak the protocol: a proxy, or another program at this address."""
+
+    def __init__(self, message: str, status: int, retry_after_s: float | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.retry_after_s = retry_after_s
+
+
+class ApiError(SwarmbenchError):
+    """The server refused a request. `code` is for programs; docs/protocol.md lists all codes.
+
+    Attributes:
+        code: What is wrong, such as `round_over`.
+        status: The HTTP status.
+        title: The code in words.
+        detail: What was expected and what came.
+        round: The round at which the episode stands, where that helps.
+        retry_after_s: In how many seconds it is worth trying again, where it is.
+        limit: The limit that was reached.
+        fields: What is wrong with which field; all of them at once.
+        request_id: What to name when asking an operator about it.
+        problem: All of it as it came.
+    """
+
+    def __init__(self, problem: Problem, *, retry_after_s: float | None = None, request_id: str | None = None) -> None:
+        self.problem = problem
+        self.code = problem["code"]
+        self.status = problem["status"]
+        self.title = problem["title"]
+        self.detail = problem["detail"]
+        self.round = problem.get("round")
+        self.limit: Limit | None = problem.get("limit")
+        self.fields: list[FieldProblem] = problem.get("fields") or []
+        exact_ms = problem.get("retry_after_ms")
+        self.retry_after_s = retry_after_s if exact_ms is None else exact_ms / 1000
+        self.request_id = request_id
+        wrong = "; ".join(f"{field['field']} {field['problem']}" for field in self.fields)
+        super().__init__(f"{self.status} {self.code}: {self.detail}" + (f" ({wrong})" if wrong else ""))
+
+
+class ServerError(SwarmbenchError):
+    """A server of one's own did not start, or there is no program to start."""
+
+
+def is_problem(receipt: Receipt | Problem) -> "TypeIs[Problem]":
+    """Whether an act of a swarm was refused. `ApiError` makes an exception of a problem."""
+    return "code" in receipt
+
+
+def error_of(status: int, headers: Mapping[str, str], body: bytes) -> ApiError | UnexpectedAnswerError:
+    """The error that an answer other than success means."""
+    retry_after_s = _retry_after_s(headers.get("retry-after"))
+    try:
+        problem = json.loads(body)
+    except ValueError:
+        problem = None
+    if isinstance(problem, dict) and {"type", "title", "status", "detail", "code"} <= problem.keys():
+        return ApiError(cast("Problem", problem), retry_after_s=retry_after_s, request_id=headers.get("x-request-id"))
+    begin = body[:200].decode("utf-8", "replace")
+    return UnexpectedAnswerError(f"status {status} without a problem of swarmbench: {begin!r}", status, retry_after_s)
+
+
+def _retry_after_s(header: str | None) -> float | None:
+    """`Retry-After` is a number of seconds or a date."""
+    if header is None:
+        return None
+    try:
+        return max(0.0, float(header))
+    except ValueError:
+        pass
+    try:
+        moment = parsedate_to_datetime(header)
+    except ValueError:
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=timezone.utc)
+    return max(0.0, (moment - datetime.now(timezone.utc)).total_seconds())

@@ -1,0 +1,173 @@
+"""Requests and answers without any input and output, so that the sync and the async client share all of it."""
+
+import json
+import random
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, TypeVar
+from urllib.parse import quote
+
+from .errors import TEMPORARY_STATUS, ConnectionFailedError, UnexpectedAnswerError, error_of
+
+T = TypeVar("T")
+
+ANSWER_S_MAX = 30.0
+"""How long an answer may take beyond the `wait` that was asked for."""
+
+PAUSE_S_MAX = 10.0
+"""What a pause grows to, unless the server asks for a longer one."""
+
+
+@dataclass(frozen=True)
+class Retry:
+    """How temporary failures are tried again: no answer, 429, 502, 503 and 504.
+
+    The pauses double from `first_pause_s` up to 10 s, with chance in them so that many clients do not come back at
+    once. A `Retry-After` of the server is waited for instead. Every request of this package may be repeated: the same
+    act again gets the same receipt, and creations carry an `Idempotency-Key`.
+    """
+
+    times: int = 6
+    """How often a request is tried again; 0 for never."""
+    first_pause_s: float = 0.1
+    patience_s: float = 60.0
+    """How long the pauses before one answer may be together. What would take longer fails at once."""
+
+
+@dataclass(frozen=True)
+class Call(Generic[T]):
+    """One request, and how its answer is read."""
+
+    method: str
+    path: str
+    read: Callable[[bytes], T]
+    query: Mapping[str, str] = field(default_factory=dict)
+    body: bytes | None = None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    wait_s: float = 0.0
+    """How long the server may hold the answer back."""
+
+
+class Reply(NamedTuple):
+    """An answer as it came. The names of `headers` are in lower case or read in any case."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes
+
+
+class NoReply(NamedTuple):
+    """Why no answer came."""
+
+    reason: Exception
+
+
+class Pause(NamedTuple):
+    """A client waits for so long."""
+
+    seconds: float
+
+
+Step = Call[T] | Pause
+Flow = Generator[Call[T] | Pause, Reply | NoReply | None, T]
+
+
+def call(
+    method: str,
+    path: str,
+    *ids: str,
+    query: Mapping[str, object] | None = None,
+    body: object = None,
+    headers: Mapping[str, str] | None = None,
+    read: Callable[[bytes], T] = json.loads,
+) -> Call[T]:
+    """A request. `ids` go into the places `{}` of the path; what is None is left out of the query."""
+    kept = {name: _text(value) for name, value in (query or {}).items() if value is not None}
+    return Call(
+        method=method,
+        path=path.format(*(quote(id, safe="") for id in ids)),
+        read=read,
+        query=kept,
+        body=None if body is None else json.dumps(body, ensure_ascii=False, allow_nan=False).encode(errors="replace"),
+        headers={**(headers or {}), **({} if body is None else {"content-type": "application/json"})},
+        wait_s=float(kept.get("wait", 0)),
+    )
+
+
+def converse(request: Call[T], retry: Retry) -> Flow[T]:
+    """Sends a request until there is an answer that is not temporary. Whoever drives it sends and sleeps."""
+    waited_s = 0.0
+    for attempt in range(retry.times + 1):
+        reply = yield request
+        asked_s = None
+        error: Exception
+        if isinstance(reply, Reply) and 200 <= reply.status < 300:
+            try:
+                return request.read(reply.body)
+            except ValueError as cause:
+                begin = reply.body[:200].decode("utf-8", "replace")
+                raise UnexpectedAnswerError(f"the answer is not JSON: {begin!r}", reply.status) from cause
+        if isinstance(reply, Reply):
+            error = error_of(reply.status, reply.headers, reply.body)
+            if reply.status not in TEMPORARY_STATUS:
+                raise error
+            asked_s = error.retry_after_s
+        else:
+            assert reply is not None  # noqa: S101 - a request is answered with one or the other
+            reason = str(reply.reason) or type(reply.reason).__name__
+            error = ConnectionFailedError(f"no answer to {request.method} {request.path}: {reason}")
+            error.__cause__ = reply.reason
+        pause_s = min(retry.first_pause_s * 2**attempt, PAUSE_S_MAX) * random.uniform(0.5, 1.0)  # noqa: S311 - not a secret
+        if asked_s is not None:
+            pause_s = max(pause_s, asked_s)
+        waited_s += pause_s
+        if attempt == retry.times or waited_s > retry.patience_s:
+            raise error
+        yield Pause(pause_s)
+    raise AssertionError("the last attempt returns or raises")
+
+
+class Event(NamedTuple):
+    """One of a stream of Server-Sent Events."""
+
+    event: str
+    """What happened: `round`, `game` or `finished`."""
+    id: str | None
+    """With which the stream can be resumed."""
+    data: Any
+    """A `RoundEvent`, a `RunGame`, or at last an `EpisodeResult` or a `RunDetail`."""
+
+
+class EventStream:
+    """A stream of events that is read to its end, also where the connection breaks."""
+
+    def __init__(self, path: str, id: str, after: int | None = None) -> None:
+        self._path = path
+        self._id = id
+        self._last = None if after is None else str(after)
+        self._lines: list[str] = []
+        self.finished = False
+
+    def request(self) -> Call[None]:
+        """What to ask for: all events after the last one that was read."""
+        self._lines = []
+        resumed = {} if self._last is None else {"last-event-id": self._last}
+        return call("GET", self._path, self._id, headers=resumed, read=lambda _: None)
+
+    def feed(self, line: str) -> Iterator[Event]:
+        """Takes a line without its end, and tells the event that it completes."""
+        if line:
+            self._lines.append(line)
+            return
+        fields = {name: value.removeprefix(" ") for name, _, value in (line.partition(":") for line in self._lines)}
+        self._lines = []
+        if "data" not in fields:
+            return
+        self._last = fields.get("id", self._last)
+        event = Event(fields.get("event", "message"), fields.get("id"), json.loads(fields["data"]))
+        self.finished = event.event == "finished"
+        yield event
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

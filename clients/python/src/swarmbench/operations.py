@@ -1,0 +1,256 @@
+"""Every call of the protocol, once. Both clients have them as methods."""
+
+import uuid
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from functools import update_wrapper
+from types import MethodType
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast, overload
+
+from . import wire
+from ._compat import Self, Unpack
+from .exchange import Call, call
+
+if TYPE_CHECKING:
+    from .client import AsyncClient, Client
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+EPISODE = "/api/v1/episodes/{}"
+RUN = "/api/v1/runs/{}"
+
+
+class Operation(Generic[P, T]):
+    """A method that says what to ask. On a `Client` it returns the answer, on an `AsyncClient` it is awaited."""
+
+    def __init__(self, build: Callable[Concatenate[Any, P], Call[T]]) -> None:
+        self._build = build
+        update_wrapper(cast("Callable[..., Any]", self), build)
+
+    def __call__(self, client: "Client | AsyncClient", *args: P.args, **kwargs: P.kwargs) -> Any:
+        """The method of a client that is named as its first argument, as with any function of a class."""
+        return client.send(self._build(client, *args, **kwargs))
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: "Client", owner: type) -> Callable[P, T]: ...
+    @overload
+    def __get__(self, instance: "AsyncClient", owner: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+
+        return MethodType(self, instance)
+
+
+class Operations:
+    """The calls. What they answer is in `swarmbench.wire`; docs/protocol.md says what they do."""
+
+    # An agent: two calls and one token.
+
+    @Operation
+    def obs(
+        self, *, after: int | None = None, wait: float | None = None, prompt: bool | None = None
+    ) -> Call[wire.Observation]:
+        """What the token's agent sees now. With `after` and `wait` (seconds) it waits for a later round."""
+        return call("GET", "/obs", query={"after": after, "wait": wait, "prompt": prompt})
+
+    @Operation
+    def act(
+        self,
+        round: int,
+        action: str | None = None,
+        *,
+        message: str | None = None,
+        to: str | None = None,
+        response: str | None = None,
+        usage: wire.Usage | None = None,
+        reasoning: str | None = None,
+        wait: float | None = None,
+    ) -> Call[wire.ActResponse]:
+        """Answers a round with an action, or with the whole `response` of a language model.
+
+        With `wait` (seconds) the answer comes with the next observation in `obs`, or None if the time was up.
+        """
+        act: wire.ActRequest = {"round": round, "action": action, "message": message, "to": to}
+        act |= {"response": response, "usage": usage, "reasoning": reasoning}
+        return call("POST", "/act", query={"wait": wait}, body=_given(act))
+
+    # A swarm: many seats in one call.
+
+    @Operation
+    def swarm_obs(
+        self,
+        *,
+        after: str | None = None,
+        wait: float | None = None,
+        limit: int | None = None,
+        prompt: bool | None = None,
+    ) -> Call[wire.SwarmObsResponse]:
+        """The observations that wait for an act; with `after` only those opened after that cursor."""
+        return call("GET", "/swarm/obs", query={"after": after, "wait": wait, "limit": limit, "prompt": prompt})
+
+    @Operation
+    def swarm_act(self, acts: Sequence[wire.SwarmAct]) -> Call[wire.SwarmActResponse]:
+        """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`."""
+        return call("POST", "/swarm/act", body={"acts": list(acts)})
+
+    # Episodes.
+
+    @Operation
+    def create_episode(
+        self, *, idempotency_key: str | None = None, **settings: Unpack[wire.EpisodeRequest]
+    ) -> Call[wire.CreatedEpisode]:
+        """Creates an episode; its tokens are shown this once."""
+        return call("POST", "/api/v1/episodes", body=settings, headers=_once(idempotency_key))
+
+    @Operation
+    def episode(self, id: str) -> Call[wire.EpisodeSummary]:
+        """An episode."""
+        return call("GET", EPISODE, id)
+
+    @Operation
+    def episodes(
+        self,
+        *,
+        status: wire.StatusName | None = None,
+        task: wire.TaskName | None = None,
+        model: str | None = None,
+        run: str | None = None,
+        limit: int | None = None,
+        cursor: str | None = None,
+    ) -> Call[wire.Page[wire.EpisodeSummary]]:
+        """A page of episodes, newest first."""
+        query = {"status": status, "task": task, "model": model, "run": run, "limit": limit, "cursor": cursor}
+        return call("GET", "/api/v1/episodes", query=query)
+
+    @Operation
+    def start_episode(self, id: str) -> Call[wire.EpisodeSummary]:
+        """Starts a waiting episode."""
+        return call("POST", EPISODE + "/start", id)
+
+    @Operation
+    def abort_episode(self, id: str) -> Call[wire.EpisodeSummary]:
+        """Ends an episode. What was played stays."""
+        return call("DELETE", EPISODE, id)
+
+    @Operation
+    def void_episode(self, id: str, reason: str) -> Call[wire.EpisodeSummary]:
+        """Says that the host broke it, so that it counts nowhere. For organizers."""
+        return call("POST", EPISODE + "/void", id, body={"reason": reason})
+
+    @Operation
+    def claim_seats(
+        self, id: str, *, idempotency_key: str | None = None, **claim: Unpack[wire.ClaimRequest]
+    ) -> Call[wire.CreatedClaim]:
+        """Claims open seats of an episode; the tokens are shown this once."""
+        return call("POST", EPISODE + "/claims", id, body=claim, headers=_once(idempotency_key))
+
+    @Operation
+    def seats(self, id: str) -> Call[wire.SeatList]:
+        """Who holds the seats of an episode."""
+        return call("GET", EPISODE + "/claims", id)
+
+    @Operation
+    def state(self, id: str, *, round: int | None = None) -> Call[wire.State]:
+        """The whole world, now or after `round` resolved rounds."""
+        return call("GET", EPISODE + "/state", id, query={"round": round})
+
+    @Operation
+    def journal(self, id: str) -> Call[bytes]:
+        """The journal, byte for byte: what `swarmbench verify` reads."""
+        return call("GET", EPISODE + "/journal", id, read=bytes)
+
+    # Runs and suites.
+
+    @Operation
+    def suites(self) -> Call[wire.Page[wire.SuiteView]]:
+        """The built-in suites."""
+        return call("GET", "/api/v1/suites")
+
+    @Operation
+    def create_run(
+        self, *, idempotency_key: str | None = None, **run: Unpack[wire.RunRequest]
+    ) -> Call[wire.CreatedRun]:
+        """Starts a run; its token is shown this once."""
+        return call("POST", "/api/v1/runs", body=run, headers=_once(idempotency_key))
+
+    @Operation
+    def run(self, id: str) -> Call[wire.RunDetail]:
+        """A run with its games."""
+        return call("GET", RUN, id)
+
+    @Operation
+    def runs(
+        self,
+        *,
+        status: str | None = None,
+        model: str | None = None,
+        suite: str | None = None,
+        limit: int | None = None,
+        cursor: str | None = None,
+    ) -> Call[wire.Page[wire.RunSummary]]:
+        """A page of runs, newest first."""
+        query = {"status": status, "model": model, "suite": suite, "limit": limit, "cursor": cursor}
+        return call("GET", "/api/v1/runs", query=query)
+
+    @Operation
+    def abort_run(self, id: str) -> Call[wire.RunDetail]:
+        """Ends a run and its open games."""
+        return call("DELETE", RUN, id)
+
+    @Operation
+    def renew_run_token(self, id: str) -> Call[wire.RunToken]:
+        """A new token in place of one that was lost. The earlier one is worth nothing any more."""
+        return call("POST", RUN + "/token", id)
+
+    # Boards.
+
+    @Operation
+    def leaderboard(self, **query: Unpack[wire.LeaderboardQuery]) -> Call[wire.Leaderboard]:
+        """Who did how well in a suite."""
+        return call("GET", "/api/v1/leaderboard", query={**query, "format": "json"})
+
+    @Operation
+    def leaderboard_csv(self, **query: Unpack[wire.LeaderboardQuery]) -> Call[str]:
+        """The same as CSV."""
+        return call("GET", "/api/v1/leaderboard", query={**query, "format": "csv"}, read=bytes.decode)
+
+    @Operation
+    def cross_play(self, **query: Unpack[wire.CrossPlayQuery]) -> Call[wire.Page[wire.CrossPlayPair]]:
+        """How well models did together."""
+        return call("GET", "/api/v1/cross-play", query={**query, "format": "json"})
+
+    @Operation
+    def cross_play_csv(self, **query: Unpack[wire.CrossPlayQuery]) -> Call[str]:
+        """The same as CSV."""
+        return call("GET", "/api/v1/cross-play", query={**query, "format": "csv"}, read=bytes.decode)
+
+    # The server.
+
+    @Operation
+    def health(self) -> Call[wire.Health]:
+        """Whether the server lives, and its version."""
+        return call("GET", "/healthz")
+
+    @Operation
+    def ready(self) -> Call[wire.Health]:
+        """The same once it is ready for everything; until then the server answers 503, which is tried again."""
+        return call("GET", "/readyz")
+
+    @Operation
+    def request(
+        self, method: str, path: str, *, query: Mapping[str, object] | None = None, body: object = None
+    ) -> Call[Any]:
+        """Any other JSON route, such as those of competitions. It is repeated like the others when no answer comes."""
+        return call(method, path.replace("{", "{{").replace("}", "}}"), query=query, body=body)
+
+
+def _given(fields: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def _once(key: str | None) -> dict[str, str]:
+    """The same creation sent again must not create another, so each has a key."""
+    return {"idempotency-key": key or uuid.uuid4().hex}

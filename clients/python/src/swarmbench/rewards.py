@@ -1,0 +1,87 @@
+"""What each agent earned in a round, from what the agents themselves see before and after it."""
+
+from collections.abc import Mapping
+
+from .wire import Observation, Position
+
+Cell = tuple[int, int]
+Sights = Mapping[str, Observation]
+
+
+def team(before: Sights, after: Sights) -> dict[str, float]:
+    """The change of the score for everybody."""
+    gained = _score(after) - _score(before)
+    return dict.fromkeys(before, gained)
+
+
+def individual(task: str, before: Sights, after: Sights) -> dict[str, float]:
+    """What the agents did themselves.
+
+    Foraging: 1 for each load that the agent delivered. Transport: what its own leaving scored. Pursuit: the point of a
+    caught prey in equal shares to those who stand beside it. In these three the rewards add up to the change of the
+    score. In Synchronization and Flocking nobody can be told apart: everybody gets the change of the score, as with
+    `team`.
+    """
+    if task == "Foraging":
+        return {
+            agent: float(bool(sight.get("carrying_food")) and not after[agent].get("carrying_food"))
+            for agent, sight in before.items()
+        }
+    if task == "Transport":
+        return {
+            agent: (sight["max_round"] - sight["round"]) / sight["max_round"] if not after[agent]["alive"] else 0.0
+            for agent, sight in before.items()
+        }
+    if task == "Pursuit":
+        gained = _score(after) - _score(before)
+        hunters = _hunters(before, after) if gained > 0 else []
+        return {agent: gained / len(hunters) if agent in hunters else 0.0 for agent in before}
+    return team(before, after)
+
+
+def _hunters(before: Sights, after: Sights) -> list[str]:
+    """Who stands beside the prey that was caught; all living agents where that cannot be known.
+
+    It was in a cell that is shut in now: none of its neighbours is empty, and all of them were seen, as those who shut
+    it in see them. Where the prey was when the round was decided it is caught; only the first prey of the rules
+    `reference` may have been pushed from there. So of several such cells the nearest is taken.
+    """
+    positions = {agent: _cell(at) for agent, sight in after.items() if (at := sight["position"]) is not None}
+    now = _seen(after)
+    traps = [
+        cell
+        for cell in sorted({beside for at in positions.values() for beside in _beside(at)})
+        if now.get(cell, ".") in {".", "P"} and all(now.get(other, ".") != "." for other in _beside(cell))
+    ]
+    prey = next((cell for cell, symbol in _seen(before).items() if symbol == "P"), None)
+    if prey is not None:
+        traps.sort(key=lambda cell: abs(cell[0] - prey[0]) + abs(cell[1] - prey[1]))
+    return [agent for agent, at in positions.items() if traps and traps[0] in _beside(at)] or list(positions)
+
+
+def _seen(sights: Sights) -> dict[Cell, str]:
+    """What all agents together see."""
+    cells: dict[Cell, str] = {}
+    for number, sight in enumerate(sights.values()):
+        view, position = sight["view"], sight["position"]
+        if view is None or position is None:
+            continue
+        top, left = view["origin"]["i"], view["origin"]["j"]
+        for a, row in enumerate(view["cells"]):
+            for b, symbol in enumerate(row):
+                cells[top + a, left + b] = symbol
+        cells[_cell(position)] = str(number)
+    return cells
+
+
+def _cell(position: Position) -> Cell:
+    return position["i"], position["j"]
+
+
+def _beside(cell: Cell) -> list[Cell]:
+    i, j = cell
+    return [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
+
+
+def _score(sights: Sights) -> float:
+    return next(iter(sights.values()))["score"]

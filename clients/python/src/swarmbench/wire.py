@@ -1,0 +1,645 @@
+"""The shapes of the JSON that goes over the wire, as the server's OpenAPI document has them.
+
+Answers are plain dictionaries, so nothing that the server says gets lost, also not what a newer one adds. A field
+that may be absent is `NotRequired`; one that may be null is `| None`. Times are RFC 3339 in UTC. Durations end in
+their unit, `_s` or `_ms`. `tests/test_wire.py` compares this page with `openapi/openapi.json`.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, Literal, TypeVar
+
+from ._compat import NotRequired, TypedDict
+
+T = TypeVar("T")
+
+TaskName = Literal["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
+"""The five tasks."""
+
+ActionName = Literal["UP", "DOWN", "LEFT", "RIGHT", "STAY", "SWITCH"]
+"""All actions. An observation's `actions` are those of its task."""
+
+StatusName = Literal["waiting", "running", "finished", "aborted", "abandoned"]
+"""How far an episode is."""
+
+
+class Page(TypedDict, Generic[T]):
+    """A page of a list."""
+
+    items: list[T]
+    next_cursor: str | None
+    """What to send as `cursor` for the next page; null on the last one."""
+
+
+# What agents see.
+
+
+class Position(TypedDict):
+    """A cell: row and column from 0; `i` grows downward, `j` to the right."""
+
+    i: int
+    j: int
+
+
+class View(TypedDict):
+    """A window: `cells[a][b]` is the cell `(origin.i + a, origin.j + b)`. The corner may lie outside the map."""
+
+    origin: Position
+    cells: list[list[str]]
+
+
+class PastView(TypedDict):
+    """A window as it was when `round` was decided."""
+
+    round: int
+    origin: Position
+    cells: list[list[str]]
+
+
+class HistoryEntry(TypedDict):
+    """What the agent itself did in a round; null where it did or said nothing."""
+
+    round: int
+    action: str | None
+    message: str | None
+
+
+class Task(TypedDict):
+    """The task, and what is to be done in words."""
+
+    name: str
+    description: str
+
+
+class EpisodeResult(TypedDict):
+    """How an episode ended."""
+
+    reason: str
+    score: float
+    rounds: int
+    journal_head: str
+
+
+class Observation(TypedDict):
+    """All that one agent may know at the moment."""
+
+    episode: str
+    agent: str
+    status: StatusName
+    round: int
+    """How many rounds are resolved: the number to answer with."""
+    max_round: int
+    task: Task
+    score: float
+    """The score of the whole swarm so far."""
+    alive: bool
+    """False once the agent has escaped; then `position` and `view` are null."""
+    position: Position | None
+    view: View | None
+    light_on: NotRequired[bool | None]
+    """In Synchronization only."""
+    carrying_food: NotRequired[bool | None]
+    """In Foraging only."""
+    messages: list[str]
+    actions: list[str]
+    history: list[HistoryEntry]
+    past_views: list[PastView]
+    result: NotRequired[EpisodeResult | None]
+    """Once the episode has ended."""
+    acted: bool
+    """Whether this seat has answered this round."""
+    deadline: str | None
+    remaining_ms: int | None
+    bank_ms: int | None
+    prompt: NotRequired[str | None]
+    """Where it was asked for."""
+
+
+class SwarmObsResponse(TypedDict):
+    """The observations that wait for an act, the oldest first."""
+
+    observations: list[Observation]
+    cursor: str
+    finished: bool
+
+
+# What agents do.
+
+
+class Usage(TypedDict, total=False):
+    """What an answer of a language model cost."""
+
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    latency_ms: int | None
+
+
+class ActRequest(TypedDict):
+    """An act of the token's agent: exactly one of `action` and `response`."""
+
+    round: int
+    action: NotRequired[str | None]
+    message: NotRequired[str | None]
+    to: NotRequired[str | None]
+    response: NotRequired[str | None]
+    usage: NotRequired[Usage | None]
+    reasoning: NotRequired[str | None]
+
+
+class SwarmAct(TypedDict):
+    """An act for one of several seats."""
+
+    episode: str
+    agent: str
+    round: int
+    action: NotRequired[str | None]
+    message: NotRequired[str | None]
+    to: NotRequired[str | None]
+    response: NotRequired[str | None]
+    usage: NotRequired[Usage | None]
+    reasoning: NotRequired[str | None]
+
+
+class SwarmActRequest(TypedDict):
+    """The acts of several seats."""
+
+    acts: Sequence[SwarmAct]
+
+
+class Receipt(TypedDict):
+    """An act that was taken and is on the server's disk."""
+
+    episode: str
+    agent: str
+    round: int
+    action: str | None
+    message: str | None
+    valid: bool
+    duplicate: bool
+    waiting_for: int
+
+
+class ActResponse(Receipt):
+    """The receipt, and with `wait` the next observation, or null if the time was up."""
+
+    obs: NotRequired[Observation | None]
+
+
+class FieldProblem(TypedDict):
+    """What is wrong with a field."""
+
+    field: str
+    problem: str
+
+
+class Limit(TypedDict):
+    """The limit that was reached."""
+
+    name: str
+    value: int
+
+
+class Problem(TypedDict):
+    """An error as the server tells it (RFC 9457)."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    code: str
+    round: NotRequired[int | None]
+    retry_after_ms: NotRequired[int | None]
+    limit: NotRequired[Limit | None]
+    fields: NotRequired[list[FieldProblem]]
+
+
+class SwarmActResponse(TypedDict):
+    """One receipt or problem for each act, in their order. `swarmbench.is_problem` tells them apart."""
+
+    receipts: list[Receipt | Problem]
+
+
+# Episodes.
+
+
+class EpisodeRequest(TypedDict):
+    """What an episode is to be. Everything but `task` has a default (docs/protocol.md)."""
+
+    task: TaskName
+    seed: NotRequired[int | None]
+    rules: NotRequired[Literal["paper", "reference"] | None]
+    num_agents: NotRequired[int | None]
+    width: NotRequired[int | None]
+    height: NotRequired[int | None]
+    view_size: NotRequired[int | None]
+    memory: NotRequired[int | None]
+    max_round: NotRequired[int | None]
+    control: NotRequired[Literal["decentralized", "centralized"] | None]
+    noise: NotRequired[float | None]
+    max_delay: NotRequired[int | None]
+    round_deadline_s: NotRequired[float | None]
+    bank_s: NotRequired[float | None]
+    start: NotRequired[Literal["now", "manual"] | None]
+    idle_timeout_s: NotRequired[float | None]
+    visibility: NotRequired[Literal["public", "owner"] | None]
+    model: NotRequired[str | None]
+    agent_meta: NotRequired[Mapping[str, Any] | None]
+    prompt_template: NotRequired[str | None]
+    open_seats: NotRequired[int | None]
+    fill_after_s: NotRequired[float | None]
+    fill_with: NotRequired[str | None]
+    player: NotRequired[str | None]
+
+
+class EpisodeConfig(TypedDict):
+    """Every setting of an episode, defaults filled in."""
+
+    task: str
+    seed: int | None
+    """Null where the caller may not know it yet."""
+    rules: str
+    num_agents: int
+    width: int
+    height: int
+    view_size: int
+    memory: int
+    max_round: int
+    control: str
+    noise: float
+    max_delay: int
+    round_deadline_s: float | None
+    bank_s: float
+    start: str
+    idle_timeout_s: float
+    visibility: str
+    model: str
+    agent_meta: dict[str, Any]
+    prompt_template: str | None
+    open_seats: int
+    fill_after_s: float | None
+    fill_with: str | None
+    player: str | None
+
+
+class SeatToken(TypedDict):
+    """The token of one seat."""
+
+    agent: str
+    token: str
+
+
+class CreatedEpisode(TypedDict):
+    """A new episode with its tokens, which are shown this once."""
+
+    id: str
+    status: StatusName
+    config: EpisodeConfig
+    seats: list[SeatToken]
+    swarm_token: str
+
+
+class EpisodeSummary(TypedDict):
+    """An episode."""
+
+    id: str
+    status: StatusName
+    task: str
+    model: str
+    run: str | None
+    round: int
+    score: float
+    created_at: str
+    ended_at: str | None
+    config: EpisodeConfig
+    result: EpisodeResult | None
+    void_reason: str | None
+
+
+class ClaimRequest(TypedDict, total=False):
+    """Which open seats to claim: one by its agent, or so many, whichever they are."""
+
+    agent: str | None
+    seats: int | None
+    model: str | None
+    agent_meta: Mapping[str, Any] | None
+
+
+class CreatedClaim(TypedDict):
+    """The seats that were claimed, with tokens that are shown this once."""
+
+    episode: str
+    status: StatusName
+    claim: int
+    seats: list[SeatToken]
+    swarm_token: str
+
+
+class SeatHolder(TypedDict):
+    """Who holds a seat; all but `agent` is null where it is open."""
+
+    agent: str
+    claim: int | None
+    holder: str | None
+    model: str | None
+    player: str | None
+    claimed_at: str | None
+
+
+class SeatList(TypedDict):
+    """Who holds the seats of an episode."""
+
+    open: int
+    seats: list[SeatHolder]
+
+
+class StateAgent(TypedDict):
+    """An agent as spectators see it. One that has escaped is where it went."""
+
+    agent: str
+    i: int
+    j: int
+    alive: bool
+    light_on: NotRequired[bool | None]
+    carrying_food: NotRequired[bool | None]
+
+
+class State(TypedDict):
+    """The whole world after `round` resolved rounds; `grid` has one character a cell."""
+
+    round: int
+    score: float
+    grid: list[str]
+    agents: list[StateAgent]
+    prey: NotRequired[Position | None]
+    block: NotRequired[Position | None]
+    distance: NotRequired[float | None]
+
+
+class RoundEvent(TypedDict):
+    """A resolved round, as the data of an event."""
+
+    round: int
+    score: float
+    agents: list[StateAgent]
+
+
+# Runs and suites.
+
+
+class OwnSettings(TypedDict, total=False):
+    """Settings of a suite of your own; what is left out is of the standard setting."""
+
+    control: Literal["decentralized", "centralized"] | None
+    num_agents: int | None
+    width: int | None
+    height: int | None
+    view_size: int | None
+    memory: int | None
+    max_round: int | None
+    noise: float | None
+    max_delay: int | None
+
+
+class OwnSuite(TypedDict):
+    """A suite of your own."""
+
+    name: str
+    seeds: Sequence[int]
+    tasks: NotRequired[Sequence[TaskName] | None]
+    settings: NotRequired[OwnSettings | None]
+
+
+class RunRequest(TypedDict):
+    """What a run is to be: a suite by its name, or one of your own, for one model (docs/runs.md)."""
+
+    suite: str | OwnSuite
+    model: str
+    rules: NotRequired[Literal["paper", "reference"] | None]
+    temperature: NotRequired[float | None]
+    top_p: NotRequired[float | None]
+    agent_meta: NotRequired[Mapping[str, Any] | None]
+    prompt_template: NotRequired[str | None]
+    parallel: NotRequired[int | None]
+    round_deadline_s: NotRequired[float | None]
+    bank_s: NotRequired[float | None]
+    idle_timeout_s: NotRequired[float | None]
+    visibility: NotRequired[Literal["public", "owner"] | None]
+    player: NotRequired[str | None]
+
+
+class SuiteSettingsView(TypedDict):
+    """The settings of all games of a suite."""
+
+    control: str
+    num_agents: int
+    width: int
+    height: int
+    view_size: int
+    memory: int
+    max_round: int
+    noise: float
+    max_delay: int
+    round_deadline_s: float | None
+    bank_s: float
+
+
+class SuiteView(TypedDict):
+    """A suite, completely. Seeds and digest are null where the caller may not know them yet."""
+
+    name: str
+    rules: str
+    digest: str | None
+    tasks: list[str]
+    seeds: list[int] | None
+    games: int
+    settings: SuiteSettingsView
+
+
+class TaskResult(TypedDict):
+    """What a run came to in a task: mean and population standard deviation over the seeds."""
+
+    task: str
+    mean: float | None
+    deviation: float | None
+    played: int
+    planned: int
+    voided: int
+
+
+class ActTally(TypedDict):
+    """What the acts of a run were."""
+
+    sent: int
+    invalid: int
+    invalid_share: float | None
+    clock_outs: int
+    clock_out_share: float | None
+    prompt_tokens: int
+    completion_tokens: int
+
+
+class RunGame(TypedDict):
+    """A game of a run."""
+
+    slot: int
+    task: str
+    seed: int | None
+    episode: str | None
+    status: str
+    round: int
+    score: float | None
+    reason: str | None
+    void_reason: str | None
+
+
+class RunSummary(TypedDict):
+    """A run and what it came to so far."""
+
+    id: str
+    status: str
+    suite: SuiteView
+    model: str
+    temperature: float | None
+    top_p: float | None
+    agent_meta: dict[str, Any]
+    template_digest: str | None
+    parallel: int
+    visibility: str
+    idle_timeout_s: float
+    player: str | None
+    attempt: int | None
+    closes_at: str | None
+    created_at: str
+    ended_at: str | None
+    void_reason: str | None
+    played: int
+    planned: int
+    voided: int
+    total: float | None
+    tasks: list[TaskResult]
+    acts: ActTally
+
+
+class RunDetail(RunSummary):
+    """A run with its games, in the order of the plan."""
+
+    games: list[RunGame]
+
+
+class CreatedRun(RunDetail):
+    """A new run with the token for all seats of all its games; null where the server itself plays."""
+
+    swarm_token: str | None
+
+
+class RunToken(TypedDict):
+    """A new token of a run."""
+
+    id: str
+    swarm_token: str
+
+
+# Boards.
+
+
+class LeaderboardQuery(TypedDict, total=False):
+    """Which leaderboard, and how it is sorted (docs/boards.md)."""
+
+    suite: str
+    rules: Literal["paper", "reference"]
+    task: TaskName
+    sort: str
+    pick: Literal["best", "last", "mean"]
+    reference: bool
+    imported: bool
+    limit: int
+    cursor: str
+
+
+class CrossPlayQuery(TypedDict, total=False):
+    """Which pairs of models."""
+
+    task: TaskName
+    rules: Literal["paper", "reference"]
+    limit: int
+    cursor: str
+
+
+class TaskScore(TypedDict):
+    """What a row came to in a task."""
+
+    mean: float | None
+    deviation: float | None
+    games: int | None
+    planned: int | None
+
+
+class RowDifference(TypedDict):
+    """How far a row is below the row `to`, with an interval of 95 %."""
+
+    to: str
+    mean: float
+    low: float | None
+    high: float | None
+    pairs: int
+
+
+class BoardRow(TypedDict):
+    """A player on a leaderboard."""
+
+    rank: int | None
+    id: str
+    reference: bool
+    table: str | None
+    imported: bool
+    note: str | None
+    owner: str | None
+    model: str
+    temperature: float | None
+    top_p: float | None
+    prompt_template: str | None
+    vouched: bool | None
+    decentralization: str | None
+    status: str | None
+    runs: int | None
+    run: str | None
+    started_at: str | None
+    total: float | None
+    tasks: dict[str, TaskScore]
+    difference: RowDifference | None
+    invalid_share: float | None
+    clock_out_share: float | None
+    voided: int | None
+
+
+class Leaderboard(TypedDict):
+    """Who did how well in a suite."""
+
+    suite: str
+    digest: str
+    rules: str
+    tasks: list[str]
+    sort: str
+    pick: str
+    rows: int
+    items: list[BoardRow]
+    next_cursor: str | None
+
+
+class CrossPlayPair(TypedDict):
+    """How well two models did together."""
+
+    task: str
+    rules: str
+    settings: dict[str, Any]
+    models: list[str]
+    vouched: bool
+    games: int
+    mean: float
+    deviation: float
+
+
+class Health(TypedDict):
+    """Whether the server lives, and its version."""
+
+    status: str
+    version: str

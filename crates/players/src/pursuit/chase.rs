@@ -1,0 +1,47 @@
+//! Pursuit by running after the prey: pure reaction, without memory and without a word.
+
+use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
+
+use crate::chance::Chance;
+use crate::chart::{push, sights};
+use crate::{Player, Seat};
+
+/// Steps towards the prey while it sees it, stays where it is beside it, and wanders otherwise.
+struct Chase {
+    chance: Chance,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    Box::new(Chase { chance: Chance::new(seat) })
+}
+
+impl Player for Chase {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let Some((here, view)) = sights(observation) else { return Act::default() };
+        let order = self.chance.order();
+        let prey = find(view, Seen::Prey);
+        let gap = |at: Pos| prey.map(|prey| at.i.abs_diff(prey.i) + at.j.abs_diff(prey.j));
+        if gap(here) == Some(1) {
+            return Act::of(Action::Stay);
+        }
+        let is_empty = |&way: &Direction| seen_at(view, here.toward(way)) == Some(Seen::Empty);
+        let open: Vec<Direction> = order.into_iter().filter(is_empty).collect();
+        // Of equally good steps the first counts, so without a prey in sight it wanders.
+        let best = open.into_iter().min_by_key(|&way| gap(here.toward(way)));
+        Act::of(best.map_or(Action::Stay, push))
+    }
+}
+
+/// The first cell in view with this on it.
+fn find(view: &View, what: Seen) -> Option<Pos> {
+    view.positions().find(|(_, seen)| *seen == what).map(|(at, _)| at)
+}
+
+/// What is seen on a cell; none outside the view.
+fn seen_at(view: &View, at: Pos) -> Option<Seen> {
+    let row = usize::try_from(at.i - view.origin.i).ok()?;
+    let column =
+        usize::try_from(at.j - view.origin.j).ok().filter(|&column| column < view.width)?;
+    view.cells.get(row * view.width + column).copied()
+}

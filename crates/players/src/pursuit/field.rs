@@ -1,0 +1,82 @@
+//! What an agent believes to lie where: the map of one moment, on which a prey can be made to flee.
+
+use swarmbench_engine::tasks::pursuit::{Ground, flight, is_caught};
+use swarmbench_engine::{Direction, Kind, Pos, RuleSet};
+
+/// A map with a wall ring, some agents and at most one prey.
+#[derive(Clone, Debug)]
+pub(super) struct Field {
+    height: i32,
+    width: i32,
+    cells: Vec<Option<Kind>>,
+}
+
+impl Field {
+    /// The map of this size with nothing on it but its ring.
+    pub(super) fn new(height: i32, width: i32) -> Self {
+        let area = usize::try_from(height * width).unwrap_or(0);
+        let mut field = Self { height, width, cells: vec![None; area] };
+        for i in 0..height {
+            for j in 0..width {
+                if !field.is_inside(Pos::new(i, j)) {
+                    field.put(Pos::new(i, j), Some(Kind::Wall));
+                }
+            }
+        }
+        field
+    }
+
+    /// Whether the cell lies inside the ring.
+    pub(super) fn is_inside(&self, at: Pos) -> bool {
+        (1..self.height - 1).contains(&at.i) && (1..self.width - 1).contains(&at.j)
+    }
+
+    /// Lays something on a cell, or clears it; a cell outside the map is left alone.
+    pub(super) fn put(&mut self, at: Pos, kind: Option<Kind>) {
+        if let Some(index) = self.index(at) {
+            self.cells[index] = kind;
+        }
+    }
+
+    /// All empty cells in reading order.
+    pub(super) fn empty_cells(&self) -> impl Iterator<Item = Pos> {
+        let cells =
+            (1..self.height - 1).flat_map(|i| (1..self.width - 1).map(move |j| Pos::new(i, j)));
+        cells.filter(|&cell| self.is_free(cell))
+    }
+
+    /// Where a prey is after its own move; none where it is caught.
+    pub(super) fn after_flight(&self, rules: RuleSet, prey: Pos) -> Option<Pos> {
+        if is_caught(self, prey) {
+            return None;
+        }
+        Some(flight(self, rules, prey).unwrap_or(prey))
+    }
+
+    /// The empty cells beside a cell.
+    pub(super) fn gaps(&self, at: Pos) -> impl Iterator<Item = Pos> {
+        Direction::ALL
+            .into_iter()
+            .map(move |side| at.toward(side))
+            .filter(|&cell| self.is_free(cell))
+    }
+
+    fn index(&self, at: Pos) -> Option<usize> {
+        let on_map = (0..self.height).contains(&at.i) && (0..self.width).contains(&at.j);
+        if on_map { usize::try_from(at.i * self.width + at.j).ok() } else { None }
+    }
+}
+
+impl Ground for Field {
+    fn height(&self) -> i32 {
+        self.height
+    }
+
+    fn width(&self) -> i32 {
+        self.width
+    }
+
+    fn kind_at(&self, at: Pos) -> Option<Kind> {
+        self.index(at).and_then(|index| self.cells[index])
+    }
+}

@@ -1,0 +1,178 @@
+//! How a swarm that knows where everybody is moves together: who takes which post, and steps that never
+//! get in each other's way, so that everybody can tell where everybody will be.
+
+use swarmbench_engine::tasks::pursuit::Ground;
+use swarmbench_engine::{Direction, Pos};
+
+use super::field::Field;
+
+/// What an agent of the swarm does; none for an agent whose whereabouts are unknown.
+pub(super) type Step = Option<Direction>;
+
+/// Gives every agent a post of its own, such that the sum of the squared distances is least: squares
+/// share the way out evenly, as the last one to arrive counts. Agents beyond the number of posts get none.
+pub(super) fn assign(agents: &[Pos], posts: &[Pos]) -> Vec<Option<Pos>> {
+    let cost = |agent: usize, post: usize| {
+        let (from, to) = (agents[agent], posts[post]);
+        let distance = i64::from((from.i - to.i).abs()) + i64::from((from.j - to.j).abs());
+        distance * distance
+    };
+    let count = agents.len().min(posts.len());
+    let chosen = cheapest_matching(count, posts.len(), cost);
+    (0..agents.len()).map(|agent| chosen.get(agent).map(|&post| posts[post])).collect()
+}
+
+/// The column of every row in a matching of the least total cost, by the Hungarian method with potentials;
+/// there are at least as many columns as rows.
+fn cheapest_matching(
+    rows: usize,
+    columns: usize,
+    cost: impl Fn(usize, usize) -> i64,
+) -> Vec<usize> {
+    // Row and column 0 are the method's usual sentinels.
+    let mut of_row = vec![0_i64; rows + 1];
+    let mut of_column = vec![0_i64; columns + 1];
+    let mut owner = vec![0_usize; columns + 1];
+    let mut way = vec![0_usize; columns + 1];
+    for row in 1..=rows {
+        owner[0] = row;
+        let mut column = 0;
+        let mut least = vec![i64::MAX; columns + 1];
+        let mut used = vec![false; columns + 1];
+        loop {
+            used[column] = true;
+            let (from, mut delta, mut next) = (owner[column], i64::MAX, 0);
+            for other in 1..=columns {
+                if used[other] {
+                    continue;
+                }
+                let reduced = cost(from - 1, other - 1) - of_row[from] - of_column[other];
+                if reduced < least[other] {
+                    least[other] = reduced;
+                    way[other] = column;
+                }
+                if least[other] < delta {
+                    delta = least[other];
+                    next = other;
+                }
+            }
+            for other in 0..=columns {
+                if used[other] {
+                    of_row[owner[other]] += delta;
+                    of_column[other] -= delta;
+                } else if other > 0 {
+                    least[other] -= delta;
+                }
+            }
+            column = next;
+            if owner[column] == 0 {
+                break;
+            }
+        }
+        while column != 0 {
+            owner[column] = owner[way[column]];
+            column = way[column];
+        }
+    }
+    let mut chosen = vec![0; rows];
+    for column in 1..=columns {
+        if owner[column] > 0 {
+            chosen[owner[column] - 1] = column - 1;
+        }
+    }
+    chosen
+}
+
+/// Steps of all agents, found one agent after the other.
+pub(super) struct March<'a> {
+    field: &'a Field,
+    agents: &'a [Pos],
+    steps: Vec<Plan>,
+    /// Cells that somebody will stand on.
+    taken: Vec<Pos>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Plan {
+    Open,
+    /// Its decision waits for that of another.
+    Asked,
+    Fixed(Step),
+}
+
+impl<'a> March<'a> {
+    /// Agents on a field on which they and the prey lie.
+    pub(super) fn new(field: &'a Field, agents: &'a [Pos]) -> Self {
+        Self { field, agents, steps: vec![Plan::Open; agents.len()], taken: Vec::new() }
+    }
+
+    /// Fixes what an agent does.
+    pub(super) fn fix(&mut self, agent: usize, step: Step) {
+        let at = self.agents[agent];
+        self.taken.push(step.map_or(at, |step| at.toward(step)));
+        self.steps[agent] = Plan::Fixed(step);
+    }
+
+    /// Lets all others go toward their goals, those with the longest way first.
+    pub(super) fn go(mut self, goals: &[Option<Pos>]) -> Vec<Step> {
+        let mut order: Vec<usize> = (0..self.agents.len()).collect();
+        let length = |agent: usize| {
+            let at = self.agents[agent];
+            goals[agent].map_or(0, |goal| (goal.i - at.i).abs() + (goal.j - at.j).abs())
+        };
+        order.sort_by_key(|&agent| std::cmp::Reverse(length(agent)));
+        for agent in order {
+            self.decide(agent, goals);
+        }
+        let step = |plan: &Plan| match *plan {
+            Plan::Fixed(step) => step,
+            Plan::Open | Plan::Asked => None,
+        };
+        self.steps.iter().map(step).collect()
+    }
+
+    fn decide(&mut self, agent: usize, goals: &[Option<Pos>]) {
+        if self.steps[agent] != Plan::Open {
+            return;
+        }
+        self.steps[agent] = Plan::Asked;
+        let at = self.agents[agent];
+        let steps = goals[agent].map_or([None; 2], |goal| steps_toward(at, goal));
+        let step = steps.into_iter().flatten().find(|&step| self.can_go(agent, step, goals));
+        self.fix(agent, step);
+    }
+
+    /// Whether the agent gets to the next cell without touching another. Passes of the physics follow one
+    /// another, so a cell is free in time if whoever stands there leaves it in an earlier pass, or in the
+    /// same direction.
+    fn can_go(&mut self, agent: usize, step: Direction, goals: &[Option<Pos>]) -> bool {
+        let to = self.agents[agent].toward(step);
+        if self.taken.contains(&to) {
+            return false;
+        }
+        if self.field.is_free(to) {
+            return true;
+        }
+        let Some(other) = self.agents.iter().position(|&at| at == to) else { return false };
+        self.decide(other, goals);
+        let Plan::Fixed(Some(leaves)) = self.steps[other] else { return false };
+        let pass = |direction| Direction::ALL.iter().position(|&other| other == direction);
+        !self.taken.contains(&to) && (leaves == step || pass(leaves) < pass(step))
+    }
+}
+
+/// The steps that bring an agent nearer, the one along the longer side first.
+fn steps_toward(at: Pos, goal: Pos) -> [Step; 2] {
+    let (down, right) = (goal.i - at.i, goal.j - at.j);
+    let vertical = match down.signum() {
+        1 => Some(Direction::Down),
+        -1 => Some(Direction::Up),
+        _ => None,
+    };
+    let horizontal = match right.signum() {
+        1 => Some(Direction::Right),
+        -1 => Some(Direction::Left),
+        _ => None,
+    };
+    if down.abs() > right.abs() { [vertical, horizontal] } else { [horizontal, vertical] }
+}

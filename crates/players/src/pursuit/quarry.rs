@@ -1,0 +1,138 @@
+//! Where the prey may be, and how likely each place is, though nobody sees it: it starts in one part of the
+//! map, flees by a known rule, and a new one appears where the danger is least.
+
+use swarmbench_engine::tasks::pursuit::{Ground, danger};
+use swarmbench_engine::{Pos, RuleSet};
+
+use super::field::Field;
+
+/// Places less likely than this are forgotten, which bounds the work.
+const LEAST: f64 = 0.01;
+
+/// All places where the prey may be, with how likely they are against each other.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Quarry {
+    guesses: Vec<(Pos, f64)>,
+}
+
+impl Quarry {
+    /// The first prey of a game, which starts in the bottom right quarter of the map.
+    pub(super) fn first(height: i32, width: i32) -> Self {
+        let rows = height / 2 + 1..height - 1;
+        let cells = rows.flat_map(|i| (width / 2 + 1..width - 1).map(move |j| Pos::new(i, j)));
+        Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
+    }
+
+    /// A new prey, which is on the first drawn of the least dangerous cells of as many draws as the map has
+    /// cells.
+    pub(super) fn new(field: &Field) -> Self {
+        let mut cells: Vec<(Pos, f64)> =
+            field.empty_cells().map(|cell| (cell, danger(field, cell))).collect();
+        cells.sort_by(|one, other| one.1.total_cmp(&other.1));
+        let count = cells.len();
+        let draws = field.height() * field.width();
+        // How likely it is that none of the first so many cells is drawn.
+        let none_of = |cells: usize| share(count - cells, count).powi(draws);
+        let mut guesses = Vec::new();
+        let mut safer = 0;
+        for level in cells.chunk_by(|one, other| one.1 == other.1) {
+            let odds = (none_of(safer) - none_of(safer + level.len())) * share(1, level.len());
+            guesses.extend(level.iter().map(|(cell, _)| (*cell, odds)));
+            safer += level.len();
+        }
+        Self { guesses }
+    }
+
+    /// A prey that is seen.
+    pub(super) fn at(cell: Pos) -> Self {
+        Self { guesses: vec![(cell, 1.0)] }
+    }
+
+    /// A prey that may be anywhere but is not caught.
+    pub(super) fn anywhere(field: &Field, is_odd: Option<bool>) -> Self {
+        let cells =
+            field.empty_cells().filter(|&cell| is_odd.is_none_or(|odd| odd == is_odd_cell(cell)));
+        Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
+    }
+
+    /// Nothing is left of what was held for possible.
+    pub(super) fn is_nowhere(&self) -> bool {
+        self.guesses.is_empty()
+    }
+
+    /// The prey is not on this cell.
+    pub(super) fn rule_out(&mut self, cell: Pos) {
+        self.guesses.retain(|(at, _)| *at != cell);
+    }
+
+    /// The prey was not caught: it is only where it could escape.
+    pub(super) fn escape(&mut self, could: impl Fn(Pos) -> bool) {
+        self.guesses.retain(|(at, _)| could(*at));
+    }
+
+    /// The prey moves, agents having moved; it was not caught.
+    pub(super) fn flee(&mut self, field: &Field, rules: RuleSet) {
+        let total: f64 = self.guesses.iter().map(|(_, weight)| weight).sum();
+        let mut moved: Vec<(Pos, f64)> = Vec::new();
+        for &(at, weight) in &self.guesses {
+            if weight < LEAST * total {
+                continue;
+            }
+            let Some(to) = field.after_flight(rules, at) else { continue };
+            match moved.iter_mut().find(|(cell, _)| *cell == to) {
+                Some((_, sum)) => *sum += weight,
+                None => moved.push((to, weight)),
+            }
+        }
+        self.guesses = moved;
+    }
+
+    /// The place that is more likely than all others together.
+    pub(super) fn likely(&self) -> Option<Pos> {
+        let total: f64 = self.guesses.iter().map(|(_, weight)| weight).sum();
+        self.guesses.iter().find(|(_, weight)| *weight > total / 2.0).map(|(cell, _)| *cell)
+    }
+
+    /// What is most likely of the prey.
+    pub(super) fn whereabouts(&self, field: &Field) -> Whereabouts {
+        let (mut even, mut odd, mut trapped) = (0.0, 0.0, 0.0);
+        for &(at, weight) in &self.guesses {
+            let sum = if field.gaps(at).next().is_none() {
+                &mut trapped
+            } else if is_odd_cell(at) {
+                &mut odd
+            } else {
+                &mut even
+            };
+            *sum += weight;
+        }
+        if trapped > even + odd {
+            Whereabouts::Trapped
+        } else if odd > even {
+            Whereabouts::Odd
+        } else {
+            Whereabouts::Even
+        }
+    }
+}
+
+/// What the swarm has to know of the prey to take its posts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Whereabouts {
+    /// It sits where it is caught in this round.
+    Trapped,
+    /// It runs free on even cells (row + column).
+    Even,
+    /// It runs free on odd cells.
+    Odd,
+}
+
+/// Whether row and column add up to an odd number. A prey takes two steps, so it keeps to cells of a kind.
+pub(super) fn is_odd_cell(cell: Pos) -> bool {
+    (cell.i + cell.j) & 1 == 1
+}
+
+fn share(some: usize, all: usize) -> f64 {
+    let number = |count: usize| u32::try_from(count).map_or(f64::MAX, f64::from);
+    number(some) / number(all).max(1.0)
+}

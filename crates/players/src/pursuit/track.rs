@@ -1,0 +1,78 @@
+//! Pursuit by memory: nobody says a word, but everybody remembers where the prey was.
+
+use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
+
+use crate::chance::Chance;
+use crate::chart::{Chart, push};
+use crate::{Player, Seat};
+
+/// For how many rounds a sighting counts. The prey takes two steps a round but comes back often, because what
+/// drew it there still does.
+const FRESH_ROUNDS: u32 = 4;
+
+/// How many steps of detour one agent in the way is worth.
+const CROWD: u32 = 4;
+
+/// Walks to the nearest free cell beside the place where it last saw the prey. When that is long ago, it
+/// walks from one random place of the map to another until it sees it again.
+struct Track {
+    chance: Chance,
+    chart: Chart,
+    /// Where the prey was last seen, and in which round.
+    prey: Option<(Pos, u32)>,
+    /// Where it goes while it has nowhere better to go.
+    errand: Pos,
+    /// Rows and columns of the map.
+    size: (u16, u16),
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    let mut chart = Chart::new(seat);
+    chart.close_ring();
+    Box::new(Track {
+        chance: Chance::new(seat),
+        chart,
+        prey: None,
+        errand: Pos::new(0, 0),
+        size: (seat.height, seat.width),
+    })
+}
+
+impl Player for Track {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let Some(here) = self.chart.look(observation) else { return Act::default() };
+        let seen = observation.view.iter().flat_map(View::positions);
+        for (at, _) in seen.filter(|(_, seen)| *seen == Seen::Prey) {
+            self.prey = Some((at, observation.round));
+        }
+        let is_fresh = |seen: u32| observation.round.saturating_sub(seen) <= FRESH_ROUNDS;
+        self.prey = self.prey.filter(|(_, seen)| is_fresh(*seen));
+        let order = self.chance.order();
+        let way = match self.prey {
+            Some((prey, _)) => {
+                let beside = Direction::ALL.map(|side| prey.toward(side));
+                let is_goal = |cell: Pos| beside.contains(&cell) && !self.chart.is_taken(cell, 1);
+                if is_goal(here) {
+                    return Act::of(Action::Stay);
+                }
+                self.chart.way(here, order, CROWD, is_goal)
+            }
+            None => {
+                if here.is_within(1, self.errand) || !self.chart.is_open(self.errand) {
+                    self.errand = self.draw_errand();
+                }
+                self.chart.way(here, order, CROWD, |cell| cell == self.errand)
+            }
+        };
+        Act::of(push(way.unwrap_or(order[0])))
+    }
+}
+
+impl Track {
+    /// A random cell inside the wall.
+    fn draw_errand(&mut self) -> Pos {
+        let inside = |cells: u16| (1..i32::from(cells.clamp(3, 256)) - 1).collect::<Vec<_>>();
+        Pos::new(self.chance.pick(&inside(self.size.0)), self.chance.pick(&inside(self.size.1)))
+    }
+}

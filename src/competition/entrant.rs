@@ -1,0 +1,60 @@
+//! Who takes part in a competition.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::EntrantStatus;
+
+/// Who takes part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entrant {
+    /// Its public id.
+    pub id: String,
+    /// The name that is shown.
+    pub name: String,
+    /// What was declared of who plays.
+    #[serde(flatten)]
+    pub declaration: Declaration,
+    /// Whether it takes part.
+    pub status: EntrantStatus,
+    /// Why it does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Whether an organizer answers for it that this is the model.
+    pub vouched: bool,
+    /// When it registered.
+    pub registered_at: Timestamp,
+}
+
+/// What an entrant declared of who plays. It never changes: another model is another entrant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Declaration {
+    /// The model's name.
+    pub model: String,
+    /// The sampling temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<f64>,
+    /// The nucleus of sampling.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub top_p: Option<f64>,
+    /// What else was told.
+    #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
+    pub agent_meta: serde_json::Map<String, serde_json::Value>,
+    /// A prompt template of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<String>,
+    /// What tells prompt templates apart, where it is known without the text.
+    #[serde(skip)]
+    pub template: Option<String>,
+}
+
+impl Declaration {
+    /// Tells prompt templates apart; none for the built-in one.
+    #[must_use]
+    pub fn template_digest(&self) -> Option<String> {
+        let of_text =
+            self.prompt_template.as_deref().map(crate::run::definition::digest_of_template);
+        of_text.or_else(|| self.template.clone())
+    }
+}
