@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use comfy_table::CellAlignment;
+use swarmbench_engine::TaskName;
 
 use super::super::leaderboard::{fit, short};
 use super::super::play::table;
@@ -163,8 +164,9 @@ pub(super) fn dry_run(plan: &Plan) {
         let questions = if is_model { run.acts_max() } else { 0 };
         games += count;
         asked += questions;
+        let is_all = run.tasks().count() == TaskName::ALL.len();
         cells.extend([
-            run.suite.tasks.join(", "),
+            if is_all { "all".to_owned() } else { run.suite.tasks.join(", ") },
             ranges(&run.suite.seeds),
             count.to_string(),
             if is_model { questions.to_string() } else { "–".to_owned() },
