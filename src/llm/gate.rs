@@ -66,29 +66,27 @@ impl Gate {
         self.state.lock().expect("nothing panics while it holds this")
     }
 
-    /// Waits until a request may begin.
-    pub(super) async fn pass(&self, clock: &dyn Clock) -> Pass<'_> {
+    /// Waits for a place among those that may be in flight. The gate may be closed all the same.
+    pub(super) async fn pass(&self) -> Pass<'_> {
         let turn = self.turns.acquire().await.expect("it is never closed");
-        let mut pass = Pass { gate: self, turn: Some(turn), closings: 0 };
-        pass.wait(clock).await;
-        pass
+        Pass { gate: self, turn: Some(turn), closings: 0 }
     }
 }
 
 impl Pass<'_> {
-    /// Waits until the gate is open; it may have closed since the last time.
-    pub(super) async fn wait(&mut self, clock: &dyn Clock) {
-        loop {
-            let (open_at, closings) = {
-                let state = self.gate.state();
-                (state.open_at, state.closings)
-            };
-            self.closings = closings;
-            if clock.now() >= open_at {
-                return;
-            }
+    /// Waits until the gate is open.
+    pub(super) async fn opened(&mut self, clock: &dyn Clock) {
+        while !self.is_open(clock) {
+            let open_at = self.gate.state().open_at;
             clock.sleep_until(open_at).await;
         }
+    }
+
+    /// Whether a request may begin now.
+    pub(super) fn is_open(&mut self, clock: &dyn Clock) -> bool {
+        let state = self.gate.state();
+        self.closings = state.closings;
+        clock.now() >= state.open_at
     }
 
     /// The endpoint answered: it bears more.

@@ -155,14 +155,19 @@ impl Inner {
         let mut pauses = settings.pauses().build();
         let mut retries = 0;
         loop {
-            let mut pass = self.unless_stopped(self.gate.pass(clock)).await?;
-            let turn = self.unless_stopped(self.allowance.turn()).await?;
-            // The gate may have closed, or the last token been spent, while this waited for its turn.
-            self.unless_stopped(pass.wait(clock)).await?;
+            let mut pass = self.unless_stopped(self.gate.pass()).await?;
+            let turn = loop {
+                self.unless_stopped(pass.opened(clock)).await?;
+                let turn = self.unless_stopped(self.allowance.turn()).await?;
+                // The gate may have closed meanwhile; whoever waits for that leaves its turn to other models.
+                if pass.is_open(clock) {
+                    break turn;
+                }
+            };
             self.allowance.check()?;
             let in_flight = self.counters.request();
             let asked = self.endpoint.ask(&question.prompt, clock).await;
-            drop((in_flight, turn));
+            drop(in_flight);
             let passing = match asked {
                 Ok(mut completion) => {
                     pass.answered();
@@ -200,6 +205,8 @@ impl Inner {
                 let url = self.endpoint.shown.clone();
                 self.stop(Stop::Unreachable { url, tries, last: said })
             })?;
+            // Whoever has the turn next finds the gate as it is now.
+            drop(turn);
             retries += 1;
             self.counters.retry();
             if let Some(pause) = pause {

@@ -13,7 +13,7 @@ mod time;
 
 use std::sync::Arc;
 
-use endpoint::Endpoint;
+use endpoint::{Endpoint, PATIENCE};
 use swarmbench::llm::{Allowance, ApiKey, Cassette, Model, Question, Settings, Stop};
 use time::{Leaps, TIME_OUT};
 
@@ -92,5 +92,7 @@ pub(crate) fn ask(
     question: Question,
 ) -> tokio::task::JoinHandle<Result<swarmbench::llm::Answer, Stop>> {
     let model = model.clone();
-    tokio::spawn(async move { model.answer(&question).await })
+    tokio::spawn(async move {
+        tokio::time::timeout(PATIENCE, model.answer(&question)).await.expect("it ends")
+    })
 }

@@ -258,6 +258,42 @@ async fn one_that_is_refused_makes_the_others_wait() {
 }
 
 #[tokio::test]
+async fn who_waits_at_a_closed_gate_takes_no_turn_from_other_models() {
+    let endpoint = Endpoint::start(|_, seen| match (seen.body["model"].as_str(), seen.prompt()) {
+        (Some("swarm-1"), prompt) if prompt.contains("Agent_0.") => {
+            Reply::error(429, "slow down").header("retry-after", "100").held_until(1)
+        }
+        (Some("swarm-2"), prompt) if prompt.contains("Agent_2.") => {
+            Reply::says("ACTION: UP").held_until(2)
+        }
+        _ => Reply::says("ACTION: UP"),
+    })
+    .await;
+    let mut bench = Bench::with(&endpoint, Leaps::standing(), 2, None);
+    let first = bench.model();
+    bench.settings.model = "swarm-2".to_owned();
+    let second = bench.model();
+    // One of each model is in flight; another of the first has passed its gate and waits for a turn.
+    let refused = ask(&first, question(0, 0));
+    endpoint.has_seen(1).await;
+    let held = ask(&second, question(2, 0));
+    endpoint.has_seen(2).await;
+    let waiting = ask(&first, question(1, 0));
+    tokio::task::yield_now().await;
+    endpoint.release();
+    // Only one of the first model may be in flight now, and it has to wait.
+    bench.clock.has_seen(1).await;
+    assert_eq!(bench.clock.pauses(), [Duration::from_secs(100)]);
+    second.answer(&question(3, 0)).await.expect("there is a turn for it");
+    assert_eq!(endpoint.seen().len(), 3, "none of the first model's came before its time");
+    endpoint.release();
+    held.await.expect("no panic").expect("an answer");
+    bench.clock.pass(Duration::from_secs(100));
+    waiting.await.expect("no panic").expect("an answer");
+    refused.abort();
+}
+
+#[tokio::test]
 async fn fewer_are_in_flight_after_a_refusal_and_more_after_answers() {
     const SEATS: u32 = 48;
     // All eight that come first are refused together. The last eight have to be there together.
