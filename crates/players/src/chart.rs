@@ -134,6 +134,14 @@ impl Chart {
         self.contains(at) && !inside
     }
 
+    /// The cells on the edge of the map.
+    pub(crate) fn ring(&self) -> impl Iterator<Item = Pos> + use<> {
+        let (last_row, last_column) = (self.height - 1, self.width - 1);
+        let rows = (0..=last_row).flat_map(move |i| [Pos::new(i, 0), Pos::new(i, last_column)]);
+        let columns = (0..=last_column).flat_map(move |j| [Pos::new(0, j), Pos::new(last_row, j)]);
+        rows.chain(columns)
+    }
+
     /// What was last seen on a cell of the map; none where it is unknown.
     pub(crate) fn at(&self, at: Pos) -> Option<Seen> {
         self.glimpse(at).map(|glimpse| glimpse.seen)

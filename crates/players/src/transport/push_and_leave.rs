@@ -1,175 +1,279 @@
-//! Transport by pushing in lanes.
-//!
-//! The block always lies the same way up to turning and mirroring: its foot stands in the gap of the
-//! wall, the rest of it is caught behind the end of the gap. It has to go one cell along the open side,
-//! toward the corner, and then straight out. Drawn with the open side below and the corner to the
-//! right:
-//!
-//! ```text
-//! W . . . . B B B . W
-//! W . . . . B B B . W
-//! W . . . . B B B . W
-//! W W W W W W B B B B
-//! ```
-//!
-//! Each push needs five agents behind the block, side by side or behind each other.
+//! Transport by a plan that everybody makes alone.
 
-use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, Seen, View};
+use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 
+use super::assign::assign;
+use super::exit::{Exit, PUSHES, Place, Sight, is_block};
+use super::swarm::{News, Swarm};
+use super::walk::toward;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
-use crate::talk::heard;
 use crate::{Player, Seat};
 
-/// How many steps of detour one agent in the way is worth.
-const CROWD: u32 = 1;
+/// How many agents a plan takes into account at most, the nearest ones.
+const PLANNED_MAX: usize = 24;
 
-/// How many pushes it takes until nothing of the block is left on the map.
-const PUSHES: i32 = 5;
+/// How far the possible exits may be from their middle for agents to gather there.
+const SMALL: i32 = 6;
 
-/// Finds out by what it saw and heard where the gap is, then lines up behind the block and pushes.
+/// How many agents it takes to move the block.
+const PUSHERS: usize = 5;
+
+/// By how many rounds those who push out may be later in their places than those who push along, where a
+/// push along and a push out cannot both succeed in one round. One would do; two is better, because the
+/// second row is not needed at once.
+const LATER_ROUNDS: i32 = 2;
+
+/// How far away an agent is taken to be that nobody has told of.
+const UNKNOWN_STEPS: i32 = 5;
+
+/// After how many rounds without a move an agent steps aside now and then, and once in how many rounds.
+const PATIENCE_ROUNDS: u32 = 12;
+const ASIDE_ROUNDS: u32 = 6;
+
+/// Passes on what it knows of the gap and of the others, and finds its own place in the plan.
 struct PushAndLeave {
     chance: Chance,
     chart: Chart,
     seat: Seat,
-    /// Every exit that may be the true one.
-    exits: Vec<Exit>,
-    /// Whether the block was pushed along the open side, so that now the way out is free.
-    freed: bool,
-}
-
-/// Where the gap is.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct Exit {
-    /// The corner of the map in which the gap ends.
-    corner: Pos,
-    /// The way out through the gap.
-    out: Direction,
-    /// The way along the open side toward the corner.
-    along: Direction,
+    swarm: Swarm,
+    exits: [Exit; 8],
+    /// Which of them may be the true one, as bits.
+    possible: u8,
+    /// How often the block was pushed, as far as it is known.
+    pushes: u32,
+    /// Where it stands, and since which round.
+    stands: Option<(Pos, u32)>,
 }
 
 /// Makes the player.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
-    let (chance, chart) = (Chance::new(seat), Chart::new(seat));
     Box::new(PushAndLeave {
-        chance,
-        chart,
+        chance: Chance::new(seat),
+        chart: Chart::new(seat),
         seat: seat.clone(),
+        swarm: Swarm::new(seat),
         exits: Exit::all(seat),
-        freed: false,
+        possible: u8::MAX,
+        pushes: 0,
+        stands: None,
     })
 }
 
 impl Player for PushAndLeave {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some(here) = self.chart.look(observation) else { return Act::default() };
-        self.listen(observation);
-        self.exclude(observation);
+        let Some(view) = &observation.view else { return Act::default() };
+        let news = self.swarm.listen(observation);
+        self.swarm.look(observation, here);
+        self.deduce(&Sight::of(view, &self.seat), &news);
         let order = self.chance.order();
-        let [exit] = self.exits[..] else {
-            let unknown = |cell| self.chart.is_unknown(cell);
-            let step = self.chart.way(here, order, CROWD, unknown).unwrap_or(order[0]);
-            return Act::of(push(step));
+        let action = match self.exit() {
+            _ if self.is_stuck(observation.round, here) => push(order[0]),
+            None => self.search(here, order),
+            Some(exit) if self.pushes == 0 => self.line_up(observation.round, here, exit, order),
+            Some(exit) => self.leave(observation.round, here, exit, order),
         };
-        let (corner, (i, j)) = (exit.corner, exit.out.offset());
-        let freed = i32::from(self.freed);
-        let news = format!("Gap at {} {} facing {i} {j} freed {freed}", corner.i, corner.j);
-        let action = self.work(here, exit, order);
-        Act { action: Some(action), message: Message::new(&news), to: None }
+        let news = News { exits: self.possible, pushes: self.pushes };
+        Act { action: Some(action), message: self.swarm.tell(observation.round, &news), to: None }
     }
 }
 
 impl PushAndLeave {
-    /// Believes whoever knows the exit, unless it was excluded.
-    fn listen(&mut self, observation: &Observation) {
-        for [corner_i, corner_j, out_i, out_j, freed] in heard(observation, "Gap at") {
-            let told = (Pos::new(corner_i, corner_j), (out_i, out_j));
-            let is_told = |exit: &Exit| (exit.corner, exit.out.offset()) == told;
-            if self.exits.iter().any(is_told) {
-                self.exits.retain(is_told);
-                self.freed |= freed == 1;
+    /// The exit, once it is known.
+    fn exit(&self) -> Option<Exit> {
+        let is_known = self.possible.is_power_of_two();
+        is_known.then(|| self.exits[self.possible.trailing_zeros() as usize])
+    }
+
+    /// Whether it stands still for so long that somebody has to give way.
+    fn is_stuck(&mut self, round: u32, here: Pos) -> bool {
+        let since = match self.stands {
+            Some((at, since)) if at == here && since <= round => since,
+            _ => round,
+        };
+        self.stands = Some((here, since));
+        round - since >= PATIENCE_ROUNDS && self.chance.one_in(ASIDE_ROUNDS)
+    }
+
+    /// Drops every exit that what is in view contradicts, then those that others exclude. Where none is
+    /// left, somebody was wrong.
+    fn deduce(&mut self, sight: &Sight<'_>, news: &[News]) {
+        let fits = |exit: &Exit| (0..=PUSHES).any(|pushes| exit.explains(sight, pushes));
+        let seen = (0..8).filter(|&bit| self.possible >> bit & 1 == 1 && fits(&self.exits[bit]));
+        self.possible = seen.map(|bit| 1 << bit).sum();
+        for News { exits, pushes } in news {
+            if self.possible & exits != 0 {
+                self.possible &= exits;
+                self.pushes = self.pushes.max((*pushes).min(PUSHES));
             }
         }
-    }
-
-    /// Drops every exit that what is in view contradicts. Where none is left, somebody was wrong.
-    fn exclude(&mut self, observation: &Observation) {
-        let Some(view) = &observation.view else { return };
-        let chart = &self.chart;
-        let before_all = |exit: &Exit| exit.explains(view, 0, chart);
-        let explains = |exit: &Exit| (0..=PUSHES).any(|pushes| exit.explains(view, pushes, chart));
-        self.exits.retain(explains);
-        if self.exits.is_empty() {
-            self.exits = Exit::all(&self.seat);
+        if self.possible == 0 {
+            let seen = (0..8).filter(|&bit| fits(&self.exits[bit]));
+            self.possible = seen.map(|bit| 1 << bit).sum();
         }
-        match self.exits[..] {
-            [exit] => self.freed |= !before_all(&exit),
-            _ => self.freed = false,
-        }
-    }
-
-    /// Pushes where it is in a lane, which ends at the block and later leads out, and otherwise walks
-    /// to one. A full lane shuts the next one off: whoever is in the way is pushed on into it.
-    fn work(&self, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
-        let chart = &self.chart;
-        let is_lane = |cell: Pos| match exit.place(cell) {
-            (_, far) if self.freed => (1..=3).contains(&far),
-            (deep, far) => (1..=3).contains(&deep) && far >= 5,
+        let Some(exit) = self.exit() else {
+            self.pushes = 0;
+            return;
         };
-        if is_lane(here) {
-            return push(if self.freed { exit.out } else { exit.along });
+        let mut fitting = (0..=PUSHES).filter(|&pushes| exit.explains(sight, pushes));
+        let first = fitting.clone().next();
+        let known = self.pushes;
+        self.pushes = fitting.find(|&pushes| pushes >= known).or(first).unwrap_or(known);
+    }
+
+    /// Goes to the middle of all that is possible while that is small, which is on the way to wherever the
+    /// block is. On a large map, everybody looks for another exit.
+    fn search(&self, here: Pos, order: [Direction; 4]) -> Action {
+        let possible = (0..8).filter(|bit| self.possible >> bit & 1 == 1);
+        let mut exits: Vec<Exit> = possible.map(|bit| self.exits[bit]).collect();
+        let middle_of = |exit: &Exit| exit.cell(Place { deep: 2, far: 3 });
+        let count = i32::try_from(exits.len()).unwrap_or(8).max(1);
+        let sum = exits.iter().map(middle_of).fold(Pos::new(0, 0), Pos::plus);
+        let middle = Pos::new(sum.i / count, sum.j / count);
+        let is_small = exits.iter().all(|exit| middle_of(exit).is_within(SMALL, middle));
+        if !is_small {
+            exits = vec![exits[self.seat.agent.index() % exits.len()]];
+        } else if !here.is_within(1, middle) {
+            let step = self.chart.way(here, order, 0, |cell| cell.is_within(1, middle));
+            if let Some(step) = step {
+                return push(step);
+            }
         }
-        let is_goal = |cell: Pos| is_lane(cell) && !chart.is_taken(cell, 1);
-        chart.way(here, order, CROWD, is_goal).map_or(Action::Stay, push)
+        let is_telling = |cell: Pos| {
+            self.chart.is_unknown(cell) && exits.iter().any(|exit| is_block(exit.place(cell), 0))
+        };
+        let target = exits.first().map_or(here, middle_of);
+        push(toward(&self.chart, here, target, order, 0, is_telling).unwrap_or(order[0]))
+    }
+
+    /// The places of everybody known, the nearest to the corner first.
+    fn team(&self, round: u32, exit: Exit) -> Vec<(AgentId, Place)> {
+        let mut team: Vec<_> =
+            self.swarm.known(round).map(|(agent, at)| (agent, exit.place(at))).collect();
+        team.sort_by_key(|(agent, place)| (place.deep + place.far, *agent));
+        team.truncate(PLANNED_MAX);
+        team
+    }
+
+    /// Before the first push: takes the place that the plan has for it, and pushes from there.
+    fn line_up(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
+        let team = self.team(round, exit);
+        let me = team.iter().position(|(agent, _)| *agent == self.seat.agent);
+        let places: Vec<Place> = team.iter().map(|(_, place)| *place).collect();
+        let place = exit.place(here);
+        if let Some(direction) = self.make_way(exit, place) {
+            return push(direction);
+        }
+        let target = match me.map(|me| plan(exit, &places, usize::from(self.seat.num_agents))[me]) {
+            Some(target) => target,
+            // Too many are nearer. It comes closer, and keeps out of their way.
+            None if place.deep + place.far > 2 * SMALL => Place { deep: SMALL, far: SMALL },
+            None => return Action::Stay,
+        };
+        let is_behind_along = target.deep < FRONT && target.deep == place.deep;
+        if is_behind_along && place.far >= target.far {
+            return push(exit.along);
+        }
+        if target.deep >= FRONT && target.far == place.far && target.deep <= place.deep {
+            // Whoever pushes here while the block does not lie before it walks into its way.
+            let is_blocked = is_block(Place { deep: FRONT - 1, far: place.far }, 0);
+            let is_there = target.deep == place.deep;
+            return if is_there && !is_blocked { Action::Stay } else { push(exit.out) };
+        }
+        let target = exit.cell(target);
+        toward(&self.chart, here, target, order, 0, |cell| cell == target)
+            .map_or(Action::Stay, push)
+    }
+
+    /// Which way it goes whatever the plan says: out of the corner between block and wall; in a crowd, where
+    /// nobody gets past the others, also away from that corner, and on in the lane that it is in.
+    fn make_way(&self, exit: Exit, place: Place) -> Option<Direction> {
+        let is_taken = |deep| self.chart.is_taken(exit.cell(Place { deep, far: 1 }), 1);
+        let is_corner_empty = !(1..FRONT).any(|deep| deep != place.deep && is_taken(deep));
+        let is_crowd = self.is_crowd();
+        if place.far == 1 && (place.deep < FRONT || is_crowd && !is_corner_empty) {
+            return Some(exit.out.opposite());
+        }
+        if is_crowd && place.deep < FRONT {
+            return Some(exit.along);
+        }
+        (is_crowd && (2..=3).contains(&place.far)).then_some(exit.out)
+    }
+
+    /// Whether the map is so full that agents cannot get past each other: about every third cell.
+    fn is_crowd(&self) -> bool {
+        let inside = |cells: u16| u32::from(cells.saturating_sub(2));
+        3 * u32::from(self.seat.num_agents) > inside(self.seat.height) * inside(self.seat.width)
+    }
+
+    /// Once the way out is free: pushes the block out and follows it. Whoever is beside the lanes goes on
+    /// pushing along: into a lane where there is room, and two of them together push those who are in it on
+    /// into the next one.
+    fn leave(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
+        let place = exit.place(here);
+        let front = FRONT + 1 - i32::try_from(self.pushes).unwrap_or(0);
+        let is_lane = |place: Place| (1..=3).contains(&place.far);
+        if is_lane(place) || place.deep == 0 {
+            return push(exit.out);
+        }
+        let is_pusher = |place: Place| is_lane(place) && place.deep >= front;
+        let pushers =
+            || self.team(round, exit).iter().filter(|(_, place)| is_pusher(*place)).count();
+        if self.pushes < PUSHES && pushers() < PUSHERS {
+            let is_goal = |cell: Pos| is_pusher(exit.place(cell)) && !self.chart.is_taken(cell, 1);
+            let target = exit.cell(Place { deep: place.deep.max(front), far: 3 });
+            return toward(&self.chart, here, target, order, 1, is_goal).map_or(Action::Stay, push);
+        }
+        push(exit.along)
     }
 }
 
-impl Exit {
-    /// All eight: either side of each corner may be the open one.
-    fn all(seat: &Seat) -> Vec<Self> {
-        let (low, right) = (i32::from(seat.height) - 1, i32::from(seat.width) - 1);
-        let mut exits = Vec::new();
-        for (i, vertical) in [(0, Direction::Up), (low, Direction::Down)] {
-            for (j, horizontal) in [(0, Direction::Left), (right, Direction::Right)] {
-                let corner = Pos::new(i, j);
-                exits.push(Self { corner, out: vertical, along: horizontal });
-                exits.push(Self { corner, out: horizontal, along: vertical });
-            }
+/// How deep the first row is that stands behind the block and pushes out.
+const FRONT: i32 = 4;
+
+/// The target of every agent of a team in a swarm of so many.
+///
+/// What counts is the last to arrive, so that each step more costs three times as much. Agents that nobody
+/// has told of stand in the plan, too: otherwise whoever knows of few others would leave places empty that
+/// are needed first.
+fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
+    let count = agents.min(PLANNED_MAX).max(team.len());
+    let later = if exit.goes_along_first() { 0 } else { LATER_ROUNDS };
+    let cost = |from: Option<&Place>, slot: Place| {
+        let later = if slot.deep >= FRONT { later } else { 0 };
+        let steps = from.map_or(UNKNOWN_STEPS, |from| distance(*from, slot));
+        3_i64.pow((steps - later + LATER_ROUNDS).clamp(0, 16).unsigned_abs())
+    };
+    let mut best: Option<(i64, Vec<Place>)> = None;
+    for alone in 1..FRONT {
+        let slots = slots(exit, count, alone);
+        let rows = team.iter().map(Some).chain(std::iter::repeat(None)).take(slots.len());
+        let costs: Vec<Vec<i64>> =
+            rows.map(|from| slots.iter().map(|&slot| cost(from, slot)).collect()).collect();
+        let chosen = assign(&costs);
+        let total = costs.iter().zip(&chosen).map(|(row, &column)| row[column]).sum();
+        if best.as_ref().is_none_or(|(least, _)| total < *least) {
+            best = Some((total, chosen.into_iter().map(|column| slots[column]).collect()));
         }
-        exits
     }
-
-    /// The cell as (how deep inside the open side, how far from the corner along it).
-    fn place(&self, cell: Pos) -> (i32, i32) {
-        let distance = |direction: Direction| {
-            let (i, j) = direction.offset();
-            (self.corner.i - cell.i) * i + (self.corner.j - cell.j) * j
-        };
-        (distance(self.out), distance(self.along))
-    }
-
-    /// Whether this exit explains everything in view, once the block was pushed so often.
-    fn explains(&self, view: &View, pushes: i32, chart: &Chart) -> bool {
-        view.positions().all(|(cell, seen)| {
-            let (deep, far) = self.place(cell);
-            let is_gap = deep == 0 && (0..=3).contains(&far);
-            match seen {
-                Seen::Outside => true,
-                Seen::Block => is_block(deep, far, pushes),
-                Seen::Wall => chart.is_on_ring(cell) && !is_gap,
-                _ => !is_block(deep, far, pushes) && (is_gap || !chart.is_on_ring(cell)),
-            }
-        })
-    }
+    best.map(|(_, targets)| targets).unwrap_or_default()
 }
 
-/// Whether the block lies on a cell after so many pushes, the first along and the others out.
-fn is_block(deep: i32, far: i32, pushes: i32) -> bool {
-    let (along, out) = (pushes.min(1), (pushes - 1).max(0));
-    match deep + out {
-        0 => (0..=3).contains(&(far + along)),
-        1..=3 => (2..=4).contains(&(far + along)),
-        _ => false,
-    }
+/// The places from which to push, for so many agents: five that push along, in two lanes two behind each
+/// other and one in the lane that is `alone`, then those that push out. Where a push along and a push out can
+/// both succeed in one round, these keep to the lanes in which the block lies before them from the start.
+fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<Place> {
+    let along = (5..=6).flat_map(|far| (1..FRONT).rev().map(move |deep| Place { deep, far }));
+    let along = along.filter(|place| (place.deep, place.far) != (alone, 6));
+    let lanes: &[i32] = if exit.goes_along_first() { &[3, 2] } else { &[3, 2, 1] };
+    let out = (FRONT..).flat_map(|deep| lanes.iter().map(move |&far| Place { deep, far }));
+    along.chain(out).take(agents).collect()
+}
+
+/// How many steps it is from a place to a slot, around the block.
+fn distance(from: Place, slot: Place) -> i32 {
+    let is_pocket = from.far <= 1 && from.deep < FRONT && slot.far >= 5;
+    let detour = if is_pocket { 2 * (FRONT - from.deep.max(slot.deep)) } else { 0 };
+    (from.deep - slot.deep).abs() + (from.far - slot.far).abs() + detour
 }

@@ -37,7 +37,7 @@ fn an_unknown_name_is_refused_with_the_known_ones() {
     let refused = find("round-clock", TaskName::Transport).unwrap_err().to_string();
     assert_eq!(
         refused,
-        "no built-in player \"round-clock\" plays Transport, only push-and-leave, random"
+        "no built-in player \"round-clock\" plays Transport, only push-and-leave, find-and-push, push-ahead, random"
     );
     let long = find(&"x".repeat(10_000), TaskName::Pursuit).unwrap_err().to_string();
     assert!(long.len() < 200, "{long}");

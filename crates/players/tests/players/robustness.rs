@@ -76,13 +76,35 @@ fn pos() -> impl Strategy<Value = Pos> {
     (number(), number()).prop_map(|(i, j)| Pos::new(i, j))
 }
 
+/// What players understand of each other: the words with which their messages begin. A player that reads
+/// messages adds its own here.
+const WORDS: [&str; 9] = [
+    "Prey at",
+    "Food at",
+    "Nest at",
+    "Food and nest at",
+    "Square around",
+    "Swarm",
+    "Beat of",
+    "Gap at",
+    "?",
+];
+
+/// Known words and numbers that mean little, or almost a number, or nothing at all.
 fn message() -> impl Strategy<Value = Message> {
-    let words = prop::sample::select(&["Prey at", "Food at", "Nest at", "Gap at", "?"]);
-    let text = (words, prop::collection::vec(number(), 0..7)).prop_map(|(words, numbers)| {
-        let numbers: Vec<_> = numbers.iter().map(i32::to_string).collect();
-        format!("{words} {}", numbers.join(" "))
+    let part = prop_oneof![
+        12 => number().prop_map(|number| number.to_string()),
+        2 => (0..100_000_i64).prop_map(|number| number.to_string()),
+        1 => any::<i64>().prop_map(|number| number.to_string()),
+        1 => prop::sample::select(&["in", "round", "-", "1e9", "99999999999999999999", "٣", "+1"])
+            .prop_map(str::to_owned),
+    ];
+    let parts = prop::collection::vec(part, 0..12).prop_map(|parts| parts.join(" "));
+    let told = (prop::sample::select(&WORDS), parts).prop_map(|(words, parts)| {
+        Message::new(&format!("{words} {parts}")).expect("it has words")
     });
-    text.prop_map(|text| Message::new(&text).expect("it is not empty"))
+    let noise = "[ -~]{1,120}".prop_filter_map("all spaces", |text| Message::new(&text));
+    prop_oneof![9 => told, 1 => noise]
 }
 
 prop_compose! {
@@ -158,6 +180,36 @@ proptest! {
             let mut game = Game::new(Arc::clone(&config), built_in, seed);
             while !game.world().is_over() {
                 let acts = game.decide();
+                for act in &acts {
+                    check(task, act);
+                }
+                game.step(&acts);
+            }
+        }
+    }
+
+    #[test]
+    fn hostile_messages_are_survived(
+        settings in settings(),
+        seed in any::<u64>(),
+        lies in prop::collection::vec(message(), 1..20),
+    ) {
+        let config = Config::check(&settings);
+        prop_assume!(config.is_ok());
+        let config = Arc::new(config.expect("it was checked"));
+        let task = config.task();
+        for built_in in of_task(task) {
+            let mut game = Game::new(Arc::clone(&config), built_in, seed);
+            let mut lies = lies.iter().cycle();
+            while !game.world().is_over() {
+                let acts = game.decide_by(|player, observation| {
+                    let mut observation = observation.clone();
+                    if observation.position.is_some() {
+                        observation.messages.extend(lies.by_ref().take(3).cloned());
+                        observation.messages.sort_unstable();
+                    }
+                    player.decide(&observation)
+                });
                 for act in &acts {
                     check(task, act);
                 }

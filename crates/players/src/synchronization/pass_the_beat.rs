@@ -1,0 +1,61 @@
+//! Synchronization by a beat that goes from mouth to mouth.
+
+use swarmbench_engine::{Act, Message, Observation};
+
+use super::gather::{step, turn};
+use crate::talk::heard;
+use crate::{Player, Seat};
+
+/// How many messages are read at most in a round.
+const MESSAGES_MAX: usize = 64;
+
+/// Everybody has a beat of its own, on one round and off the next, and says with every round whose beat it is
+/// and what its light becomes. Whoever hears of the beat of a lower number takes that over. So the beat of
+/// the lowest number spreads two cells a round, and from then on nobody has to say or see anything: each counts
+/// on by itself. No number of a round is used. Whoever has not heard the lowest number comes to the middle.
+struct PassTheBeat {
+    seat: Seat,
+    /// Whose beat it follows.
+    leader: i32,
+    /// What its light becomes in this round.
+    wanted: Option<bool>,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    Box::new(PassTheBeat { seat: seat.clone(), leader: seat.agent.0.into(), wanted: None })
+}
+
+impl Player for PassTheBeat {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let (Some(_), Some(is_on)) = (observation.position, observation.light_on) else {
+            return Act::default();
+        };
+        // What was said was said for the round before, and in this one all lights become the opposite.
+        let mut wanted = self.wanted.map_or(!is_on, |wanted| !wanted);
+        let said = heard(observation, "Beat of").take(MESSAGES_MAX);
+        let said = said.filter(|[leader, beat]| *leader >= 0 && (0..=1).contains(beat));
+        let mut votes = (i32::MAX, 0_i32);
+        for [leader, beat] in said {
+            if leader < votes.0 {
+                votes = (leader, 0);
+            }
+            if leader == votes.0 {
+                votes.1 += if beat == 0 { 1 } else { -1 };
+            }
+        }
+        let (leader, vote) = votes;
+        // Where the beat of one leader is told in two ways, somebody was misheard, and most are right.
+        if leader < self.leader || leader == self.leader && leader != i32::from(self.seat.agent.0) {
+            self.leader = leader;
+            wanted = if vote == 0 { wanted } else { vote > 0 };
+        }
+        self.wanted = Some(wanted);
+        let message = Message::new(&format!("Beat of {} {}", self.leader, u8::from(wanted)));
+        // The lowest comes to the middle, too, where the others look for it.
+        let is_led = self.leader == 0 && self.seat.agent.0 != 0;
+        let step = if is_led { None } else { step(observation, &self.seat) };
+        let action = step.unwrap_or_else(|| turn(is_on, wanted));
+        Act { action: Some(action), message, to: None }
+    }
+}

@@ -1,0 +1,33 @@
+//! Synchronization by following who has the lowest number, without a memory and without a word.
+
+use swarmbench_engine::{Act, Observation};
+
+use super::gather::{lights, step, turn};
+use crate::{Player, Seat};
+
+/// Comes to the middle. There its light becomes what the light of the lowest number in view, itself included,
+/// is not: that one does the same with one still lower, and the lowest of all switches every round. So everybody
+/// whose chain of lowest numbers ends there keeps time with it.
+struct SwitchWithTheLowest {
+    seat: Seat,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    Box::new(SwitchWithTheLowest { seat: seat.clone() })
+}
+
+impl Player for SwitchWithTheLowest {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let (Some(_), Some(is_on)) = (observation.position, observation.light_on) else {
+            return Act::default();
+        };
+        if let Some(step) = step(observation, &self.seat) {
+            return Act::of(step);
+        }
+        let own = (self.seat.agent.0, is_on);
+        let lowest = lights(observation, self.seat.rules)
+            .fold(own, |lowest, seen| if seen.0 < lowest.0 { seen } else { lowest });
+        Act::of(turn(is_on, !lowest.1))
+    }
+}

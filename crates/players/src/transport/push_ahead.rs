@@ -1,0 +1,56 @@
+//! Transport by reaction alone.
+
+use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen};
+
+use crate::chance::Chance;
+use crate::chart::{Chart, push};
+use crate::{Player, Seat};
+
+/// Once in how many rounds it goes somewhere else than its rule says.
+const WHIM_ROUNDS: u32 = 8;
+
+/// Looks at what is in view now and at nothing else: leaves where it stands in the gap or beside it,
+/// goes to the block it sees and pushes, and wanders where it sees none.
+struct PushAhead {
+    chance: Chance,
+    seat: Seat,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    Box::new(PushAhead { chance: Chance::new(seat), seat: seat.clone() })
+}
+
+impl Player for PushAhead {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let mut chart = Chart::new(&self.seat);
+        let Some(here) = chart.look(observation) else { return Act::default() };
+        let order = self.chance.order();
+        if self.chance.one_in(WHIM_ROUNDS) {
+            return Act::of(push(order[0]));
+        }
+        Act::of(react(&chart, here, order))
+    }
+}
+
+/// What the rule says for what is in view.
+fn react(chart: &Chart, here: Pos, order: [Direction; 4]) -> Action {
+    // On the edge of the map there is no wall only in the gap.
+    let out = order.into_iter().find(|&direction| !chart.contains(here.toward(direction)));
+    if let Some(out) = out {
+        return push(out);
+    }
+    let is_block = |cell: Pos| chart.at(cell) == Some(Seen::Block);
+    let gap = |cell: Pos| chart.is_on_ring(cell) && chart.is_open(cell) && !chart.is_unknown(cell);
+    let beside = |cell: Pos| Direction::ALL.into_iter().find(|&side| is_block(cell.toward(side)));
+    let toward = |is_goal: &dyn Fn(Pos) -> bool| {
+        chart.way(here, order, 1, |cell| !chart.is_unknown(cell) && is_goal(cell))
+    };
+    // Where there is nothing to find, a search would go on over all that is not in view.
+    let sees_gap = chart.ring().any(gap);
+    let sees_block = chart.find(Seen::Block).is_some();
+    let to_gap = if sees_gap { toward(&gap) } else { None };
+    let to_block = || if sees_block { toward(&|cell| beside(cell).is_some()) } else { None };
+    let step = to_gap.or_else(|| beside(here)).or_else(to_block);
+    push(step.unwrap_or(order[0]))
+}
