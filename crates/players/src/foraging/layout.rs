@@ -1,0 +1,185 @@
+//! The maps of Foraging: there are so few that little has to be seen to know which one it is.
+
+use swarmbench_engine::{Direction, Pos, Seen, View, limits};
+
+use crate::Seat;
+
+/// Inner walls lie in every fourth row (or column).
+const SPACING: i32 = 4;
+
+/// One half of every gap, so that those who come and those who go do not meet there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Lane {
+    /// On a map with one wall, the half that is nearer to the squares.
+    Inner,
+    /// The other half.
+    Outer,
+    /// Both halves, for whoever is alone.
+    Both,
+}
+
+/// One of the maps that the rules can lay out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Layout {
+    height: i32,
+    width: i32,
+    /// The top-left cells of the two squares.
+    pub(super) food: Pos,
+    pub(super) nest: Pos,
+    /// Whether inner walls are columns.
+    columns: bool,
+    walls: i32,
+}
+
+impl Layout {
+    /// All maps of the seat's size that the rules can lay out, at most eight; none of a size that the
+    /// rules do not allow.
+    pub(super) fn all(seat: &Seat) -> Vec<Self> {
+        if ![seat.height, seat.width].iter().all(|&cells| limits::SIZE.contains(&cells.into())) {
+            return Vec::new();
+        }
+        let (height, width) = (i32::from(seat.height), i32::from(seat.width));
+        let mut all = Vec::new();
+        for columns in [false, true] {
+            let walls = (if columns { width } else { height } - SPACING - 1) / SPACING;
+            for (top, left) in [(true, true), (true, false), (false, true), (false, false)] {
+                let corner = |top: bool, left: bool| {
+                    Pos::new(if top { 1 } else { height - 3 }, if left { 1 } else { width - 3 })
+                };
+                let (mut food, mut nest) = (corner(top, left), corner(!top, !left));
+                if walls % 2 == 1 && columns {
+                    (food.i, nest.i) = (1, 1);
+                } else if walls % 2 == 1 {
+                    (food.j, nest.j) = (1, 1);
+                }
+                let layout = Self { height, width, food, nest, columns, walls };
+                if !all.contains(&layout) {
+                    all.push(layout);
+                }
+            }
+        }
+        all
+    }
+
+    /// What the layout puts on a cell; agents aside.
+    pub(super) fn at(&self, cell: Pos) -> Seen {
+        let on_map = (0..self.height).contains(&cell.i) && (0..self.width).contains(&cell.j);
+        let inside =
+            (1..self.height - 1).contains(&cell.i) && (1..self.width - 1).contains(&cell.j);
+        let is_in = |square: Pos| {
+            (0..2).contains(&(cell.i - square.i)) && (0..2).contains(&(cell.j - square.j))
+        };
+        if !on_map {
+            Seen::Outside
+        } else if is_in(self.food) {
+            Seen::Food
+        } else if is_in(self.nest) {
+            Seen::Nest
+        } else if !inside || self.is_inner_wall(cell) {
+            Seen::Wall
+        } else {
+            Seen::Empty
+        }
+    }
+
+    /// Rows and columns.
+    pub(super) const fn size(&self) -> Pos {
+        Pos::new(self.height, self.width)
+    }
+
+    /// Whether an agent can stand on a cell.
+    pub(super) fn is_open(&self, cell: Pos) -> bool {
+        self.at(cell) == Seen::Empty
+    }
+
+    /// Whether everything in view is as this layout has it.
+    pub(super) fn fits(&self, view: &View) -> bool {
+        view.positions().all(|(cell, seen)| match seen {
+            Seen::Empty | Seen::Yourself | Seen::Agent { .. } => self.is_open(cell),
+            Seen::Outside | Seen::Wall | Seen::Nest | Seen::Food => self.at(cell) == seen,
+            Seen::Block | Seen::Prey => false,
+        })
+    }
+
+    /// The cells beside a square.
+    pub(super) fn beside(&self, square: Pos) -> Vec<Pos> {
+        let sides = (-1..3).flat_map(|i| (-1..3).map(move |j| square.plus(Pos::new(i, j))));
+        let what = self.at(square);
+        let touches =
+            |cell: &Pos| Direction::ALL.iter().any(|&side| self.at(cell.toward(side)) == what);
+        sides.filter(|cell| self.is_open(*cell)).filter(touches).collect()
+    }
+
+    /// How many steps two open cells are apart for whoever keeps to a lane.
+    ///
+    /// Walls are crossed one after another, each within its gap. Whoever moves along a wall only as far as
+    /// the next gap demands never moves too far, so the number of steps needs no search. The squares
+    /// lie in corners of their rooms, where they are in nobody's way.
+    pub(super) fn apart(&self, from: Pos, to: Pos, lane: Lane) -> i32 {
+        let (from, to) = (self.turned(from), self.turned(to));
+        let (from, to) = if from.i <= to.i { (from, to) } else { (to, from) };
+        let (mut along, mut steps) = (from.j, to.i - from.i);
+        let first = ((from.i - 1) / SPACING).max(0);
+        for number in first..self.walls.min(to.i / SPACING) {
+            let (first, last) = self.lane(number, lane);
+            let next = along.max(first).min(last);
+            steps += (next - along).abs();
+            along = next;
+        }
+        steps + (to.j - along).abs()
+    }
+
+    /// The lane of loaded agents, or of empty ones.
+    ///
+    /// All go around the ends of the walls in the same sense, whichever of the two squares holds the food.
+    /// In that sense agents that turn one after another do not push each other into a wall, because
+    /// of the order in which the rules resolve the directions.
+    pub(super) fn lane_of(&self, loaded: bool) -> Lane {
+        let away = self.turned(self.food).i < self.turned(self.nest).i;
+        if loaded == away { Lane::Inner } else { Lane::Outer }
+    }
+
+    /// By how many rows (or columns) a cell is away from the side of its room at which the lane runs, at
+    /// most two. Inner lanes run beside that wall around whose end the way leads next.
+    pub(super) fn aside(&self, cell: Pos, lane: Lane) -> i32 {
+        let line = self.turned(cell).i;
+        let room = (line / SPACING).min(self.walls);
+        let deep = (line - room * SPACING - 1).clamp(0, 2);
+        if (room % 2 == 0) == (lane == Lane::Inner) { 2 - deep } else { deep }
+    }
+
+    /// The first and the last place along a wall at which a lane passes through its gap.
+    fn lane(&self, number: i32, lane: Lane) -> (i32, i32) {
+        let (first, last) = self.gap(number);
+        match lane {
+            Lane::Inner | Lane::Outer if first >= last => (first, last),
+            Lane::Both => (first, last),
+            Lane::Inner => (first, i32::midpoint(first, last - 1)),
+            Lane::Outer => (i32::midpoint(first, last - 1) + 1, last),
+        }
+    }
+
+    /// The first and the last place of a gap along its wall.
+    fn gap(&self, number: i32) -> (i32, i32) {
+        let length = if self.columns { self.height } else { self.width };
+        if number % 2 == 0 {
+            (length - (length + 2) / 3 + 1, length - 2)
+        } else {
+            (1, length / 3 - 1)
+        }
+    }
+
+    pub(super) fn is_inner_wall(&self, cell: Pos) -> bool {
+        let cell = self.turned(cell);
+        let number = cell.i / SPACING - 1;
+        let (first, last) = self.gap(number);
+        cell.i % SPACING == 0
+            && (0..self.walls).contains(&number)
+            && !(first..=last).contains(&cell.j)
+    }
+
+    /// The cell on a map on which the inner walls are rows.
+    const fn turned(&self, cell: Pos) -> Pos {
+        if self.columns { Pos::new(cell.j, cell.i) } else { cell }
+    }
+}

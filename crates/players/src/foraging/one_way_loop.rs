@@ -1,0 +1,110 @@
+//! Foraging in a loop that all walk in the same sense.
+
+use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, RuleSet, Seen, View};
+
+use super::layout::{Lane, Layout};
+use super::traffic::{Roads, Traffic, Walker};
+use crate::chance::Chance;
+use crate::chart::push;
+use crate::talk::heard;
+use crate::{Player, Seat};
+
+/// For how many rounds an agent may stand still before it suspects that others see things differently.
+const PATIENCE_ROUNDS: u32 = 3;
+
+/// The leading words of all messages.
+const NEWS: &str = "Food and nest at";
+
+/// Knows all maps that the rules can lay out, so that little has to be seen or heard to know which one this
+/// is. Loaded agents keep to one lane and empty ones to another, and every agent foresees where those in
+/// view go.
+struct OneWayLoop {
+    seat: Seat,
+    chance: Chance,
+    /// The maps that fit everything seen so far.
+    layouts: Vec<Layout>,
+    /// What another agent last said that the map is.
+    told: Option<Layout>,
+    roads: Option<(Layout, Roads)>,
+    /// Where it stood a round ago, and for how many rounds by now.
+    before: Option<Pos>,
+    standing: u32,
+}
+
+/// Makes the player.
+pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    Box::new(OneWayLoop {
+        seat: seat.clone(),
+        chance: Chance::new(seat),
+        layouts: Layout::all(seat),
+        told: None,
+        roads: None,
+        before: None,
+        standing: 0,
+    })
+}
+
+impl Player for OneWayLoop {
+    fn decide(&mut self, observation: &Observation) -> Act {
+        let (Some(here), Some(view)) = (observation.position, observation.view.as_ref()) else {
+            return Act::default();
+        };
+        self.layouts.retain(|layout| layout.fits(view));
+        for [i, j, k, l] in heard(observation, NEWS) {
+            let squares = (Pos::new(i, j), Pos::new(k, l));
+            let is_told = |layout: &&Layout| (layout.food, layout.nest) == squares;
+            self.told = self.layouts.iter().find(is_told).copied().or(self.told);
+        }
+        let Some((layout, is_sure)) = self.layout(here) else { return Act::default() };
+        let step = self.step(&layout, here, view, observation);
+        let Pos { i: k, j: l } = layout.nest;
+        let news = format!("{NEWS} {} {} {k} {l}", layout.food.i, layout.food.j);
+        let message = if is_sure { Message::new(&news) } else { None };
+        Act { action: Some(step.map_or(Action::Stay, push)), message, to: None }
+    }
+}
+
+impl OneWayLoop {
+    /// The map as far as it is known, and whether it is: of several it is the one whose food is nearest.
+    fn layout(&self, here: Pos) -> Option<(Layout, bool)> {
+        let told = self.told.filter(|told| self.layouts.contains(told));
+        let apart = |layout: &Layout| layout.apart(here, layout.food, Lane::Both);
+        let nearest = || self.layouts.iter().copied().min_by_key(apart);
+        let layout = told.or_else(nearest)?;
+        Some((layout, told.is_some() || self.layouts.len() == 1))
+    }
+
+    fn step(
+        &mut self,
+        layout: &Layout,
+        here: Pos,
+        view: &View,
+        observation: &Observation,
+    ) -> Option<Direction> {
+        let fits = |(known, roads): &(Layout, Roads)| known == layout && roads.reach(here);
+        let known = self.roads.take().filter(fits);
+        let (_, roads) =
+            self.roads.insert(known.unwrap_or_else(|| (*layout, Roads::new(layout, here))));
+        let at = roads.cell(here)?;
+        let loaded = observation.carrying_food == Some(true);
+        let mut walkers = vec![Walker { number: self.seat.agent.0, at, loaded }];
+        let is_loaded = |marked: bool| marked == (self.seat.rules == RuleSet::Paper);
+        for (at, seen) in view.positions() {
+            if let (Some(at), Seen::Agent { number, marked }) = (roads.cell(at), seen)
+                && walkers[0].at != at
+            {
+                walkers.push(Walker { number, at, loaded: is_loaded(marked) });
+            }
+        }
+        let traffic = Traffic::new(roads, &walkers);
+        self.standing = if self.before.replace(here) == Some(here) { self.standing + 1 } else { 0 };
+        if self.standing >= PATIENCE_ROUNDS && self.chance.one_in(2) {
+            let is_free =
+                |side: &Direction| roads.toward(at, *side).is_some_and(|to| !traffic.is_taken(to));
+            return self.chance.order().into_iter().find(is_free);
+        }
+        let left = observation.max_round.saturating_sub(observation.round);
+        let turn = usize::try_from(observation.round).unwrap_or(0);
+        traffic.decide(i32::try_from(left).unwrap_or(i32::MAX), turn)
+    }
+}

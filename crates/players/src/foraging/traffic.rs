@@ -1,0 +1,237 @@
+//! Who goes where, as everybody in sight of each other works it out alike.
+
+use swarmbench_engine::{Direction, Pos};
+
+use super::layout::{Lane, Layout};
+
+/// How far roads reach from the agent in their middle, in rows and columns.
+const REACH: i32 = 8;
+
+/// How far an agent may be off the middle of its roads before it needs others.
+const DRIFT: i32 = 4;
+
+/// What a step costs. The other costs only choose among steps that are equally good.
+const STEP: i32 = 16;
+/// What each row (or column) beside the lane costs.
+const ASIDE: i32 = 6;
+/// What waiting costs.
+const STAY: i32 = 2;
+/// What it costs to go where an agent of the other kind is, which comes toward this one.
+const ONCOMING: i32 = 4;
+
+/// Nobody is on a cell.
+const NOBODY: usize = usize::MAX;
+
+/// The part of a map around an agent. A cell is a number here.
+pub(super) struct Roads {
+    middle: Pos,
+    origin: Pos,
+    height: i32,
+    width: i32,
+    /// By cell, whether an agent can stand there; never so on the rim.
+    open: Vec<bool>,
+    /// By load and cell, what the way to the next delivery costs.
+    costs: [Vec<i32>; 2],
+    /// By load and cell, how many steps the next delivery is away at least.
+    steps: [Vec<i32>; 2],
+}
+
+impl Roads {
+    /// The roads around an agent.
+    pub(super) fn new(layout: &Layout, middle: Pos) -> Self {
+        let size = layout.size();
+        let first = |middle: i32, size: i32| (middle - REACH).min(size - 2 * REACH - 1).max(0);
+        let origin = Pos::new(first(middle.i, size.i), first(middle.j, size.j));
+        let (height, width) = (size.i.min(2 * REACH + 1), size.j.min(2 * REACH + 1));
+        let on_rim = |n: i32| n % width % (width - 1) == 0 || n / width % (height - 1) == 0;
+        let cells: Vec<Pos> =
+            (0..height * width).map(|n| origin.plus(Pos::new(n / width, n % width))).collect();
+        let is_open = |(cell, n): (&Pos, i32)| !on_rim(n) && layout.is_open(*cell);
+        let open: Vec<bool> = cells.iter().zip(0..).map(is_open).collect();
+        let each = |loaded, of: fn(&Way, Pos) -> i32| {
+            let way = Way::new(layout, loaded);
+            let of = |(cell, &open): (&Pos, &bool)| if open { of(&way, *cell) } else { 0 };
+            cells.iter().zip(&open).map(of).collect()
+        };
+        let costs = [false, true].map(|loaded| each(loaded, |way, from| way.cost(from)));
+        let steps =
+            [false, true].map(|loaded| each(loaded, |way, from| way.steps(from, Lane::Both)));
+        Self { middle, origin, height, width, open, costs, steps }
+    }
+
+    /// Whether an agent is still well within these roads.
+    pub(super) const fn reach(&self, here: Pos) -> bool {
+        here.is_within(DRIFT, self.middle)
+    }
+
+    /// The number of a cell on which an agent can stand.
+    pub(super) fn cell(&self, at: Pos) -> Option<usize> {
+        let (i, j) = (at.i - self.origin.i, at.j - self.origin.j);
+        let inside = (0..self.height).contains(&i) && (0..self.width).contains(&j);
+        let cell = usize::try_from(i * self.width + j).ok().filter(|_| inside)?;
+        self.open[cell].then_some(cell)
+    }
+
+    /// The open cell in a direction of an open one.
+    pub(super) fn toward(&self, cell: usize, side: Direction) -> Option<usize> {
+        let row = usize::try_from(self.width).expect("roads have a width");
+        // An open cell does not lie on the rim, so it has four neighbours.
+        let next = match side {
+            Direction::Up => cell - row,
+            Direction::Down => cell + row,
+            Direction::Left => cell - 1,
+            Direction::Right => cell + 1,
+        };
+        self.open[next].then_some(next)
+    }
+
+    /// What the way to the next delivery costs from a cell.
+    fn cost(&self, cell: usize, loaded: bool) -> i32 {
+        self.costs[usize::from(loaded)][cell]
+    }
+}
+
+/// Where agents of a kind want to go.
+struct Way<'a> {
+    layout: &'a Layout,
+    loaded: bool,
+    /// The cells at which the load changes, with the number of steps from there to where it changes again.
+    goals: Vec<(Pos, i32)>,
+    /// The steps of the way back, which are not part of the way to a delivery.
+    back: i32,
+}
+
+impl<'a> Way<'a> {
+    fn new(layout: &'a Layout, loaded: bool) -> Self {
+        let (near, far) =
+            if loaded { (layout.nest, layout.food) } else { (layout.food, layout.nest) };
+        let then = layout.beside(far);
+        let onward = |goal: Pos| {
+            let steps = then.iter().map(|&next| layout.apart(goal, next, Lane::Both));
+            (goal, steps.min().unwrap_or(0))
+        };
+        let goals: Vec<_> = layout.beside(near).into_iter().map(onward).collect();
+        let back = goals.iter().map(|&(_, onward)| onward).min().unwrap_or(0);
+        Self { layout, loaded, goals, back: if loaded { back } else { 0 } }
+    }
+
+    /// The number of steps from a cell to the next delivery.
+    fn steps(&self, from: Pos, lane: Lane) -> i32 {
+        let steps = |&(goal, onward): &(Pos, i32)| self.layout.apart(from, goal, lane) + onward;
+        self.goals.iter().map(steps).min().unwrap_or(0) - self.back
+    }
+
+    fn cost(&self, from: Pos) -> i32 {
+        let lane = self.layout.lane_of(self.loaded);
+        STEP * self.steps(from, lane) + ASIDE * self.layout.aside(from, lane)
+    }
+}
+
+/// An agent on the roads.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Walker {
+    pub(super) number: u16,
+    pub(super) at: usize,
+    pub(super) loaded: bool,
+}
+
+/// Agents on roads, and what they decide, one after another.
+///
+/// The one with the highest priority takes the best cell. Whoever stands there decides next, and so on; if
+/// somebody down the line cannot make room, the one before it takes its second choice. Known as priority
+/// inheritance with backtracking (Okumura et al., 2019).
+pub(super) struct Traffic<'a> {
+    roads: &'a Roads,
+    walkers: &'a [Walker],
+    /// By cell, the place of the walker that is there, and of that which will be there.
+    now: Vec<usize>,
+    next: Vec<usize>,
+    /// By walker, what it does, if it has decided.
+    decided: Vec<Option<Option<Direction>>>,
+}
+
+impl<'a> Traffic<'a> {
+    /// Walkers that have not yet decided. No two may be on one cell.
+    pub(super) fn new(roads: &'a Roads, walkers: &'a [Walker]) -> Self {
+        let mut now = vec![NOBODY; roads.open.len()];
+        for (place, walker) in walkers.iter().enumerate() {
+            now[walker.at] = place;
+        }
+        let next = vec![NOBODY; roads.open.len()];
+        Self { roads, walkers, now, next, decided: vec![None; walkers.len()] }
+    }
+
+    /// What the first walker does with so many rounds left: those who carry go first, then those who are
+    /// nearest to where they want to be, and last who can deliver nothing more in time.
+    pub(super) fn decide(mut self, left: i32, turn: usize) -> Option<Direction> {
+        let priority = |&place: &usize| {
+            let walker = &self.walkers[place];
+            let steps = self.roads.steps[usize::from(walker.loaded)][walker.at];
+            (steps > left, !walker.loaded, steps, walker.number)
+        };
+        let mut order: Vec<usize> = (0..self.walkers.len()).collect();
+        order.sort_by_key(priority);
+        for place in order {
+            if self.decided[place].is_none() {
+                self.send(place, None, turn);
+            }
+        }
+        self.decided.first().copied().flatten().flatten()
+    }
+
+    /// Whether anybody is on a cell.
+    pub(super) fn is_taken(&self, cell: usize) -> bool {
+        self.now[cell] != NOBODY
+    }
+
+    /// Decides for a walker that has to leave its cell to one that comes from `from`. Returns whether
+    /// it leaves or may stay.
+    fn send(&mut self, place: usize, from: Option<usize>, turn: usize) -> bool {
+        let at = self.walkers[place].at;
+        // Whoever is asked in turn is not asked again.
+        self.decided[place] = Some(None);
+        for (to, side) in self.options(place, turn) {
+            if self.next[to] != NOBODY || from == Some(to) {
+                continue;
+            }
+            self.next[to] = place;
+            let there = self.now[to];
+            if there != NOBODY && there != place {
+                if let Some(side) = self.decided[there] {
+                    // It leaves, but not to here.
+                    if side.and_then(|side| self.roads.toward(to, side)) == Some(at) {
+                        self.next[to] = NOBODY;
+                        continue;
+                    }
+                } else if !self.send(there, Some(at), turn) {
+                    continue;
+                }
+            }
+            self.decided[place] = Some(side);
+            return true;
+        }
+        self.next[at] = place;
+        false
+    }
+
+    /// The cells to which a walker can go, best first.
+    fn options(&self, place: usize, turn: usize) -> Vec<(usize, Option<Direction>)> {
+        let Walker { at, loaded, .. } = self.walkers[place];
+        let mut sides = Direction::ALL;
+        sides.rotate_left(turn % 4);
+        let step = |side| self.roads.toward(at, side).map(|to| (to, Some(side)));
+        let mut options: Vec<_> = sides.into_iter().filter_map(step).collect();
+        options.push((at, None));
+        options.sort_by_key(|&(to, side)| {
+            let is_oncoming =
+                self.walkers.get(self.now[to]).is_some_and(|other| other.loaded != loaded);
+            let more = match side {
+                None => STAY,
+                Some(_) if is_oncoming => ONCOMING,
+                Some(_) => 0,
+            };
+            self.roads.cost(to, loaded) + more
+        });
+        options
+    }
+}
