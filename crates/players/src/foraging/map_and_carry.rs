@@ -15,33 +15,47 @@ const CROWD: u32 = 1;
 const PATIENCE_ROUNDS: u32 = 3;
 
 /// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is
-/// empty and to the nest when it is loaded. It tells others where both are.
+/// empty and to the nest when it is loaded. It may tell others where both are.
 struct MapAndCarry {
     chance: Chance,
     chart: Chart,
     /// Where it stood a round ago.
     before: Option<Pos>,
+    /// Whether it speaks and listens.
+    talks: bool,
 }
 
-/// Makes the player.
+/// Makes the player that tells others what it knows.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    player(seat, true)
+}
+
+/// Makes the player that keeps what it knows to itself.
+pub(crate) fn make_silent(seat: &Seat) -> Box<dyn Player> {
+    player(seat, false)
+}
+
+fn player(seat: &Seat, talks: bool) -> Box<dyn Player> {
     let mut chart = Chart::new(seat);
     chart.close_ring();
-    Box::new(MapAndCarry { chance: Chance::new(seat), chart, before: None })
+    Box::new(MapAndCarry { chance: Chance::new(seat), chart, before: None, talks })
 }
 
 impl Player for MapAndCarry {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some(here) = self.chart.look(observation) else { return Act::default() };
-        for (words, seen) in [("Food at", Seen::Food), ("Nest at", Seen::Nest)] {
-            for [i, j] in heard(observation, words) {
-                self.chart.hear(Pos::new(i, j), seen);
+        if self.talks {
+            for (words, seen) in [("Food at", Seen::Food), ("Nest at", Seen::Nest)] {
+                for [i, j] in heard(observation, words) {
+                    self.chart.hear(Pos::new(i, j), seen);
+                }
             }
         }
         let loaded = observation.carrying_food == Some(true);
         let is_stuck = self.before.replace(here) == Some(here);
         let action = self.walk(here, if loaded { Seen::Nest } else { Seen::Food }, is_stuck);
-        Act { action: Some(action), message: self.news(observation.round), to: None }
+        let message = if self.talks { self.news(observation.round) } else { None };
+        Act { action: Some(action), message, to: None }
     }
 }
 
