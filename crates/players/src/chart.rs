@@ -93,7 +93,7 @@ impl Chart {
     /// Notes everything in view. Returns where the agent stands: none where it has escaped or where
     /// the observation is of another map, and then there is nothing for it to do.
     pub(crate) fn look(&mut self, observation: &Observation) -> Option<Pos> {
-        let (here, view) = sights(observation).filter(|(here, _)| self.contains(*here))?;
+        let (here, view) = sight(observation).filter(|(here, _)| self.contains(*here))?;
         let Pos { i: top, j: left } = view.origin;
         self.now = observation.round;
         // Most of a large window may lie outside the map.
@@ -243,15 +243,6 @@ impl Chart {
     }
 }
 
-/// Where the agent stands and what it sees; none where it has escaped or where the numbers are beyond any
-/// map, with which nobody should have to count.
-pub(crate) fn sights(observation: &Observation) -> Option<(Pos, &View)> {
-    let (here, view) = (observation.position?, observation.view.as_ref()?);
-    let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
-    let is_near = |at: Pos| near.contains(&at.i) && near.contains(&at.j);
-    (is_near(here) && is_near(view.origin)).then_some((here, view))
-}
-
 /// Cells that a search has reached and not gone on from, the nearest first. A step has one of two costs, so
 /// that two queues hold them in order.
 #[derive(Default)]
@@ -287,6 +278,14 @@ impl Frontier {
             _ => self.plain.pop_front(),
         }
     }
+}
+
+/// Where the agent stands and what it sees: none where it has escaped, or where no map is.
+pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
+    let (here, view) = (observation.position?, observation.view.as_ref()?);
+    let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
+    let numbers = [here.i, here.j, view.origin.i, view.origin.j];
+    numbers.iter().all(|number| near.contains(number)).then_some((here, view))
 }
 
 /// The action that goes in a direction.

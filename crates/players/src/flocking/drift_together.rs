@@ -3,6 +3,7 @@
 use swarmbench_engine::{Act, Action, Observation, Seen};
 
 use crate::chance::Chance;
+use crate::chart::sight;
 use crate::{Player, Seat};
 
 /// Steps toward the middle of those in view, and anywhere while it sees nobody or is there.
@@ -17,9 +18,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 impl Player for DriftTogether {
     fn decide(&mut self, observation: &Observation) -> Act {
-        let (Some(here), Some(view)) = (observation.position, observation.view.as_ref()) else {
-            return Act::default();
-        };
+        let Some((here, view)) = sight(observation) else { return Act::default() };
         let others = view.positions().filter(|(_, seen)| matches!(seen, Seen::Agent { .. }));
         // How far the others are below and to the right of it, all together.
         let (below, right) = others.fold((0_i64, 0_i64), |(below, right), (at, _)| {

@@ -1,4 +1,38 @@
 //! Players of Flocking.
+//!
+//! | player | kind | seeds 0..20 | seeds 1000..1200 |
+//! | --- | --- | --- | --- |
+//! | `meet-in-the-middle` | memory, no messages | 11.70 ± 2.39 | 11.28 ± 2.00 |
+//! | `follow-the-leader` | messages | 11.70 ± 2.39 | 11.28 ± 2.00 |
+//! | `walk-to-own-cell` | agreed beforehand, looks at nobody | 10.72 ± 2.75 | 10.13 ± 2.40 |
+//! | `random` | | 4.62 ± 2.36 | 4.54 ± 2.03 |
+//! | `drift-together` | reaction to those in view | 2.98 ± 1.83 | 3.92 ± 2.27 |
+//!
+//! # The bound, and that it is reached
+//!
+//! The score is the cost of the layout less the least cost of any round, and no cost is below 0. So the cost of the
+//! layout is the bound. `meet-in-the-middle` reaches it in every game of the seeds 1000..2000 at the
+//! standard setting, half of them within 14 rounds and all within 32: there is nothing left to gain. The
+//! deviation of its scores is that of the layouts.
+//!
+//! # What it took
+//!
+//! - All have to mean the same square. The size of the map is known to everybody, so its middle needs no word.
+//!   `follow-the-leader` has a place said by one agent instead, and gets there as well, a little later.
+//! - Nobody has a cell of its own. Where agents have (`walk-to-own-cell`), they block each other's way:
+//!   of the last of them some never arrive.
+//! - Somebody may be shut in or out, with the last hole on the other side. At the standard setting it
+//!   is enough to push an agent out of its place, which then looks for another one. In larger swarms on small
+//!   maps that is not enough: with 20, 24 and 28 agents on 10 × 10 cells, 39, 45 and 60 of 60 games were not
+//!   finished. Since those in place move up after some rounds and let the hole come by, all 60 are.
+//! - An agent that steps toward the middle of those in view does worse than a random one: small groups
+//!   stand in clumps, and a clump is far from an outline.
+//!
+//! # What limits other settings
+//!
+//! Time, where the map is large: with 48 agents on 30 × 30 cells 11 of 60 games are not finished after 100
+//! rounds (141.7 of 142.3 points), and with 64 on 100 × 100 cells none of 10 is (1146 of 1170 points). A square
+//! that is larger than the map can have no cost 0; the agents then line the walls.
 
 mod drift_together;
 mod follow_the_leader;
@@ -37,60 +71,3 @@ pub(crate) static PLAYERS: &[BuiltIn] = &[
         make: drift_together::make,
     },
 ];
-
-#[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-    use swarmbench_engine::*;
-    #[test]
-    fn finish() {
-        let n: i64 = std::env::var("N").map_or(12, |n| n.parse().unwrap());
-        let w: i64 = std::env::var("W").map_or(10, |n| n.parse().unwrap());
-        let h: i64 = std::env::var("H").map_or(w, |n| n.parse().unwrap());
-        let count: u64 = std::env::var("C").map_or(200, |n| n.parse().unwrap());
-        let name = std::env::var("P").unwrap_or("meet-in-the-middle".into());
-        let mut left = Vec::new();
-        let mut rounds = Vec::new();
-        let (mut score, mut initial) = (0.0, 0.0);
-        for seed in 1000..1000 + count {
-            let settings = Settings {
-                num_agents: n,
-                width: w,
-                height: h,
-                ..Settings::standard(TaskName::Flocking, seed)
-            };
-            let config = Arc::new(Config::check(&settings).unwrap());
-            let mut game = crate::game::Game::new(
-                config,
-                crate::find(&name, TaskName::Flocking).unwrap(),
-                seed,
-            );
-            initial += game.world().spectacle().distance.unwrap();
-            while !game.world().is_over() {
-                let acts = game.decide();
-                game.step(&acts);
-            }
-            score += game.world().score();
-            if std::env::var("SHOW").is_ok() && !game.world().is_done() {
-                for row in game.world().spectacle().grid {
-                    println!("N {row}");
-                }
-            }
-            if game.world().is_done() {
-                rounds.push(game.world().round());
-            } else {
-                left.push((seed, game.world().spectacle().distance.unwrap()));
-            }
-        }
-        rounds.sort();
-        println!(
-            "N {n} {w}x{h}: initial {:.2} score {:.2}, {} unfinished {:?} rounds max {:?} median {:?}",
-            initial / count as f64,
-            score / count as f64,
-            left.len(),
-            &left[..left.len().min(6)],
-            rounds.last(),
-            rounds.get(rounds.len() / 2)
-        );
-    }
-}

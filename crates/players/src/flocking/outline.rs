@@ -16,6 +16,10 @@ const TAKEN_ROUNDS: u32 = 8;
 /// others out of the outline and takes its cell.
 const CROWD: u32 = 5;
 
+/// From how many steps on a cell is so far away that an agent walks straight toward it: a search for the
+/// best way around others would take long and could not see them anyway.
+const FAR: i32 = 20;
+
 /// The outline of the square that the swarm is to form, at some place.
 pub(super) struct Outline {
     /// All cells; those that no agent can reach are replaced by the nearest that one can.
@@ -81,7 +85,20 @@ impl Outline {
             }
         }
         let is_free = |cell: Pos| self.cells.contains(&cell) && !chart.is_taken(cell, TAKEN_ROUNDS);
-        chart.way(here, order, CROWD, is_free).map_or(Action::Stay, push)
+        let steps = |cell: &Pos| (cell.i - here.i).abs() + (cell.j - here.j).abs();
+        let nearest = self.cells().filter(|&cell| is_free(cell)).min_by_key(steps);
+        let step = match nearest {
+            Some(goal) if steps(&goal) > FAR => {
+                let is_closer = |side: &Direction| {
+                    let next = here.toward(*side);
+                    (goal.i - next.i).abs() + (goal.j - next.j).abs() < steps(&goal)
+                };
+                order.into_iter().find(is_closer)
+            }
+            Some(_) => chart.way(here, order, CROWD, is_free),
+            None => None,
+        };
+        step.map_or(Action::Stay, push)
     }
 
     /// Whether a cell of the outline is empty and nobody who is not in place can enter it now.

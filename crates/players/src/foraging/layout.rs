@@ -52,6 +52,8 @@ impl Layout {
                 } else if walls % 2 == 1 {
                     (food.j, nest.j) = (1, 1);
                 }
+                // Without walls it is all the same which way they would run.
+                let columns = columns && walls > 0;
                 let layout = Self { height, width, food, nest, columns, walls };
                 if !all.contains(&layout) {
                     all.push(layout);
@@ -181,5 +183,102 @@ impl Layout {
     /// The cell on a map on which the inner walls are rows.
     const fn turned(&self, cell: Pos) -> Pos {
         if self.columns { Pos::new(cell.j, cell.i) } else { cell }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::sync::Arc;
+
+    use swarmbench_engine::{AgentId, Config, Settings, TaskName, World};
+
+    use super::*;
+
+    /// A game whose agents see everything.
+    fn world(height: i64, width: i64, seed: u64) -> World {
+        let settings = Settings {
+            control: "centralized".to_owned(),
+            height,
+            width,
+            ..Settings::standard(TaskName::Foraging, seed)
+        };
+        World::new(Arc::new(Config::check(&settings).expect("playable settings")))
+    }
+
+    /// The only layout that fits what is there.
+    fn layout(world: &World) -> Layout {
+        let seat = Seat::of(world.config(), AgentId(0), 0);
+        let view = world.observe(AgentId(0)).view.expect("it has not escaped");
+        let fits: Vec<_> = Layout::all(&seat).into_iter().filter(|it| it.fits(&view)).collect();
+        assert_eq!(fits.len(), 1, "{seat:?}");
+        fits[0]
+    }
+
+    /// By cell, how many steps it is away from the first one.
+    fn searched(layout: &Layout, from: Pos) -> Vec<(Pos, i32)> {
+        let mut found = vec![(from, 0)];
+        let mut open = VecDeque::from(found.clone());
+        while let Some((cell, steps)) = open.pop_front() {
+            for next in Direction::ALL.map(|side| cell.toward(side)) {
+                if layout.is_open(next) && found.iter().all(|&(known, _)| known != next) {
+                    found.push((next, steps + 1));
+                    open.push_back((next, steps + 1));
+                }
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn every_map_is_known_and_so_are_its_ways() {
+        for (height, width) in [(8, 8), (9, 9), (10, 10), (13, 13), (14, 14), (8, 17), (18, 11)] {
+            for seed in 0..12 {
+                let layout = layout(&world(height, width, seed));
+                for from in layout.beside(layout.food) {
+                    for (to, steps) in searched(&layout, from) {
+                        assert_eq!(
+                            layout.apart(from, to, Lane::Both),
+                            steps,
+                            "{layout:?} {from:?} {to:?}"
+                        );
+                        assert_eq!(
+                            layout.apart(to, from, Lane::Both),
+                            steps,
+                            "{layout:?} {from:?} {to:?}"
+                        );
+                        let lane = layout.apart(from, to, Lane::Inner).min(layout.apart(
+                            from,
+                            to,
+                            Lane::Outer,
+                        ));
+                        assert!(lane >= steps, "{layout:?} {from:?} {to:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// What the swarm scores at most on a layout if nobody is ever in the way and nobody is pushed along.
+    fn bound(world: &World) -> i32 {
+        let layout = layout(world);
+        let (foods, nests) = (layout.beside(layout.food), layout.beside(layout.nest));
+        let apart = |from: Pos, to: Pos| layout.apart(from, to, Lane::Both);
+        let trip =
+            |food: Pos| nests.iter().map(|&nest| apart(food, nest)).min().expect("four cells");
+        let least = foods.iter().map(|&food| trip(food)).min().expect("four cells");
+        let first = |from: Pos| {
+            foods.iter().map(|&food| apart(from, food) + trip(food)).min().expect("four cells")
+        };
+        let rounds = i32::try_from(world.config().settings().max_round).expect("a short game");
+        let deliveries = |at: Pos| (rounds - first(at)) / (2 * least) + 1;
+        world.agent_states().map(|agent| deliveries(agent.at)).sum()
+    }
+
+    /// The number is told in the docs.
+    #[test]
+    fn without_traffic_the_swarm_would_score_so_much() {
+        let total: i32 = (0..20).map(|seed| bound(&world(10, 10, seed))).sum();
+        assert_eq!(total, 877, "20 times 43.85");
     }
 }

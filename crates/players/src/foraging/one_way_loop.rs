@@ -5,7 +5,7 @@ use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, RuleS
 use super::layout::{Lane, Layout};
 use super::traffic::{Roads, Traffic, Walker};
 use crate::chance::Chance;
-use crate::chart::push;
+use crate::chart::{push, sight};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
@@ -46,9 +46,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 impl Player for OneWayLoop {
     fn decide(&mut self, observation: &Observation) -> Act {
-        let (Some(here), Some(view)) = (observation.position, observation.view.as_ref()) else {
-            return Act::default();
-        };
+        let Some((here, view)) = sight(observation) else { return Act::default() };
         self.layouts.retain(|layout| layout.fits(view));
         for [i, j, k, l] in heard(observation, NEWS) {
             let squares = (Pos::new(i, j), Pos::new(k, l));

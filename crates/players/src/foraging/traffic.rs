@@ -49,11 +49,11 @@ impl Roads {
         let is_open = |(cell, n): (&Pos, i32)| !on_rim(n) && layout.is_open(*cell);
         let open: Vec<bool> = cells.iter().zip(0..).map(is_open).collect();
         let each = |loaded, of: fn(&Way, Pos) -> i32| {
-            let way = Way::new(layout, loaded);
+            let way = Way::new(*layout, loaded);
             let of = |(cell, &open): (&Pos, &bool)| if open { of(&way, *cell) } else { 0 };
             cells.iter().zip(&open).map(of).collect()
         };
-        let costs = [false, true].map(|loaded| each(loaded, |way, from| way.cost(from)));
+        let costs = [false, true].map(|loaded| each(loaded, Way::cost));
         let steps =
             [false, true].map(|loaded| each(loaded, |way, from| way.steps(from, Lane::Both)));
         Self { middle, origin, height, width, open, costs, steps }
@@ -92,8 +92,8 @@ impl Roads {
 }
 
 /// Where agents of a kind want to go.
-struct Way<'a> {
-    layout: &'a Layout,
+struct Way {
+    layout: Layout,
     loaded: bool,
     /// The cells at which the load changes, with the number of steps from there to where it changes again.
     goals: Vec<(Pos, i32)>,
@@ -101,8 +101,8 @@ struct Way<'a> {
     back: i32,
 }
 
-impl<'a> Way<'a> {
-    fn new(layout: &'a Layout, loaded: bool) -> Self {
+impl Way {
+    fn new(layout: Layout, loaded: bool) -> Self {
         let (near, far) =
             if loaded { (layout.nest, layout.food) } else { (layout.food, layout.nest) };
         let then = layout.beside(far);
@@ -146,8 +146,8 @@ pub(super) struct Traffic<'a> {
     /// By cell, the place of the walker that is there, and of that which will be there.
     now: Vec<usize>,
     next: Vec<usize>,
-    /// By walker, what it does, if it has decided.
-    decided: Vec<Option<Option<Direction>>>,
+    /// By walker, to which cell it goes, or where it stays, if it has decided.
+    decided: Vec<Option<usize>>,
 }
 
 impl<'a> Traffic<'a> {
@@ -176,7 +176,8 @@ impl<'a> Traffic<'a> {
                 self.send(place, None, turn);
             }
         }
-        self.decided.first().copied().flatten().flatten()
+        let (at, to) = (self.walkers.first()?.at, self.decided.first().copied()??);
+        Direction::ALL.into_iter().find(|&side| self.roads.toward(at, side) == Some(to))
     }
 
     /// Whether anybody is on a cell.
@@ -189,17 +190,17 @@ impl<'a> Traffic<'a> {
     fn send(&mut self, place: usize, from: Option<usize>, turn: usize) -> bool {
         let at = self.walkers[place].at;
         // Whoever is asked in turn is not asked again.
-        self.decided[place] = Some(None);
-        for (to, side) in self.options(place, turn) {
+        self.decided[place] = Some(at);
+        for to in self.options(place, turn) {
             if self.next[to] != NOBODY || from == Some(to) {
                 continue;
             }
             self.next[to] = place;
             let there = self.now[to];
             if there != NOBODY && there != place {
-                if let Some(side) = self.decided[there] {
-                    // It leaves, but not to here.
-                    if side.and_then(|side| self.roads.toward(to, side)) == Some(at) {
+                if let Some(goes) = self.decided[there] {
+                    // Nobody can change places.
+                    if goes == at {
                         self.next[to] = NOBODY;
                         continue;
                     }
@@ -207,7 +208,7 @@ impl<'a> Traffic<'a> {
                     continue;
                 }
             }
-            self.decided[place] = Some(side);
+            self.decided[place] = Some(to);
             return true;
         }
         self.next[at] = place;
@@ -215,20 +216,17 @@ impl<'a> Traffic<'a> {
     }
 
     /// The cells to which a walker can go, best first.
-    fn options(&self, place: usize, turn: usize) -> Vec<(usize, Option<Direction>)> {
+    fn options(&self, place: usize, turn: usize) -> Vec<usize> {
         let Walker { at, loaded, .. } = self.walkers[place];
         let mut sides = Direction::ALL;
         sides.rotate_left(turn % 4);
-        let step = |side| self.roads.toward(at, side).map(|to| (to, Some(side)));
-        let mut options: Vec<_> = sides.into_iter().filter_map(step).collect();
-        options.push((at, None));
-        options.sort_by_key(|&(to, side)| {
-            let is_oncoming =
-                self.walkers.get(self.now[to]).is_some_and(|other| other.loaded != loaded);
-            let more = match side {
-                None => STAY,
-                Some(_) if is_oncoming => ONCOMING,
-                Some(_) => 0,
+        let steps = sides.into_iter().filter_map(|side| self.roads.toward(at, side));
+        let mut options: Vec<_> = steps.chain([at]).collect();
+        options.sort_by_key(|&to| {
+            let more = match self.walkers.get(self.now[to]) {
+                _ if to == at => STAY,
+                Some(other) if other.loaded != loaded => ONCOMING,
+                _ => 0,
             };
             self.roads.cost(to, loaded) + more
         });

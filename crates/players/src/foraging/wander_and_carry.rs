@@ -3,6 +3,7 @@
 use swarmbench_engine::{Act, Action, Observation, Seen};
 
 use crate::chance::Chance;
+use crate::chart::sight;
 use crate::{Player, Seat};
 
 /// Steps toward the nearest food that it sees when it is empty, and the nearest nest when it is loaded;
@@ -18,9 +19,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 impl Player for WanderAndCarry {
     fn decide(&mut self, observation: &Observation) -> Act {
-        let (Some(here), Some(view)) = (observation.position, observation.view.as_ref()) else {
-            return Act::default();
-        };
+        let Some((here, view)) = sight(observation) else { return Act::default() };
         let loaded = observation.carrying_food == Some(true);
         let wanted = if loaded { Seen::Nest } else { Seen::Food };
         let apart = |to: i32, from: i32| i64::from(to) - i64::from(from);

@@ -3,7 +3,7 @@
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 
 use crate::chance::Chance;
-use crate::chart::{push, sights};
+use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
 /// Steps towards the prey while it sees it, stays where it is beside it, and wanders otherwise.
@@ -18,7 +18,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 impl Player for Chase {
     fn decide(&mut self, observation: &Observation) -> Act {
-        let Some((here, view)) = sights(observation) else { return Act::default() };
+        let Some((here, view)) = sight(observation) else { return Act::default() };
         let order = self.chance.order();
         let prey = find(view, Seen::Prey);
         let gap = |at: Pos| prey.map(|prey| at.i.abs_diff(prey.i) + at.j.abs_diff(prey.j));

@@ -1,6 +1,8 @@
 //! Every rule is worth having, and every game can be played again.
 
-use swarmbench_engine::{Act, Settings, TaskName};
+use std::sync::Arc;
+
+use swarmbench_engine::{Act, Config, Settings, TaskName, World};
 use swarmbench_players::game::play as played;
 use swarmbench_players::{BuiltIn, default_for, find, of_task};
 
@@ -56,10 +58,11 @@ fn synchronization() {
     check_order(TaskName::Synchronization, &names);
 }
 
-/// Measured: 19.7 against 0.
+/// Measured: 36.5 against 0, and 20.4 and 0.1 of players that know less.
 #[test]
 fn foraging() {
-    check(TaskName::Foraging, 15.0, 1.0);
+    check(TaskName::Foraging, 34.0, 1.0);
+    check_order(TaskName::Foraging, &["one-way-loop", "map-and-carry", "wander-and-carry"]);
 }
 
 /// Measured: 12.1, the most there is with these layouts, against 5. A random player scores here too,
@@ -67,14 +70,28 @@ fn foraging() {
 #[test]
 fn flocking() {
     check(TaskName::Flocking, 10.0, 7.0);
+    check_order(TaskName::Flocking, &["meet-in-the-middle", "walk-to-own-cell", "drift-together"]);
 }
 
-/// So nobody is listed who is no better than chance, and the default of a task is the best of it.
+/// Nobody can score more than the cost of the layout.
 #[test]
-fn the_first_player_of_a_task_beats_all_others() {
+fn flocking_is_always_done() {
+    let best = default_for(TaskName::Flocking);
+    for seed in 1000..1050 {
+        let settings = Settings::standard(TaskName::Flocking, seed);
+        let config = Config::check(&settings).expect("playable settings");
+        let most = World::new(Arc::new(config)).spectacle().distance.expect("it is Flocking");
+        let score = play(best, &settings, seed).0;
+        assert!((score - most).abs() < 1e-9, "seed {seed}: {score} of {most}");
+    }
+}
+
+/// The default of a task is the best that is known.
+#[test]
+fn nobody_beats_the_first_player_of_a_task() {
     for task in TaskName::ALL {
         let scores: Vec<f64> = of_task(task).map(|player| mean(player, task)).collect();
-        assert!(scores[1..].iter().all(|other| *other < scores[0]), "{}: {scores:?}", task.name());
+        assert!(scores[1..].iter().all(|other| *other <= scores[0]), "{}: {scores:?}", task.name());
     }
 }
 
