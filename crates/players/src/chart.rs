@@ -9,6 +9,9 @@ use swarmbench_engine::{Action, Direction, Observation, Pos, Seen, View, limits}
 
 use crate::Seat;
 
+/// How many rows and columns away a waypoint may lie: anything on a standard map.
+const FAR: i32 = 8;
+
 /// What was last seen on every cell of the map.
 pub(crate) struct Chart {
     height: i32,
@@ -286,6 +289,12 @@ pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
     let numbers = [here.i, here.j, view.origin.i, view.origin.j];
     numbers.iter().all(|number| near.contains(number)).then_some((here, view))
+}
+
+/// A cell on the way to a goal that is not so far away that it takes long to find a way there.
+pub(crate) fn waypoint(from: Pos, goal: Pos) -> Pos {
+    let near = |from: i32, goal: i32| from + (goal - from).clamp(-FAR, FAR);
+    Pos::new(near(from.i, goal.i), near(from.j, goal.j))
 }
 
 /// The action that goes in a direction.

@@ -3,7 +3,7 @@
 use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, Seen};
 
 use crate::chance::Chance;
-use crate::chart::{Chart, push};
+use crate::chart::{Chart, push, waypoint};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
@@ -96,7 +96,9 @@ impl CloseIn {
         if is_goal(here) {
             return Action::Stay;
         }
-        push(chart.way(here, order, CROWD, is_goal).unwrap_or(order[0]))
+        // Where all are taken no search has to find that out.
+        let way = beside.into_iter().any(is_goal).then(|| chart.way(here, order, CROWD, is_goal));
+        push(way.flatten().unwrap_or(order[0]))
     }
 
     /// Goes to its post, or next to it where another agent is in the way.
@@ -105,6 +107,10 @@ impl CloseIn {
         if here == self.post || is_near && self.chart.is_taken(self.post, 1) {
             return Action::Stay;
         }
-        push(self.chart.way(here, order, CROWD, |cell| cell == self.post).unwrap_or(order[0]))
+        let goal = waypoint(here, self.post);
+        if !self.chart.is_open(goal) {
+            return push(order[0]);
+        }
+        push(self.chart.way(here, order, CROWD, |cell| cell == goal).unwrap_or(order[0]))
     }
 }

@@ -1,54 +1,85 @@
 //! Pursuit by traps in the corners.
 
-use swarmbench_engine::{Act, Direction, Kind, Observation, Pos, RuleSet, Seen, View};
+use swarmbench_engine::{Act, Action, Observation, Pos, RuleSet, Seen, View};
 
 use super::field::Field;
-use super::march::{March, Step, assign};
+use super::march::Step;
 use super::net::Nets;
 use super::news::{self, Fix, News};
 use super::quarry::{Quarry, Whereabouts, is_odd_cell};
-use crate::chart::{Chart, push};
+use super::scene::Scene;
+use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
+/// How many rounds a net may cost that is chosen by looking ahead.
+const FORESIGHT: f64 = 9.0;
+
+/// After so many rounds without a point an agent no longer trusts what it reckons, but tries the nets in turn:
+/// the score is a clock that all share.
+const LONG: u32 = 12;
+
+/// How often another must not have gone where it was expected to go before it counts as settled.
+const STUBBORN: u32 = 3;
+
+/// Every agent reckons what all agents know and do, and does its own part of that. So it keeps a belief of where
+/// everybody is, which messages and its own eyes correct, and works out the joint plan of the round from it: who
+/// can catch the prey at once does, all others go to the posts of a net. The nets close off some corners, where
+/// new preys then appear, and stand such that a prey outside runs into them by itself.
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
-    chart: Chart,
+    /// The map without anybody.
     bare: Field,
     nets: Nets,
-    /// What it believed in its last round.
+    /// What it believes of the round that it decides.
     news: News,
     /// Where the prey may be.
     quarry: Quarry,
     score: f64,
+    /// The round in which the score last grew.
+    scored: u32,
+    /// By agent, how often it did not go where it was expected to go, since it last moved.
+    refusals: Vec<u32>,
+    /// The posts that it chose last, where it chose by looking ahead.
+    chosen: Option<Vec<Pos>>,
 }
 
 /// Makes the player.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     let Some(nets) = Nets::of(seat) else { return super::close_in::make(seat) };
-    let news = News { agents: vec![None; usize::from(seat.num_agents)], prey: None, is_odd: None };
+    let (height, width) = (seat.height.into(), seat.width.into());
     Box::new(CornerTraps {
         agent: seat.agent.index(),
         rules: seat.rules,
-        chart: Chart::new(seat),
-        bare: Field::new(seat.height.into(), seat.width.into()),
+        bare: Field::new(height, width),
         nets,
-        news,
+        news: News { agents: vec![None; seat.num_agents.into()], ..News::default() },
+        quarry: Quarry::first(height, width),
         score: 0.0,
-        quarry: Quarry::first(seat.height.into(), seat.width.into()),
+        scored: 0,
+        refusals: vec![0; seat.num_agents.into()],
+        chosen: None,
     })
 }
 
 impl Player for CornerTraps {
     fn decide(&mut self, observation: &Observation) -> Act {
-        let Some(here) = self.chart.look(observation) else { return Act::default() };
+        let Some((here, view)) = sight(observation).filter(|(here, _)| self.bare.is_inside(*here))
+        else {
+            return Act::default();
+        };
         self.listen(observation);
-        self.foresee();
-        self.see(observation, here);
-        let steps = self.plan();
-        let step = steps.get(self.agent).copied().flatten();
+        let before: Vec<Option<Pos>> = self.places().collect();
+        self.foresee(observation.round);
+        let expected: Vec<Option<Pos>> = self.places().collect();
+        self.count(observation);
+        self.look(observation.round, here, view);
+        self.compare(observation.round, &before, &expected);
+        let posts = self.posts(observation.round);
+        let step = self.plan(&posts).get(self.agent).copied().flatten();
+        self.chosen = self.sees_all(observation.round).then_some(posts);
         let message = news::write(&self.news, observation.round);
-        Act { action: Some(step.map_or(swarmbench_engine::Action::Stay, push)), message, to: None }
+        Act { action: Some(step.map_or(Action::Stay, push)), message, to: None }
     }
 }
 
@@ -57,155 +88,226 @@ impl CornerTraps {
     fn listen(&mut self, observation: &Observation) {
         let count = self.news.agents.len();
         for message in &observation.messages {
-            let Some((_, told)) = news::read(message.as_str(), observation.round, count) else {
-                continue;
-            };
+            let told = news::read(message.as_str(), observation.round, count);
+            let Some((round, told)) = told else { continue };
             for (agent, fix) in told.agents.into_iter().enumerate() {
                 if agent != self.agent {
-                    take_newer(&mut self.news.agents[agent], fix);
+                    self.take_newer(fix, |news| &mut news.agents[agent]);
                 }
             }
-            take_newer(&mut self.news.prey, told.prey);
-            self.news.is_odd = self.news.is_odd.or(told.is_odd);
+            // Late news may be of a prey that was caught since.
+            if round >= self.scored {
+                self.take_newer(told.prey, |news| &mut news.prey);
+                self.news.is_odd = self.news.is_odd.or(told.is_odd);
+            }
         }
     }
 
-    /// Moves everybody to where they must be a round later.
-    fn foresee(&mut self) {
-        let steps = self.plan();
-        let places: Vec<Pos> = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
-        let field = self.field(None);
-        self.quarry.escape(|at| close(&field, &places, at).is_none());
-        for (fix, step) in self.news.agents.iter_mut().zip(steps) {
-            if let (Some(fix), Some(step)) = (fix.as_mut(), step) {
-                fix.at = fix.at.toward(step);
-            }
+    fn take_newer(&mut self, told: Option<Fix>, known: impl Fn(&mut News) -> &mut Option<Fix>) {
+        let Some(told) = told.filter(|told| self.bare.is_inside(told.at)) else { return };
+        let known = known(&mut self.news);
+        if known.is_none_or(|known| known.seen < told.seen) {
+            *known = Some(told);
         }
-        let field = self.field(None);
-        if let Some(prey) = self.news.prey {
-            let next = field.after_flight(self.rules, prey.at);
-            self.news.prey = next.map(|at| Fix { at, ..prey });
+    }
+
+    /// Moves everybody to where they must be a round later, if they know and do the same as this agent.
+    fn foresee(&mut self, now: u32) {
+        let chosen = self.chosen.take();
+        let steps = self.plan(&chosen.unwrap_or_else(|| self.posts(now.saturating_sub(1))));
+        let mut scene = self.scene(self.news.prey.map(|fix| fix.at));
+        let field = self.scene(None).field(&self.bare);
+        self.quarry.escape(|at| scene.closing(&field, at).is_none());
+        let known: Vec<Step> = steps
+            .iter()
+            .zip(&self.news.agents)
+            .filter(|(_, fix)| fix.is_some())
+            .map(|(step, _)| *step)
+            .collect();
+        scene.advance(&self.bare, &known);
+        for (fix, at) in self.news.agents.iter_mut().flatten().zip(&scene.agents) {
+            fix.at = *at;
         }
-        self.quarry.flee(&field, self.rules);
+        self.news.prey = self.news.prey.and_then(|fix| Some(Fix { at: scene.prey?, ..fix }));
+        scene.prey = None;
+        self.quarry.flee(&scene.field(&self.bare), self.rules);
+    }
+
+    /// A new point tells everybody that there is a new prey.
+    fn count(&mut self, observation: &Observation) {
+        if observation.score > self.score {
+            self.scored = observation.round;
+            self.news.prey = None;
+            self.news.is_odd = None;
+            self.quarry = Quarry::new(&self.scene(None).field(&self.bare));
+        }
+        self.score = observation.score;
     }
 
     /// What it sees with own eyes counts more than anything.
-    fn see(&mut self, observation: &Observation, here: Pos) {
-        let now = observation.round;
-        if observation.score > self.score {
-            self.news.prey = None;
-            self.news.is_odd = None;
-            self.quarry = Quarry::new(&self.field(None));
-        }
-        self.score = observation.score;
-        for (at, seen) in observation.view.iter().flat_map(View::positions) {
+    fn look(&mut self, now: u32, here: Pos, view: &View) {
+        for (at, seen) in view.positions() {
             for (agent, fix) in self.news.agents.iter_mut().enumerate() {
                 let is_there =
                     matches!(seen, Seen::Agent { number, .. } if usize::from(number) == agent);
-                if is_there {
+                if is_there && self.bare.is_inside(at) {
                     *fix = Some(Fix { at, seen: now });
                 } else if fix.is_some_and(|fix| fix.at == at) {
                     *fix = None;
                 }
             }
-            if seen == Seen::Prey {
+            if seen == Seen::Prey && self.bare.is_inside(at) {
                 self.news.prey = Some(Fix { at, seen: now });
-            } else if self.news.prey.is_some_and(|fix| fix.at == at) {
-                self.news.prey = None;
-            }
-            if seen != Seen::Prey {
+            } else {
+                self.news.prey = self.news.prey.filter(|fix| fix.at != at);
                 self.quarry.rule_out(at);
             }
         }
         if let Some(own) = self.news.agents.get_mut(self.agent) {
             *own = Some(Fix { at: here, seen: now });
         }
+        let field = self.scene(None).field(&self.bare);
         if let Some(prey) = self.news.prey {
-            let is_free = self.field(None).gaps(prey.at).next().is_some();
-            self.news.is_odd = is_free.then_some(is_odd_cell(prey.at));
+            self.news.is_odd = field.has_gap(prey.at).then_some(is_odd_cell(prey.at));
             self.quarry = Quarry::at(prey.at);
         }
         if self.quarry.is_nowhere() {
-            self.quarry = Quarry::anywhere(&self.field(None), self.news.is_odd);
+            self.quarry = Quarry::anywhere(&field, self.news.is_odd);
         }
     }
 
-    fn field(&self, prey: Option<Pos>) -> Field {
-        let mut field = self.bare.clone();
-        for fix in self.news.agents.iter().flatten() {
-            field.put(fix.at, Some(Kind::Agent));
+    /// Counts who stayed where it was expected to make way. Such an agent knows something else, and there is no
+    /// use in waiting for it for ever.
+    fn compare(&mut self, now: u32, before: &[Option<Pos>], expected: &[Option<Pos>]) {
+        if now.is_multiple_of(LONG) {
+            self.refusals.fill(0);
         }
-        if let Some(prey) = prey {
-            field.put(prey, Some(Kind::Prey));
+        for (agent, fix) in self.news.agents.iter().enumerate() {
+            let Some(at) = fix.map(|fix| fix.at) else { continue };
+            if before[agent] != Some(at) {
+                self.refusals[agent] = 0;
+            } else if expected[agent] != Some(at) {
+                self.refusals[agent] += 1;
+            }
         }
-        field
+    }
+
+    /// The agents of whom it knows, and a prey.
+    fn scene(&self, prey: Option<Pos>) -> Scene {
+        let agents = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
+        let known = self.news.agents.iter().zip(&self.refusals).filter(|(fix, _)| fix.is_some());
+        let settled = known.map(|(_, refusals)| *refusals >= STUBBORN).collect();
+        Scene { agents, settled, prey, rules: self.rules }
+    }
+
+    /// Where it believes everybody to be.
+    fn places(&self) -> impl Iterator<Item = Option<Pos>> {
+        self.news.agents.iter().map(|fix| fix.map(|fix| fix.at))
+    }
+
+    /// The moment with the prey where it was seen or most likely is.
+    fn hunt(&self) -> Scene {
+        self.scene(self.news.prey.map(|fix| fix.at).or(self.quarry.likely()))
     }
 
     /// What all agents do, as far as it is known where they are.
-    fn plan(&self) -> Vec<Step> {
-        let prey = self.news.prey.map(|fix| fix.at).or(self.quarry.likely());
-        let field = self.field(prey);
-        let known: Vec<usize> =
-            (0..self.news.agents.len()).filter(|&a| self.news.agents[a].is_some()).collect();
-        let places: Vec<Pos> = self.news.agents.iter().flatten().map(|fix| fix.at).collect();
-        let mut march = March::new(&field, &places);
-        if let Some(prey) = prey {
-            if let Some(closing) = close(&field, &places, prey) {
-                for (agent, step) in closing {
-                    march.fix(agent, step);
+    fn plan(&self, posts: &[Pos]) -> Vec<Step> {
+        let scene = self.hunt();
+        let mut steps = scene.steps(&scene.field(&self.bare), posts).into_iter();
+        self.news.agents.iter().map(|fix| fix.and_then(|_| steps.next()).flatten()).collect()
+    }
+
+    /// The nets for what is most likely of the prey.
+    fn nets(&self, now: u32) -> &[Vec<Pos>] {
+        let waited = now.saturating_sub(self.scored);
+        self.nets.against(match self.news.is_odd {
+            Some(is_odd) => Whereabouts::of(is_odd),
+            None if waited < LONG => self.quarry.whereabouts(&self.scene(None).field(&self.bare)),
+            None => Whereabouts::of(waited / LONG % 2 == 1),
+        })
+    }
+
+    /// The posts to take: those of the first net, which catches almost any prey, and of the next where it did
+    /// not. Only who sees all there is to see can tell which net catches this prey first; on hearsay too many
+    /// would choose differently.
+    fn posts(&self, now: u32) -> Vec<Pos> {
+        let nets = self.nets(now);
+        let turn = now.saturating_sub(self.scored) / (2 * LONG);
+        let mut best = (&nets[turn as usize % nets.len()], FORESIGHT);
+        if self.sees_all(now) {
+            let scene = self.hunt();
+            for net in nets {
+                if let Some(cost) = scene.cost(&self.bare, net, best.1) {
+                    best = (net, cost);
                 }
             }
         }
-        let whereabouts = match self.news.is_odd {
-            Some(true) => Whereabouts::Odd,
-            Some(false) => Whereabouts::Even,
-            None => self.quarry.whereabouts(&field),
-        };
-        let goals = assign(&places, self.nets.against(whereabouts));
-        let steps = march.go(&goals);
-        let mut all = vec![None; self.news.agents.len()];
-        for (agent, step) in known.into_iter().zip(steps) {
-            all[agent] = step;
-        }
-        all
+        best.0.clone()
+    }
+
+    /// Whether it has everybody and the prey in sight.
+    fn sees_all(&self, now: u32) -> bool {
+        let is_seen = |fix: &Option<Fix>| fix.is_some_and(|fix| fix.seen == now);
+        is_seen(&self.news.prey) && self.news.agents.iter().all(is_seen)
     }
 }
 
-/// Steps with which the prey is caught at once: everybody beside it stays, and all gaps are filled by others.
-fn close(field: &Field, agents: &[Pos], prey: Pos) -> Option<Vec<(usize, Step)>> {
-    let gaps: Vec<Pos> = field.gaps(prey).collect();
-    let mut steps = Vec::new();
-    if !fill(&gaps, agents, &mut steps) {
-        return None;
-    }
-    for (agent, at) in agents.iter().enumerate() {
-        if Direction::ALL.iter().any(|&side| prey.toward(side) == *at) {
-            steps.push((agent, None));
-        }
-    }
-    Some(steps)
-}
+#[cfg(test)]
+mod tests {
+    use swarmbench_engine::{AgentId, TaskName};
 
-fn fill(gaps: &[Pos], agents: &[Pos], steps: &mut Vec<(usize, Step)>) -> bool {
-    let Some((&gap, rest)) = gaps.split_first() else { return true };
-    for step in Direction::ALL {
-        let from = gap.toward(step.opposite());
-        let Some(agent) = agents.iter().position(|&at| at == from) else { continue };
-        if steps.iter().all(|(other, _)| *other != agent) {
-            steps.push((agent, Some(step)));
-            if fill(rest, agents, steps) {
-                return true;
-            }
-            steps.pop();
+    use super::*;
+
+    /// An agent of a standard game in a corner of the map, who sees nothing but empty cells.
+    fn observation(round: u32, news: &News) -> Observation {
+        let view =
+            View { origin: Pos::new(0, 0), height: 3, width: 3, cells: vec![Seen::Empty; 9] };
+        Observation {
+            agent: AgentId(0),
+            task: TaskName::Pursuit,
+            round,
+            max_round: 100,
+            score: 0.0,
+            position: Some(Pos::new(1, 1)),
+            view: Some(view),
+            light_on: None,
+            carrying_food: None,
+            messages: news::write(news, round).into_iter().collect(),
+            history: Vec::new(),
+            past_views: Vec::new(),
         }
     }
-    false
-}
 
-fn take_newer(known: &mut Option<Fix>, told: Option<Fix>) {
-    if let Some(told) = told {
-        if known.is_none_or(|known| known.seen < told.seen) {
-            *known = Some(told);
+    fn seat() -> Seat {
+        Seat {
+            agent: AgentId(0),
+            num_agents: 12,
+            width: 10,
+            height: 10,
+            task: TaskName::Pursuit,
+            rules: RuleSet::Paper,
+            seed: 1,
         }
+    }
+
+    #[test]
+    fn lies_in_due_form_are_survived() {
+        let mut player = make(&seat());
+        for round in 0..40 {
+            // All on one cell, on the wall, far outside: told with a right check.
+            let at = [Pos::new(5, 5), Pos::new(0, 3), Pos::new(93, 93)][round as usize % 3];
+            let fix = Some(Fix { at, seen: round });
+            let news = News { agents: vec![fix; 12], prey: fix, is_odd: Some(true) };
+            let act = player.decide(&observation(round, &news));
+            assert!(act.action.is_some());
+        }
+    }
+
+    #[test]
+    fn who_knows_of_nobody_goes_its_way() {
+        let mut player = make(&seat());
+        let act = player.decide(&observation(0, &News::default()));
+        assert!(matches!(act.action, Some(Action::Right | Action::Down)), "{act:?}");
+        assert!(act.message.is_some());
     }
 }

@@ -45,12 +45,13 @@ impl Field {
         cells.filter(|&cell| self.is_free(cell))
     }
 
-    /// Where a prey is after its own move; none where it is caught.
+    /// Where a prey on this cell is after its own move; none where it is caught.
     pub(super) fn after_flight(&self, rules: RuleSet, prey: Pos) -> Option<Pos> {
-        if is_caught(self, prey) {
+        let ground = WithPrey { field: self, prey };
+        if is_caught(&ground, prey) {
             return None;
         }
-        Some(flight(self, rules, prey).unwrap_or(prey))
+        Some(flight(&ground, rules, prey).unwrap_or(prey))
     }
 
     /// The empty cells beside a cell.
@@ -59,6 +60,11 @@ impl Field {
             .into_iter()
             .map(move |side| at.toward(side))
             .filter(|&cell| self.is_free(cell))
+    }
+
+    /// Whether a prey on this cell could still get away.
+    pub(super) fn has_gap(&self, at: Pos) -> bool {
+        self.gaps(at).next().is_some()
     }
 
     fn index(&self, at: Pos) -> Option<usize> {
@@ -78,5 +84,45 @@ impl Ground for Field {
 
     fn kind_at(&self, at: Pos) -> Option<Kind> {
         self.index(at).and_then(|index| self.cells[index])
+    }
+}
+
+/// A field with a prey on one of its cells: it cannot come back to that, as its own body lies there.
+struct WithPrey<'a> {
+    field: &'a Field,
+    prey: Pos,
+}
+
+impl Ground for WithPrey<'_> {
+    fn height(&self) -> i32 {
+        self.field.height
+    }
+
+    fn width(&self) -> i32 {
+        self.field.width
+    }
+
+    fn kind_at(&self, at: Pos) -> Option<Kind> {
+        if at == self.prey { Some(Kind::Prey) } else { self.field.kind_at(at) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prey_always_leaves_its_cell() {
+        let mut field = Field::new(10, 10);
+        for cell in [Pos::new(1, 1), Pos::new(8, 8), Pos::new(5, 5)] {
+            assert_ne!(field.after_flight(RuleSet::Paper, cell), Some(cell));
+        }
+        // One step is free, but from there only the way back.
+        for agent in [Pos::new(2, 1), Pos::new(1, 3), Pos::new(2, 2)] {
+            field.put(agent, Some(Kind::Agent));
+        }
+        assert_eq!(field.after_flight(RuleSet::Paper, Pos::new(1, 1)), Some(Pos::new(1, 1)));
+        field.put(Pos::new(1, 2), Some(Kind::Agent));
+        assert_eq!(field.after_flight(RuleSet::Paper, Pos::new(1, 1)), None);
     }
 }

@@ -9,11 +9,18 @@ use super::field::Field;
 /// What an agent of the swarm does; none for an agent whose whereabouts are unknown.
 pub(super) type Step = Option<Direction>;
 
+/// What it is worth to leave a settled agent alone: more than any way across a map costs.
+const SETTLED: i64 = 1 << 20;
+
 /// Gives every agent a post of its own, such that the sum of the squared distances is least: squares
-/// share the way out evenly, as the last one to arrive counts. Agents beyond the number of posts get none.
-pub(super) fn assign(agents: &[Pos], posts: &[Pos]) -> Vec<Option<Pos>> {
+/// share the way out evenly, as the last one to arrive counts. Who is settled keeps the post on which it stands.
+/// Agents beyond the number of posts get none.
+pub(super) fn assign(agents: &[Pos], settled: &[bool], posts: &[Pos]) -> Vec<Option<Pos>> {
     let cost = |agent: usize, post: usize| {
         let (from, to) = (agents[agent], posts[post]);
+        if from == to && settled.get(agent) == Some(&true) {
+            return -SETTLED;
+        }
         let distance = i64::from((from.i - to.i).abs()) + i64::from((from.j - to.j).abs());
         distance * distance
     };
@@ -175,4 +182,57 @@ fn steps_toward(at: Pos, goal: Pos) -> [Step; 2] {
         _ => None,
     };
     if down.abs() > right.abs() { [vertical, horizontal] } else { [horizontal, vertical] }
+}
+
+#[cfg(test)]
+mod tests {
+    use swarmbench_engine::Kind;
+
+    use super::*;
+
+    /// The steps of agents on a map of 10 × 10 with nothing else on it.
+    fn march(agents: &[(i32, i32)], goals: &[(i32, i32)]) -> Vec<Step> {
+        let pos =
+            |cells: &[(i32, i32)]| cells.iter().map(|&(i, j)| Pos::new(i, j)).collect::<Vec<_>>();
+        let (agents, goals) = (pos(agents), pos(goals));
+        let mut field = Field::new(10, 10);
+        for at in &agents {
+            field.put(*at, Some(Kind::Agent));
+        }
+        March::new(&field, &agents).go(&goals.into_iter().map(Some).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn the_way_is_shared_out_evenly() {
+        let posts = [Pos::new(1, 3), Pos::new(1, 5)];
+        let agents = [Pos::new(1, 3), Pos::new(1, 1)];
+        assert_eq!(assign(&agents, &[false; 2], &posts), [Some(posts[1]), Some(posts[0])]);
+        assert_eq!(assign(&agents, &[true, false], &posts), [Some(posts[0]), Some(posts[1])]);
+        assert_eq!(assign(&[], &[], &posts), []);
+        let more = [Pos::new(1, 3), Pos::new(1, 5), Pos::new(1, 7)];
+        assert_eq!(assign(&more, &[false; 3], &posts)[2], None);
+    }
+
+    #[test]
+    fn a_row_moves_on_together() {
+        let steps = march(&[(1, 1), (1, 2), (1, 3)], &[(1, 4), (1, 5), (1, 6)]);
+        assert_eq!(steps, [Some(Direction::Right); 3]);
+    }
+
+    #[test]
+    fn nobody_enters_a_cell_that_is_left_in_a_later_pass() {
+        // Down comes before right, so the upper agent would push the lower one.
+        let steps = march(&[(1, 1), (2, 1)], &[(4, 1), (2, 4)]);
+        assert_eq!(steps, [None, Some(Direction::Right)]);
+        // Up comes before right.
+        let steps = march(&[(2, 1), (2, 2)], &[(2, 5), (1, 2)]);
+        assert_eq!(steps, [Some(Direction::Right), Some(Direction::Up)]);
+    }
+
+    #[test]
+    fn two_do_not_enter_the_same_cell_nor_change_places() {
+        let steps = march(&[(1, 1), (1, 3)], &[(1, 3), (1, 1)]);
+        assert_eq!(steps.iter().flatten().count(), 1);
+        assert_eq!(march(&[(1, 1), (1, 2)], &[(1, 2), (1, 1)]), [None, None]);
+    }
 }

@@ -55,7 +55,7 @@ pub(super) fn write(news: &News, round: u32) -> Option<Message> {
     Message::new(&text)
 }
 
-/// Reads what an agent told in the round `now` or before, with the round of which it tells; none if it is no
+/// Reads what an agent told in the round `now` or before; none if it is no
 /// such message.
 pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)> {
     if !message.is_ascii() || message.len() < 8 {
@@ -74,7 +74,7 @@ pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)
         let at = Pos::new(i32::try_from(i).ok()?, i32::try_from(j).ok()?);
         Some(Fix { at, seen: round.checked_sub(ago)? })
     };
-    let mut news = News { agents: vec![None; agents], prey: None, is_odd: None };
+    let mut news = News { agents: vec![None; agents], ..News::default() };
     news.is_odd = match values.get(1)? {
         0 => Some(false),
         1 => Some(true),
@@ -92,9 +92,13 @@ pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)
 
 /// A place in signs; none where it is too far away or too long ago.
 fn place(fix: Fix, round: u32) -> Option<[char; 3]> {
-    let ago = round.checked_sub(fix.seen).filter(|&ago| ago < BASE - 1)?;
     let number = |side: i32| u32::try_from(side).ok().and_then(sign);
-    Some([number(fix.at.i)?, number(fix.at.j)?, sign(ago)?])
+    Some([number(fix.at.i)?, number(fix.at.j)?, age(fix.seen, round)?])
+}
+
+/// How many rounds ago; none where it is too long ago.
+fn age(then: u32, round: u32) -> Option<char> {
+    round.checked_sub(then).filter(|&ago| ago < BASE - 1).and_then(sign)
 }
 
 fn sign(value: u32) -> Option<char> {
@@ -130,11 +134,8 @@ mod tests {
 
     #[test]
     fn no_changed_sign_gets_through() {
-        let news = News {
-            agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })],
-            prey: None,
-            is_odd: None,
-        };
+        let news =
+            News { agents: vec![Some(Fix { at: Pos::new(3, 4), seen: 5 })], ..News::default() };
         let message = write(&news, 6).unwrap();
         for place in 0..message.as_str().len() {
             let mut changed = message.as_str().as_bytes().to_vec();
@@ -145,11 +146,8 @@ mod tests {
 
     #[test]
     fn as_many_agents_as_fit_are_told() {
-        let news = News {
-            agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90],
-            prey: None,
-            is_odd: None,
-        };
+        let news =
+            News { agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90], ..News::default() };
         let message = write(&news, 7).unwrap();
         assert!(message.as_str().len() <= Message::CHARS_MAX);
         let (_, told) = read(message.as_str(), 7, 90).unwrap();

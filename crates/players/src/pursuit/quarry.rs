@@ -35,7 +35,7 @@ impl Quarry {
         let none_of = |cells: usize| share(count - cells, count).powi(draws);
         let mut guesses = Vec::new();
         let mut safer = 0;
-        for level in cells.chunk_by(|one, other| one.1 == other.1) {
+        for level in cells.chunk_by(|one, other| one.1.total_cmp(&other.1).is_eq()) {
             let odds = (none_of(safer) - none_of(safer + level.len())) * share(1, level.len());
             guesses.extend(level.iter().map(|(cell, _)| (*cell, odds)));
             safer += level.len();
@@ -93,26 +93,26 @@ impl Quarry {
         self.guesses.iter().find(|(_, weight)| *weight > total / 2.0).map(|(cell, _)| *cell)
     }
 
+    /// How likely it is that the prey sits where it cannot move.
+    pub(super) fn share_trapped(&self, field: &Field) -> f64 {
+        let [even, odd, trapped] = self.weigh(field);
+        trapped / (even + odd + trapped)
+    }
+
     /// What is most likely of the prey.
     pub(super) fn whereabouts(&self, field: &Field) -> Whereabouts {
-        let (mut even, mut odd, mut trapped) = (0.0, 0.0, 0.0);
+        let [even, odd, trapped] = self.weigh(field);
+        if trapped > even + odd { Whereabouts::Trapped } else { Whereabouts::of(odd > even) }
+    }
+
+    /// The weights of all guesses on even cells, on odd ones, and in traps of either kind.
+    fn weigh(&self, field: &Field) -> [f64; 3] {
+        let mut weights = [0.0; 3];
         for &(at, weight) in &self.guesses {
-            let sum = if field.gaps(at).next().is_none() {
-                &mut trapped
-            } else if is_odd_cell(at) {
-                &mut odd
-            } else {
-                &mut even
-            };
-            *sum += weight;
+            let kind = if field.has_gap(at) { usize::from(is_odd_cell(at)) } else { 2 };
+            weights[kind] += weight;
         }
-        if trapped > even + odd {
-            Whereabouts::Trapped
-        } else if odd > even {
-            Whereabouts::Odd
-        } else {
-            Whereabouts::Even
-        }
+        weights
     }
 }
 
@@ -127,6 +127,13 @@ pub(super) enum Whereabouts {
     Odd,
 }
 
+impl Whereabouts {
+    /// Of a prey that runs free.
+    pub(super) const fn of(is_odd: bool) -> Self {
+        if is_odd { Self::Odd } else { Self::Even }
+    }
+}
+
 /// Whether row and column add up to an odd number. A prey takes two steps, so it keeps to cells of a kind.
 pub(super) fn is_odd_cell(cell: Pos) -> bool {
     (cell.i + cell.j) & 1 == 1
@@ -135,4 +142,59 @@ pub(super) fn is_odd_cell(cell: Pos) -> bool {
 fn share(some: usize, all: usize) -> f64 {
     let number = |count: usize| u32::try_from(count).map_or(f64::MAX, f64::from);
     number(some) / number(all).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use swarmbench_engine::Kind;
+
+    use super::*;
+
+    /// A map of 10 × 10 with agents.
+    fn field(agents: &[(i32, i32)]) -> Field {
+        let mut field = Field::new(10, 10);
+        for &(i, j) in agents {
+            field.put(Pos::new(i, j), Some(Kind::Agent));
+        }
+        field
+    }
+
+    #[test]
+    fn the_odds_of_a_new_prey_add_up_and_favour_the_least_danger() {
+        let quarry = Quarry::new(&field(&[]));
+        let total: f64 = quarry.guesses.iter().map(|(_, odds)| odds).sum();
+        assert!((total - 1.0).abs() < 1e-9, "{total}");
+        // No wall lies in the window of the cell in the middle. It is drawn with 1 - (63 / 64)^100.
+        let (cell, odds) = quarry.guesses[0];
+        assert_eq!(cell, Pos::new(5, 5));
+        assert!((odds - 0.793).abs() < 0.001, "{odds}");
+    }
+
+    #[test]
+    fn a_prey_keeps_to_cells_of_a_kind() {
+        let field = field(&[(3, 3), (6, 2)]);
+        let mut quarry = Quarry::first(10, 10);
+        assert_eq!(quarry.whereabouts(&field), Whereabouts::Even);
+        quarry.guesses.retain(|(at, _)| is_odd_cell(*at));
+        for _ in 0..9 {
+            quarry.flee(&field, RuleSet::Paper);
+            assert_eq!(quarry.whereabouts(&field), Whereabouts::Odd);
+        }
+    }
+
+    #[test]
+    fn what_is_ruled_out_is_no_guess() {
+        let mut quarry = Quarry::at(Pos::new(4, 4));
+        assert_eq!(quarry.likely(), Some(Pos::new(4, 4)));
+        quarry.rule_out(Pos::new(4, 4));
+        assert!(quarry.is_nowhere());
+        assert_eq!(quarry.likely(), None);
+    }
+
+    #[test]
+    fn a_closed_corner_is_a_trap() {
+        let field = field(&[(1, 2), (2, 1)]);
+        assert_eq!(Quarry::at(Pos::new(1, 1)).whereabouts(&field), Whereabouts::Trapped);
+        assert_eq!(Quarry::at(Pos::new(1, 3)).whereabouts(&field), Whereabouts::Even);
+    }
 }

@@ -3,7 +3,7 @@
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 
 use crate::chance::Chance;
-use crate::chart::{Chart, push};
+use crate::chart::{Chart, push, waypoint};
 use crate::{Player, Seat};
 
 /// For how many rounds a sighting counts. The prey takes two steps a round but comes back often, because what
@@ -49,30 +49,32 @@ impl Player for Track {
         let is_fresh = |seen: u32| observation.round.saturating_sub(seen) <= FRESH_ROUNDS;
         self.prey = self.prey.filter(|(_, seen)| is_fresh(*seen));
         let order = self.chance.order();
-        let way = match self.prey {
-            Some((prey, _)) => {
-                let beside = Direction::ALL.map(|side| prey.toward(side));
-                let is_goal = |cell: Pos| beside.contains(&cell) && !self.chart.is_taken(cell, 1);
-                if is_goal(here) {
-                    return Act::of(Action::Stay);
-                }
-                self.chart.way(here, order, CROWD, is_goal)
+        let way = if let Some((prey, _)) = self.prey {
+            let beside = Direction::ALL.map(|side| prey.toward(side));
+            let is_goal = |cell: Pos| beside.contains(&cell) && !self.chart.is_taken(cell, 1);
+            if is_goal(here) {
+                return Act::of(Action::Stay);
             }
-            None => {
-                if here.is_within(1, self.errand) || !self.chart.is_open(self.errand) {
-                    self.errand = self.draw_errand();
-                }
-                self.chart.way(here, order, CROWD, |cell| cell == self.errand)
+            // Where all are taken no search has to find that out.
+            let is_free = beside.into_iter().any(is_goal);
+            is_free.then(|| self.chart.way(here, order, CROWD, is_goal)).flatten()
+        } else {
+            if here.is_within(1, self.errand) || !self.chart.is_open(self.errand) {
+                self.errand = self.draw_errand(here);
             }
+            self.chart.way(here, order, CROWD, |cell| cell == self.errand)
         };
         Act::of(push(way.unwrap_or(order[0])))
     }
 }
 
 impl Track {
-    /// A random cell inside the wall.
-    fn draw_errand(&mut self) -> Pos {
-        let inside = |cells: u16| (1..i32::from(cells.clamp(3, 256)) - 1).collect::<Vec<_>>();
-        Pos::new(self.chance.pick(&inside(self.size.0)), self.chance.pick(&inside(self.size.1)))
+    /// A random cell inside the wall, or one on the way there.
+    fn draw_errand(&mut self, here: Pos) -> Pos {
+        let mut draw = |cells: u16| {
+            let inside: Vec<i32> = (1..i32::from(cells.clamp(3, 256)) - 1).collect();
+            self.chance.pick(&inside)
+        };
+        waypoint(here, Pos::new(draw(self.size.0), draw(self.size.1)))
     }
 }

@@ -1,0 +1,154 @@
+//! A moment of the hunt as an agent believes it to be, and how it goes on: what everybody does, given the posts,
+//! and what the prey does then.
+
+use swarmbench_engine::{Direction, Kind, Pos, RuleSet};
+
+use super::field::Field;
+use super::march::{March, Step, assign};
+use super::quarry::Quarry;
+
+/// How many rounds it costs that a new prey runs free.
+const ESCAPE: f64 = 5.0;
+
+/// Agents in some order, of which nobody else needs to know, and the prey if anybody knows where it is.
+#[derive(Clone, Debug)]
+pub(super) struct Scene {
+    pub(super) agents: Vec<Pos>,
+    /// Who will not give its post away.
+    pub(super) settled: Vec<bool>,
+    pub(super) prey: Option<Pos>,
+    pub(super) rules: RuleSet,
+}
+
+impl Scene {
+    /// The map of the moment, where `bare` is a map without anybody.
+    pub(super) fn field(&self, bare: &Field) -> Field {
+        let mut field = bare.clone();
+        for agent in &self.agents {
+            field.put(*agent, Some(Kind::Agent));
+        }
+        if let Some(prey) = self.prey {
+            field.put(prey, Some(Kind::Prey));
+        }
+        field
+    }
+
+    /// What everybody does: whoever can catch the prey at once does so, all others go to their posts.
+    pub(super) fn steps(&self, field: &Field, posts: &[Pos]) -> Vec<Step> {
+        let mut march = March::new(field, &self.agents);
+        let closing = self.prey.and_then(|prey| self.closing(field, prey));
+        for (agent, step) in closing.into_iter().flatten() {
+            march.fix(agent, step);
+        }
+        march.go(&assign(&self.agents, &self.settled, posts))
+    }
+
+    /// The moment a round later. The prey is gone if it was caught.
+    pub(super) fn advance(&mut self, bare: &Field, steps: &[Step]) {
+        for (agent, step) in self.agents.iter_mut().zip(steps) {
+            if let Some(step) = step {
+                *agent = agent.toward(*step);
+            }
+        }
+        if let Some(prey) = self.prey.take() {
+            let field = self.field(bare);
+            self.prey = field.after_flight(self.rules, prey);
+        }
+    }
+
+    /// How many rounds these posts cost until every round catches a prey, if less than `limit`.
+    pub(super) fn cost(&self, bare: &Field, posts: &[Pos], limit: f64) -> Option<f64> {
+        let mut scene = self.clone();
+        let mut cost = 0.0;
+        while cost < limit {
+            let prey = scene.prey?;
+            let field = scene.field(bare);
+            let is_caught = scene.closing(&field, prey).is_some();
+            let steps = scene.steps(&field, posts);
+            scene.advance(bare, &steps);
+            if is_caught {
+                let field = scene.field(bare);
+                let cost = cost + ESCAPE * (1.0 - Quarry::new(&field).share_trapped(&field));
+                return (cost < limit).then_some(cost);
+            }
+            cost += 1.0;
+        }
+        None
+    }
+
+    /// Steps with which a prey on this cell is caught at once: everybody beside it stays, and all gaps are
+    /// filled by others.
+    pub(super) fn closing(&self, field: &Field, prey: Pos) -> Option<Vec<(usize, Step)>> {
+        let gaps: Vec<Pos> = field.gaps(prey).collect();
+        let mut steps = Vec::new();
+        if !self.fill(&gaps, &mut steps) {
+            return None;
+        }
+        let is_beside = |at: Pos| Direction::ALL.iter().any(|&side| prey.toward(side) == at);
+        let beside = self.agents.iter().enumerate().filter(|(_, at)| is_beside(**at));
+        steps.extend(beside.map(|(agent, _)| (agent, None)));
+        Some(steps)
+    }
+
+    /// Finds another agent for each of the gaps, and adds their steps.
+    fn fill(&self, gaps: &[Pos], steps: &mut Vec<(usize, Step)>) -> bool {
+        let Some((&gap, rest)) = gaps.split_first() else { return true };
+        for step in Direction::ALL {
+            let from = gap.toward(step.opposite());
+            let Some(agent) = self.agents.iter().position(|&at| at == from) else { continue };
+            if steps.iter().all(|(other, _)| *other != agent) {
+                steps.push((agent, Some(step)));
+                if self.fill(rest, steps) {
+                    return true;
+                }
+                steps.pop();
+            }
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(agents: &[(i32, i32)], prey: (i32, i32)) -> Scene {
+        Scene {
+            agents: agents.iter().map(|&(i, j)| Pos::new(i, j)).collect(),
+            settled: vec![false; agents.len()],
+            prey: Some(Pos::new(prey.0, prey.1)),
+            rules: RuleSet::Paper,
+        }
+    }
+
+    #[test]
+    fn a_prey_in_a_corner_is_caught_by_two_who_are_near() {
+        let bare = Field::new(10, 10);
+        let mut scene = scene(&[(8, 6), (6, 8)], (8, 8));
+        let steps = scene.steps(&scene.field(&bare), &[Pos::new(1, 1), Pos::new(1, 2)]);
+        assert_eq!(steps, [Some(Direction::Right), Some(Direction::Down)]);
+        scene.advance(&bare, &steps);
+        assert_eq!(scene.prey, None);
+    }
+
+    #[test]
+    fn who_stands_beside_a_prey_that_is_caught_stays() {
+        let bare = Field::new(10, 10);
+        let scene = scene(&[(7, 8), (8, 6)], (8, 8));
+        let steps = scene.steps(&scene.field(&bare), &[Pos::new(1, 1), Pos::new(1, 2)]);
+        assert_eq!(steps, [None, Some(Direction::Right)]);
+    }
+
+    #[test]
+    fn one_agent_fills_one_gap() {
+        let scene = scene(&[(7, 7)], (8, 8));
+        assert_eq!(scene.closing(&scene.field(&Field::new(10, 10)), Pos::new(8, 8)), None);
+    }
+
+    #[test]
+    fn a_net_that_never_catches_has_no_cost() {
+        let bare = Field::new(10, 10);
+        let scene = scene(&[(1, 1)], (8, 8));
+        assert_eq!(scene.cost(&bare, &[Pos::new(1, 1)], 9.0), None);
+    }
+}
