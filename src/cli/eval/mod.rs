@@ -20,9 +20,9 @@ use crate::eval::conduct::{Conductor, Halt, News};
 use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
-use crate::eval::verify::verify_run;
+use crate::eval::verify::{Fault, verify_run};
 use crate::llm::Model;
-use crate::players::client::Client;
+use crate::players::client::{Client, ClientError};
 
 /// The exit code where something has to be mended.
 const FAILED: u8 = 1;
@@ -218,7 +218,10 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     let (experiment, template) = args.experiment()?;
-    let plan = Plan::of(&experiment, template.as_deref())?;
+    let plan = Plan::of(&experiment, template.as_deref()).map_err(|wrong| match &args.file {
+        Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
+        None => anyhow!(wrong),
+    })?;
     let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
     if args.dry_run {
         showing::dry_run(&plan);
@@ -295,7 +298,12 @@ fn tell(halt: &Halt, plan: &Plan, played: &[Played]) -> ExitCode {
             ExitCode::from(STOPPED)
         }
         halt => {
-            eprintln!("error: {halt}\n{left}; when that is mended, the same command goes on");
+            let is_keyless = matches!(
+                halt,
+                Halt::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
+            );
+            let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
+            eprintln!("error: {halt}{hint}\n{left}; when that is mended, the same command goes on");
             ExitCode::from(FAILED)
         }
     }
@@ -308,7 +316,13 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
     let (mut count, mut rounds) = (0, 0);
     for Played { planned, run, verified } in played {
         let checked = verify_run(client, planned, run, || bar.inc(1)).await;
-        let checked = checked.context("what was played does not verify")?;
+        let checked = checked.map_err(|fault| {
+            let what = match &fault {
+                Fault::Client(_) => "what was played could not be read again",
+                Fault::Wrong { .. } => "what was played does not verify",
+            };
+            anyhow!(fault).context(what)
+        })?;
         *verified = true;
         count += checked.games;
         rounds += checked.rounds;
