@@ -163,7 +163,7 @@ prop_compose! {
 /// Few cases, for each is several games, and no file of failures: a failure prints its case.
 fn config() -> ProptestConfig {
     let mut config = ProptestConfig::default();
-    config.cases = config.cases.min(96);
+    config.cases = config.cases.min(48);
     config.failure_persistence = None;
     config
 }
