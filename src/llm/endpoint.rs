@@ -15,6 +15,7 @@ use super::key::NoKey;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
 use crate::clock::{Clock, after, millis, until};
+use crate::host::is_loopback;
 
 /// How long a connection may take to come about.
 const CONNECT: Duration = Duration::from_secs(30);
@@ -105,7 +106,12 @@ impl Endpoint {
                 )));
             }
         }
-        let http = Client::builder()
+        let mut http = Client::builder();
+        if url.host_str().is_some_and(is_loopback) {
+            // A proxy of the network would look for the endpoint on its own machine.
+            http = http.no_proxy();
+        }
+        let http = http
             .default_headers(headers)
             .connect_timeout(CONNECT)
             // A key is for the address that was named, and for no other.
