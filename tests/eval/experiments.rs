@@ -296,6 +296,12 @@ async fn errors_come_before_anything_is_played_and_say_what_to_do() {
     bench.eval(&["--player", "random", "--db", "x", "--server", "y"]).await.ends(2);
     bench.eval(&["--seeds", "1..x"]).await.ends(2).says(&["0..20"]);
     let help = bench.eval(&["--help"]).await.ends(0);
-    help.says(&["--api-base", "--seeds", "Exit codes", "examples/eval"]);
+    help.says(&[
+        "--api-base",
+        "--seeds",
+        "Every seat is a conversation",
+        "Exit codes",
+        "examples/eval",
+    ]);
     assert!(!bench.path("swarmbench.db").exists());
 }

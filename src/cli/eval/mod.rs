@@ -41,11 +41,10 @@ const REQUESTS: u32 = 16;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    long_about = "Evaluate language models, or built-in players: play tasks on seeds, show what they come to.\n\n\
-        Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
+    after_help = "Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
         own: each round the model is shown the server's prompt for that seat and nothing else. Whatever stops it, the \
-        same command goes on where it stopped; what was played is shown, not played again.",
-    after_help = "Examples:\n  \
+        same command goes on where it stopped; what was played is shown, not played again.\n\n\
+        Examples:\n  \
         swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
         swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
         swarmbench eval --player default --seeds 0..20 --verify\n  \
@@ -125,7 +124,7 @@ struct WhoArgs {
     /// Language models, as their endpoint calls them.
     #[arg(long = "model", alias = "models", value_delimiter = ',', value_name = "MODEL")]
     model: Vec<String>,
-    /// Built-in players: names, default for the best of each task, or all.
+    /// Built-in players: names (docs/baselines.md), default for the best of each task, or all.
     #[arg(long = "player", alias = "players", value_delimiter = ',', value_name = "NAME")]
     player: Vec<String>,
     /// The seed of built-in players' own choices (1).
