@@ -1,5 +1,7 @@
 //! What came of an experiment, as a board: for people, for documents and for programs.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use swarmbench_engine::TaskName;
 
@@ -16,7 +18,7 @@ pub struct Report {
     /// What it is for.
     pub description: Option<String>,
     /// The settings that are the same in all its runs, and not those of the standard setting.
-    pub settings: Vec<(&'static str, String)>,
+    pub settings: BTreeMap<&'static str, String>,
     /// Those that are not the same.
     pub varied: Vec<&'static str>,
     /// The tasks.
@@ -87,7 +89,7 @@ impl Report {
         Self {
             experiment: plan.name.clone(),
             description: plan.description.clone(),
-            settings: plan.shared(),
+            settings: plan.shared().into_iter().collect(),
             varied: plan.varied.clone(),
             tasks: plan.tasks.iter().map(|task| task.name()).collect(),
             rows: played.iter().map(|played| Row::of(plan, played)).collect(),
