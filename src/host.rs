@@ -1,5 +1,7 @@
-//! What the host has to give beside time and randomness: room on a disk, and open files.
+//! What the host has to give beside time and randomness: room on a disk, and open files; and
+//! which addresses are its own.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -71,4 +73,12 @@ impl Disk for ManualDisk {
     fn free_percent(&self) -> Option<f64> {
         Some(f64::from(self.0.load(Ordering::Relaxed)))
     }
+}
+
+/// Whether an address names this machine: `localhost`, or a loopback address, that of IPv6 with its brackets or without.
+#[must_use]
+pub fn is_loopback(name: &str) -> bool {
+    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
+    name.eq_ignore_ascii_case("localhost")
+        || bare.parse::<IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
 }

@@ -22,8 +22,13 @@ pub enum LogFormat {
 
 /// Starts writing logs to the standard error. `RUST_LOG` says which, by default those of level info.
 pub fn start_logs(format: LogFormat) {
+    start_logs_of(format, "info");
+}
+
+/// Starts writing logs as [`start_logs`] does, where `RUST_LOG` is silent those that match `usual`.
+pub fn start_logs_of(format: LogFormat, usual: &str) {
     use tracing_subscriber::{EnvFilter, fmt};
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
     let colors = std::io::stderr().is_terminal();
     let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colors);
     // A second start in one process, as tests do, leaves the first.

@@ -65,8 +65,8 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "telemetry",
         ],
     ),
-    ("players", &["board", "clock", "journal", "wire"]),
-    ("llm", &["clock", "wire"]),
+    ("players", &["board", "clock", "host", "journal", "wire"]),
+    ("llm", &["clock", "host", "wire"]),
     ("eval", &["board", "clock", "journal", "llm", "players", "run", "wire"]),
     ("loadtest", &["telemetry", "wire"]),
     (

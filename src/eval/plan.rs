@@ -27,6 +27,9 @@ const FORMAT: u32 = 1;
 /// an act, and whoever waits for a budget waits longer.
 const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
 
+/// Characters of a model's name on boards; a server takes no more. Found out by the last of several models it would be late.
+const MODEL_CHARS_MAX: usize = 200;
+
 /// Characters of a suite's name.
 const SUITE_NAME_CHARS_MAX: usize = 100;
 
@@ -310,7 +313,9 @@ impl Plan {
             );
         }
         let settings = combinations(experiment);
-        let all_tasks = asked.unwrap_or_else(|| TaskName::ALL.to_vec());
+        // Where none of the names is a task, the settings are checked all the same.
+        let all_tasks = asked.filter(|tasks| !tasks.is_empty());
+        let all_tasks = all_tasks.unwrap_or_else(|| TaskName::ALL.to_vec());
         let mut runs = Vec::new();
         for entry in models {
             for (suite, temperature, top_p) in &settings {
@@ -333,11 +338,12 @@ impl Plan {
                 });
             }
         }
-        let mut known = BTreeSet::new();
-        runs.retain(|run| known.insert(run.identity()));
         for run in &runs {
             problems.check(run);
         }
+        problems.namesakes(&runs);
+        let mut known = BTreeSet::new();
+        runs.retain(|run| known.insert(run.identity()));
         if !problems.0.is_empty() {
             return Err(PlanError(problems.0));
         }
@@ -598,6 +604,23 @@ impl Problems {
         found
     }
 
+    /// Models that a board would show as one, though they are not: one would be taken for the other, or never played.
+    fn namesakes(&mut self, runs: &[Planned]) {
+        let mut known: BTreeMap<(String, String, [Option<String>; AXES.len()]), &Who> =
+            BTreeMap::new();
+        for run in runs {
+            let settings = AXES.map(|axis| run.setting(axis));
+            let first = known.entry((run.name(), run.suite.name.clone(), settings));
+            if *first.or_insert(&run.who) != &run.who {
+                self.tell(format!(
+                    "two models are called {:?}, and are asked in different ways: give each a name of its own (what \
+                     its endpoint calls it is `model`)",
+                    run.name()
+                ));
+            }
+        }
+    }
+
     /// Checks what the server would refuse, in its words.
     fn check(&mut self, run: &Planned) {
         let games = run.suite.plan();
@@ -614,6 +637,13 @@ impl Problems {
             }
         }
         if let Who::Model(model) = &run.who {
+            let count = model.name.chars().count();
+            if !(1..=MODEL_CHARS_MAX).contains(&count) || model.name.chars().any(char::is_control) {
+                self.tell(format!(
+                    "the name of a model must be 1 to {MODEL_CHARS_MAX} characters without control characters, is {:?}",
+                    model.name
+                ));
+            }
             for (field, value, most) in
                 [("temperature", model.temperature, 10.0), ("top_p", model.top_p, 1.0)]
             {

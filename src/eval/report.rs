@@ -1,5 +1,7 @@
 //! What came of an experiment, as a board: for people, for documents and for programs.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use swarmbench_engine::TaskName;
 
@@ -16,7 +18,7 @@ pub struct Report {
     /// What it is for.
     pub description: Option<String>,
     /// The settings that are the same in all its runs, and not those of the standard setting.
-    pub settings: Vec<(&'static str, String)>,
+    pub settings: BTreeMap<&'static str, String>,
     /// Those that are not the same.
     pub varied: Vec<&'static str>,
     /// The tasks.
@@ -87,7 +89,7 @@ impl Report {
         Self {
             experiment: plan.name.clone(),
             description: plan.description.clone(),
-            settings: plan.shared(),
+            settings: plan.shared().into_iter().collect(),
             varied: plan.varied.clone(),
             tasks: plan.tasks.iter().map(|task| task.name()).collect(),
             rows: played.iter().map(|played| Row::of(plan, played)).collect(),
@@ -152,7 +154,10 @@ impl Report {
         if self.has_models() {
             let share = row.acts.invalid_share;
             cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
-            cells.extend([row.acts.prompt_tokens, row.acts.completion_tokens].map(short));
+            // Not every endpoint tells what it took.
+            let tokens = [row.acts.prompt_tokens, row.acts.completion_tokens];
+            let is_told = tokens != [0, 0];
+            cells.extend(tokens.map(|count| if is_told { short(count) } else { "–".to_owned() }));
         }
         cells
     }

@@ -23,6 +23,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::clock::Clock;
+use crate::host::is_loopback;
 use crate::keys::OwnerKey;
 
 /// The address of the client, in the extensions of every request. Behind a proxy it is the proxy's.
@@ -101,9 +102,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     if port.is_some_and(|port| port.parse::<u16>().is_err()) {
         return false;
     }
-    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
-    name.eq_ignore_ascii_case("localhost")
-        || bare.parse::<IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
+    is_loopback(name)
 }
 
 /// Time for rate limits, from the server's clock.

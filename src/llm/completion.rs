@@ -88,6 +88,41 @@ pub(super) struct Completion {
     pub(super) tokens: Option<u64>,
 }
 
+/// Reads JSON. A model that stops in the middle of a character leaves half of it, which many endpoints hand on and no JSON
+/// may have; what is whole is read all the same, as the model would say it again and again.
+pub(super) fn parse(body: &[u8]) -> Option<Value> {
+    let body = body.strip_prefix(b"\xef\xbb\xbf").unwrap_or(body);
+    let mended = || serde_json::from_str(&whole_characters(&String::from_utf8_lossy(body)));
+    serde_json::from_slice(body).or_else(|_| mended()).ok()
+}
+
+/// A JSON text with U+FFFD in place of escaped surrogates that are no pair.
+fn whole_characters(json: &str) -> String {
+    let unit = |escape: &str| {
+        let digits = escape.strip_prefix("\\u")?.get(..4)?;
+        u16::from_str_radix(digits, 16).ok()
+    };
+    let mut whole = String::with_capacity(json.len());
+    let mut rest = json;
+    while let Some(at) = rest.find('\\') {
+        let (before, escape) = rest.split_at(at);
+        whole.push_str(before);
+        let (kept, taken) = match (unit(escape), escape.get(6..).and_then(unit)) {
+            (Some(0xD800..=0xDBFF), Some(0xDC00..=0xDFFF)) => (&escape[..12], 12),
+            (Some(0xD800..=0xDFFF), _) => ("\u{FFFD}", 6),
+            // With the character after it, which may be another backslash.
+            _ => {
+                let taken = 1 + escape.chars().nth(1).map_or(0, char::len_utf8);
+                (&escape[..taken], taken)
+            }
+        };
+        whole.push_str(kept);
+        rest = &escape[taken..];
+    }
+    whole.push_str(rest);
+    whole
+}
+
 /// Reads a body that came with success; none where it is no chat completion.
 pub(super) fn read(body: &Value) -> Option<Completion> {
     let choices = body.get("choices")?.as_array()?;

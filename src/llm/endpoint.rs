@@ -8,10 +8,14 @@ use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap, LOCATION, RETRY_AF
 use reqwest::{Client, StatusCode, Url, redirect};
 use serde_json::{Map, Value, json};
 
-use super::completion::{Answer, Completion, Failure, Refusal, error_of, one_line, read, refusal};
+use super::completion::{
+    Answer, Completion, Failure, Refusal, error_of, one_line, parse, read, refusal,
+};
+use super::key::NoKey;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
 use crate::clock::{Clock, after, millis, until};
+use crate::host::is_loopback;
 
 /// How long a connection may take to come about.
 const CONNECT: Duration = Duration::from_secs(30);
@@ -94,14 +98,20 @@ impl Endpoint {
             Some(Ok(header)) => {
                 headers.insert(AUTHORIZATION, header);
             }
-            Some(Err(_)) => {
+            Some(Err(NoKey)) => {
                 return Err(Stop::Settings(format!(
-                    "the key in {} has characters that no key has: a line break, perhaps, or two keys in one",
+                    "the key in {} has characters that no key has: a line break, perhaps, two keys in one, or a letter \
+                     that is not ASCII",
                     settings.key.variable()
                 )));
             }
         }
-        let http = Client::builder()
+        let mut http = Client::builder();
+        if url.host_str().is_some_and(is_loopback) {
+            // A proxy of the network would look for the endpoint on its own machine.
+            http = http.no_proxy();
+        }
+        let http = http
             .default_headers(headers)
             .connect_timeout(CONNECT)
             // A key is for the address that was named, and for no other.
@@ -163,7 +173,7 @@ impl Endpoint {
             );
             Passing::trouble(Kind::Unreadable, said)
         };
-        let value: Value = serde_json::from_slice(&body.bytes).map_err(|_| unreadable())?;
+        let value = parse(&body.bytes).ok_or_else(unreadable)?;
         if let Some(refusal) = error_of(&value) {
             // A router that had begun to answer cannot take its status back.
             let status = refusal.status.filter(|status| *status >= 400);

@@ -10,6 +10,10 @@ const STANDS_FOR_IT: &str = "[key]";
 /// given keys such as `EMPTY`, which a model may well say.
 const SECRET_BYTES_MIN: usize = 16;
 
+/// It has characters that no key has.
+#[derive(Debug)]
+pub(super) struct NoKey;
+
 /// A key, and where it came from. `Debug` does not show the key.
 #[derive(Clone, Debug)]
 pub struct ApiKey {
@@ -40,17 +44,14 @@ impl ApiKey {
         self.secret.is_some()
     }
 
-    /// The header that shows it.
-    pub(super) fn header(
-        &self,
-    ) -> Option<Result<HeaderValue, reqwest::header::InvalidHeaderValue>> {
-        let secret = self.secret.as_ref()?;
-        Some(HeaderValue::try_from(format!("Bearer {}", secret.expose_secret())).map(
-            |mut header| {
-                header.set_sensitive(true);
-                header
-            },
-        ))
+    /// The header that shows it. None can where the key has characters beyond ASCII: endpoints would read them, and quote
+    /// them, in ways by which nobody knows the key again to take it out.
+    pub(super) fn header(&self) -> Option<Result<HeaderValue, NoKey>> {
+        let secret = self.secret.as_ref()?.expose_secret();
+        let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("Bearer {secret}")));
+        let Some(Ok(mut header)) = value else { return Some(Err(NoKey)) };
+        header.set_sensitive(true);
+        Some(Ok(header))
     }
 
     /// What became of it, in a sentence's beginning.

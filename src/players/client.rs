@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::board::collection::Question;
+use crate::host::is_loopback;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
 use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
@@ -115,7 +116,14 @@ impl Client {
     pub fn new(base: &str) -> Result<Self, ClientError> {
         let parsed = Url::parse(base).ok().filter(Url::has_host);
         let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
-        Ok(Self { http: reqwest::Client::new(), base, key: None })
+        let mut http = reqwest::Client::builder();
+        if base.host_str().is_some_and(is_loopback) {
+            // A proxy of the network would look for the server on its own machine.
+            http = http.no_proxy();
+        }
+        let failed = |source| ClientError::Transport { url: base.clone(), source };
+        let http = http.build().map_err(failed)?;
+        Ok(Self { http, base, key: None })
     }
 
     /// Shows this key where no other token is needed.
@@ -425,8 +433,7 @@ impl Client {
     ) -> Result<T, ClientError> {
         ask.retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
             .when(ClientError::is_temporary)
-            // The server knows better when to come again.
-            .adjust(|error, pause| pause.map(|pause| error.retry_after().unwrap_or(pause)))
+            .adjust(|error, pause| pause.map(|pause| pause_after(error.retry_after(), pause)))
             .await
     }
 
@@ -463,10 +470,34 @@ impl Client {
     }
 }
 
+/// How long to pause where pauses have grown so far. The server knows better when to come again, but not how often it has said
+/// so, nor to how many others: after two tries or so it is left alone for longer.
+fn pause_after(told: Option<Duration>, grown: Duration) -> Duration {
+    const AT_ITS_WORD: Duration = Duration::from_secs(2);
+    told.map_or(grown, |told| told.max(grown.saturating_sub(AT_ITS_WORD)))
+}
+
 /// A name for one creation that nobody else uses.
 fn uuid_text() -> String {
     use crate::clock::{Entropy, SystemEntropy};
     let mut bytes = [0; 16];
     SystemEntropy.fill(&mut bytes);
     data_encoding::HEXLOWER.encode(&bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_is_taken_at_its_word_at_first_and_then_left_alone_for_longer() {
+        let [short, long] = [Duration::from_millis(50), Duration::from_mins(1)];
+        let grown = [1, 2, 4, 8, 16].map(Duration::from_secs);
+        assert_eq!(grown.map(|grown| pause_after(None, grown)), grown);
+        assert_eq!(
+            grown.map(|grown| pause_after(Some(short), grown)),
+            [short, short, Duration::from_secs(2), Duration::from_secs(6), Duration::from_secs(14)]
+        );
+        assert_eq!(grown.map(|grown| pause_after(Some(long), grown)), [long; 5]);
+    }
 }

@@ -76,7 +76,11 @@ impl Bench {
         for name in ["OPENAI_API_KEY", "OPENAI_BASE_URL", "SWARMBENCH_SERVER", "SWARMBENCH_KEY"] {
             command.env_remove(name);
         }
-        command.env("NO_PROXY", "127.0.0.1").stdin(Stdio::null());
+        // A proxy for the world outside is not asked for what is on this machine.
+        for name in ["NO_PROXY", "no_proxy"] {
+            command.env_remove(name);
+        }
+        command.env("http_proxy", "http://127.0.0.1:1").stdin(Stdio::null());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }

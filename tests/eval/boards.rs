@@ -24,6 +24,7 @@ async fn a_board_is_shown_in_every_format_and_they_agree() {
     assert_eq!(lines.len(), 2 + 2 * 5, "{markdown}");
     let json: serde_json::Value =
         serde_json::from_str(&call(&["--format", "json"]).await.out).expect("JSON");
+    assert_eq!(json["settings"], serde_json::json!({ "max_round": "6", "num_agents": "3" }));
     let csv = call(&["--format", "csv"]).await.out;
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
     let headings = reader.headers().expect("headings").clone();

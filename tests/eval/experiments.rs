@@ -151,6 +151,17 @@ fn what_is_wrong_is_said_all_at_once_in_the_words_of_the_server() {
         ("models = 'm'\nseeds = '0..1000'", "at most 1000 games"),
         ("models = 'm'\nseeds = '5..5'", "there is no seed in 5..5"),
         ("models = 'm'\nseeds = '0..1000000000'", "a run has at most 1000 games"),
+        ("models = ''", "the name of a model must be 1 to 200 characters"),
+        ("models = ['m', \"n\\t\"]", "the name of a model must be 1 to 200 characters"),
+        (
+            "[[models]]\nname = 'm'\napi_base = 'http://127.0.0.1:1'\n\
+             [[models]]\nname = 'm'\napi_base = 'http://127.0.0.1:2'",
+            "two models are called \"m\"",
+        ),
+        (
+            "[[models]]\nname = 'm'\n[[models]]\nname = 'm'\nextra = { reasoning_effort = 'low' }",
+            "two models are called \"m\"",
+        ),
         ("models = 'm'\nseeds = 'x'", "a range of them is like 0..20"),
         ("models = 'm'\nseeds = []", "must not be empty"),
         ("models = 'm'\nview_size = 3", "unknown field `view_size`"),
@@ -257,6 +268,7 @@ async fn a_dry_run_plays_nothing_and_leaves_nothing() {
 async fn errors_come_before_anything_is_played_and_say_what_to_do() {
     let bench = Bench::new();
     bench.write("x.toml", "models = 'm'\nwindow = 3\n");
+    bench.write("even.toml", "models = 'm'\ntasks = 'Chess'\nsettings.view_size = 4\n");
     bench.write(
         "keyed.toml",
         "[[models]]\nname = 'm'\napi_base = 'http://127.0.0.1:1/v1'\napi_key_env = 'NOT_THERE'\n",
@@ -264,6 +276,7 @@ async fn errors_come_before_anything_is_played_and_say_what_to_do() {
     for (args, expected) in [
         (&["no-such.toml"][..], &["no-such.toml", "name a file"][..]),
         (&["x.toml"], &["x.toml", "unknown field `window`", "line 2"]),
+        (&["even.toml"], &["even.toml:", "view_size must be odd", "there is no task \"Chess\""]),
         (&["keyed.toml"], &["NOT_THERE is not set", "--api-key-env"]),
         (&["--model", "m"], &["where is m?", "--api-base"]),
         (&["--model", "m", "--api-base", "nowhere"], &["no address of a server"]),
@@ -283,6 +296,12 @@ async fn errors_come_before_anything_is_played_and_say_what_to_do() {
     bench.eval(&["--player", "random", "--db", "x", "--server", "y"]).await.ends(2);
     bench.eval(&["--seeds", "1..x"]).await.ends(2).says(&["0..20"]);
     let help = bench.eval(&["--help"]).await.ends(0);
-    help.says(&["--api-base", "--seeds", "Exit codes", "examples/eval"]);
+    help.says(&[
+        "--api-base",
+        "--seeds",
+        "Every seat is a conversation",
+        "Exit codes",
+        "examples/eval",
+    ]);
     assert!(!bench.path("swarmbench.db").exists());
 }

@@ -1,10 +1,11 @@
 //! Stopped in the middle, by whatever: the same command goes on.
 
 use std::collections::BTreeMap;
+use std::process::{Command, Stdio};
 
 use rustix::process::Signal;
 
-use super::bench::Bench;
+use super::bench::{Bench, Running};
 use super::endpoint::{Endpoint, Reply};
 
 const GAME: [&str; 8] =
@@ -117,4 +118,21 @@ async fn another_definition_is_another_run() {
     let more = ["--temperature", "1", "--requests", "2", "--budget", "1000000", "--timeout", "60"];
     bench.eval(&args(&other, &more)).await.ends(0).says(&["goes on"]);
     assert_eq!(other.seen().len(), ALL + ALL - 3);
+}
+
+/// A disk that is full is told, and the same command goes on where there is room. Here no file may become large.
+#[cfg(unix)]
+#[tokio::test]
+async fn a_full_disk_is_told_and_with_more_room_it_goes_on() {
+    let bench = Bench::new();
+    let game = ["--player", "random", "--task", "Foraging", "--seeds", "0..3", "--max-round", "60"];
+    let (within, whole) =
+        (bench.command(&game), bench.command(&[&game[..], &["--verify"]].concat()));
+    let mut limited = Command::new("sh");
+    limited.args(["-c", r#"trap "" XFSZ; ulimit -f 1000; exec "$0" "$@""#]);
+    limited.arg(within.get_program()).args(within.get_args()).current_dir(bench.folder.path());
+    limited.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let told = ["a commit failed", "0 of 3 games", "the same command goes on"];
+    Running::of(limited).end().await.ends(1).says(&told);
+    Running::of(whole).end().await.ends(0).says(&["goes on", "verified: 3 games"]);
 }

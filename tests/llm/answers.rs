@@ -122,6 +122,25 @@ async fn endpoints_write_answers_in_many_ways() {
 }
 
 #[tokio::test]
+async fn halves_of_characters_cost_an_answer_nothing_else() {
+    let said = |content: &[u8]| {
+        [br#"{"choices": [{"message": {"content": ""#, content, br#""}}]}"#].concat()
+    };
+    for (body, response) in [
+        (said(br"\ud83d ACTION: UP"), "\u{fffd} ACTION: UP"),
+        (said(br"ACTION: UP \ude00\ud83d"), "ACTION: UP \u{fffd}\u{fffd}"),
+        (said(br"\\ud83d \ud83d\ude00 \ud83d\n\u0041"), "\\ud83d 😀 \u{fffd}\nA"),
+        (said(b"\xf0\x9f ACTION: UP"), "\u{fffd} ACTION: UP"),
+        ([b"\xef\xbb\xbf", &said(b"ACTION: UP")[..]].concat(), "ACTION: UP"),
+    ] {
+        let endpoint = Endpoint::replies(vec![Reply::text(200, body)]).await;
+        let answer = Bench::new(&endpoint).model().answer(&question(0, 0)).await;
+        assert_eq!(answer.expect("an answer").response, response);
+        assert_eq!(endpoint.seen().len(), 1);
+    }
+}
+
+#[tokio::test]
 async fn what_a_model_does_wrong_is_an_answer() {
     let cases = [
         (json!({ "content": null }), "stop", "", Failure::Empty, None),

@@ -211,6 +211,12 @@ async fn settings_that_cannot_work_are_told_before_anybody_is_asked() {
             }),
         ),
         (
+            "or a letter that is not ASCII",
+            Box::new(|bench| {
+                bench.settings.key = ApiKey::new(VARIABLE, Some(format!("{KEY}ä")));
+            }),
+        ),
+        (
             "\"messages\"",
             Box::new(|bench| {
                 bench.settings.extra.insert("messages".to_owned(), json!([]));

@@ -10,7 +10,7 @@ use tokio::task::JoinHandle;
 use crate::players::client::Client;
 use crate::server::{Parts, Server, StartError};
 use crate::store::OpenError;
-use crate::telemetry::{LogFormat, start_logs};
+use crate::telemetry::{LogFormat, start_logs_of};
 
 /// The database where nobody names one.
 const DATABASE: &str = "swarmbench.db";
@@ -91,9 +91,8 @@ pub(super) struct Hosted {
 
 impl Hosted {
     async fn open(db: PathBuf) -> anyhow::Result<Self> {
-        if std::env::var_os("RUST_LOG").is_some() {
-            start_logs(LogFormat::Text);
-        }
+        // Nobody else reads the log of this server, and a disk that is full is told nowhere else.
+        start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
             Err(error @ StartError::Open(OpenError::InUse(_))) => {
                 return Err(error).context(

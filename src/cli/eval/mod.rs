@@ -20,9 +20,9 @@ use crate::eval::conduct::{Conductor, Halt, News};
 use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
-use crate::eval::verify::verify_run;
+use crate::eval::verify::{Fault, verify_run};
 use crate::llm::Model;
-use crate::players::client::Client;
+use crate::players::client::{Client, ClientError};
 
 /// The exit code where something has to be mended.
 const FAILED: u8 = 1;
@@ -41,11 +41,10 @@ const REQUESTS: u32 = 16;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    long_about = "Evaluate language models, or built-in players: play tasks on seeds, show what they come to.\n\n\
-        Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
+    after_help = "Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
         own: each round the model is shown the server's prompt for that seat and nothing else. Whatever stops it, the \
-        same command goes on where it stopped; what was played is shown, not played again.",
-    after_help = "Examples:\n  \
+        same command goes on where it stopped; what was played is shown, not played again.\n\n\
+        Examples:\n  \
         swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
         swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
         swarmbench eval --player default --seeds 0..20 --verify\n  \
@@ -125,7 +124,7 @@ struct WhoArgs {
     /// Language models, as their endpoint calls them.
     #[arg(long = "model", alias = "models", value_delimiter = ',', value_name = "MODEL")]
     model: Vec<String>,
-    /// Built-in players: names, default for the best of each task, or all.
+    /// Built-in players: names (docs/baselines.md), default for the best of each task, or all.
     #[arg(long = "player", alias = "players", value_delimiter = ',', value_name = "NAME")]
     player: Vec<String>,
     /// The seed of built-in players' own choices (1).
@@ -218,7 +217,10 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     let (experiment, template) = args.experiment()?;
-    let plan = Plan::of(&experiment, template.as_deref())?;
+    let plan = Plan::of(&experiment, template.as_deref()).map_err(|wrong| match &args.file {
+        Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
+        None => anyhow!(wrong),
+    })?;
     let plan = if args.asking.is_replay() { plan.replayed() } else { plan };
     if args.dry_run {
         showing::dry_run(&plan);
@@ -295,7 +297,12 @@ fn tell(halt: &Halt, plan: &Plan, played: &[Played]) -> ExitCode {
             ExitCode::from(STOPPED)
         }
         halt => {
-            eprintln!("error: {halt}\n{left}; when that is mended, the same command goes on");
+            let is_keyless = matches!(
+                halt,
+                Halt::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
+            );
+            let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
+            eprintln!("error: {halt}{hint}\n{left}; when that is mended, the same command goes on");
             ExitCode::from(FAILED)
         }
     }
@@ -308,7 +315,13 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
     let (mut count, mut rounds) = (0, 0);
     for Played { planned, run, verified } in played {
         let checked = verify_run(client, planned, run, || bar.inc(1)).await;
-        let checked = checked.context("what was played does not verify")?;
+        let checked = checked.map_err(|fault| {
+            let what = match &fault {
+                Fault::Client(_) => "what was played could not be read again",
+                Fault::Wrong { .. } => "what was played does not verify",
+            };
+            anyhow!(fault).context(what)
+        })?;
         *verified = true;
         count += checked.games;
         rounds += checked.rounds;

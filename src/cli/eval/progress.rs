@@ -19,6 +19,18 @@ use crate::wire::run::{RunDetail, RunGame};
 /// How often a line says how it goes where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_mins(1);
 
+/// From how many columns on a line has room for a bar.
+const WIDE_COLUMNS: u16 = 120;
+
+/// The line for all games, and that of one game. What is longer than the terminal is cut: a line that takes two would not be
+/// found again when it changes.
+const WIDE: (&str, &str) = (
+    "{prefix:34!} {bar:24} {percent:>3} % {wide_msg}",
+    "  {prefix:32!} {bar:24} {pos:>3}/{len:3} {wide_msg}",
+);
+const NARROW: (&str, &str) =
+    ("{prefix:22!} {percent:>3} % {wide_msg}", "  {prefix:18!} {pos:>3}/{len:3} {wide_msg}");
+
 pub(super) struct Progress<'a> {
     models: &'a [Option<Model>],
     bars: MultiProgress,
@@ -70,10 +82,11 @@ impl<'a> Progress<'a> {
     pub(super) fn new(plan: &Plan, models: &'a [Option<Model>]) -> Self {
         let bars = MultiProgress::new();
         let planned = plan.runs.iter().map(Planned::rounds_max).sum();
-        let total = bars.add(
-            ProgressBar::new(planned)
-                .with_style(style("{prefix:34} {bar:24} {percent:>3} % {msg}")),
-        );
+        let total = bars.add(ProgressBar::new(planned).with_style(style(if is_wide() {
+            WIDE.0
+        } else {
+            NARROW.0
+        })));
         let now = SystemClock.now();
         Self {
             models,
@@ -132,8 +145,7 @@ impl<'a> Progress<'a> {
             planned.name(),
             planned.suite.name
         ));
-        let name = format!("{} ({number}/{of})", planned.name());
-        self.total.set_prefix(name);
+        self.total.set_prefix(format!("{number}/{of} {}", planned.name()));
         self.rounds.found = done(run);
         self.rounds.before += self.rounds.found;
         self.rounds.now = self.rounds.found;
@@ -158,7 +170,7 @@ impl<'a> Progress<'a> {
         let (bars, total) = (&self.bars, &self.total);
         self.games.entry(episode.to_owned()).or_insert_with(|| {
             let bar = ProgressBar::new(max_round.into())
-                .with_style(style("  {prefix:32} {bar:24} {pos:>3}/{len:3} {msg}"))
+                .with_style(style(if is_wide() { WIDE.1 } else { NARROW.1 }))
                 .with_prefix(task.to_owned());
             Game {
                 bar: bars.insert_before(total, bar),
@@ -327,6 +339,11 @@ fn time_left(passed: Duration, played: u64, left: u64) -> Option<String> {
             format!("{:.1} h left", f64::from(u32::try_from(seconds).unwrap_or(u32::MAX)) / 3600.0)
         }
     })
+}
+
+fn is_wide() -> bool {
+    terminal_size::terminal_size_of(std::io::stderr())
+        .is_none_or(|(columns, _)| columns.0 >= WIDE_COLUMNS)
 }
 
 fn style(template: &str) -> ProgressStyle {

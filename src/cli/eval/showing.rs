@@ -64,8 +64,11 @@ impl Showing {
         Ok(())
     }
 
-    /// Shows the board. What is not whole is not written into a file.
+    /// Shows the board, where anything was played. What is not whole is not written into a file.
     pub(super) fn show(&self, plan: &Plan, report: &Report, is_whole: bool) -> anyhow::Result<()> {
+        if report.rows.is_empty() {
+            return Ok(());
+        }
         if self.output.is_some() || self.format == Format::Table {
             println!("{}", headline(plan));
             println!("{}", drawn(plan, report, terminal_width()));
