@@ -53,7 +53,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     Box::new(CornerTraps {
         agent: seat.agent.index(),
         rules: seat.rules,
-        long: LONG.max(2 + (u32::from(seat.height) + u32::from(seat.width)) / 2),
+        long: LONG.max(2 + u32::midpoint(seat.height.into(), seat.width.into())),
         bare: Field::new(height, width),
         nets,
         news: News { agents: vec![None; seat.num_agents.into()], ..News::default() },
