@@ -223,6 +223,8 @@ fn the_examples_are_those_of_the_paper() {
         .map(|(name, runs, games)| (name.as_str(), *runs, *games))
         .collect();
     let expected = [
+        // The best player of each task on twenty layouts.
+        ("bounds", 1, 100),
         // One model, two games.
         ("cassette", 1, 2),
         // One model; the whole map for a commander, and the standard setting.

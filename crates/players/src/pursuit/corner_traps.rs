@@ -67,12 +67,12 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 /// The best player of a game for which there are no nets.
 fn without_nets(seat: &Seat) -> Box<dyn Player> {
-    let inside = |cells: u16| u32::from(cells.saturating_sub(2));
-    let (cells, agents) = (inside(seat.height) * inside(seat.width), u32::from(seat.num_agents));
-    if agents.saturating_mul(25) >= 6 * cells {
+    let inside = |cells: u16| u64::from(cells.saturating_sub(2));
+    let (cells, agents) = (inside(seat.height) * inside(seat.width), u64::from(seat.num_agents));
+    if 25 * agents >= 6 * cells {
         // In a crowd the prey is mostly where somebody stands beside it already, and whoever makes way lets it out.
         super::chase::make(seat)
-    } else if cells >= 150 && agents.saturating_mul(14) < cells {
+    } else if cells >= 150 && 14 * agents < cells {
         // Where agents are so few that they do not hear each other, posts are no use.
         super::track::make(seat)
     } else {

@@ -44,13 +44,11 @@ fn react(chart: &Chart, here: Pos, order: [Direction; 4]) -> Action {
     let is_block = |cell: Pos| chart.at(cell) == Some(Seen::Block);
     let gap = |cell: Pos| chart.is_on_ring(cell) && chart.is_open(cell) && !chart.is_unknown(cell);
     let beside = |cell: Pos| Direction::ALL.into_iter().find(|&side| is_block(cell.toward(side)));
-    let go = |target: Pos, is_goal: &dyn Fn(Pos) -> bool| {
-        let is_seen_goal = |cell| !chart.is_unknown(cell) && is_goal(cell);
-        toward(chart, here, target, order, 1, is_seen_goal)
+    let walk = |target: Pos, is_goal: &dyn Fn(Pos) -> bool| {
+        toward(chart, here, target, order, 1, |cell| !chart.is_unknown(cell) && is_goal(cell))
     };
-    // Where there is nothing to find, a search would go on over all that is not in view.
-    let to_gap = chart.ring().find(|&cell| gap(cell)).and_then(|target| go(target, &gap));
-    let to_block = || go(chart.find(Seen::Block)?, &|cell| beside(cell).is_some());
+    let to_gap = chart.ring().find(|&cell| gap(cell)).and_then(|target| walk(target, &gap));
+    let to_block = || walk(chart.find(Seen::Block)?, &|cell| beside(cell).is_some());
     let step = to_gap.or_else(|| beside(here)).or_else(to_block);
     push(step.unwrap_or(order[0]))
 }

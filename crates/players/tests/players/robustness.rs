@@ -164,7 +164,7 @@ prop_compose! {
 /// failure prints its case.
 fn config() -> ProptestConfig {
     let mut config = ProptestConfig::default();
-    config.cases = (config.cases / 8).saturating_mul(3).max(1);
+    config.cases = (config.cases / 16).saturating_mul(3).max(1);
     config.failure_persistence = None;
     config
 }
