@@ -38,6 +38,10 @@ const SMALL_ACT_BYTES_MAX: usize = 1200;
 /// How long an act waits that the server has no place for, where the server does not say how long.
 const PAUSE: Duration = Duration::from_secs(1);
 
+/// How many times in a row acts may be put off without one being taken. A journal that is broken for good puts them
+/// off for ever.
+const PUT_OFF_MAX: u32 = 12;
+
 /// Decisions that are being made; each is for one seat or for several.
 pub type Thought<E> = BoxFuture<'static, Result<Vec<SwarmAct>, E>>;
 
@@ -117,6 +121,7 @@ pub async fn drive<S: Swarm>(
         delayed: FuturesUnordered::new(),
         decided: HashMap::new(),
         outbox: Vec::new(),
+        put_off: 0,
         halted: None,
     };
     drive.play(swarm, stop).await
@@ -136,6 +141,8 @@ struct Drive<'a, E: Display, N> {
     /// comes again.
     decided: HashMap<(String, String), u32>,
     outbox: Vec<SwarmAct>,
+    /// How many times in a row acts were put off and none was taken.
+    put_off: u32,
     halted: Option<DriveError<E>>,
 }
 
@@ -255,6 +262,7 @@ impl<E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'_, E, N> {
         for (mut act, receipt) in acts.into_iter().zip(receipts) {
             let problem = match receipt {
                 SwarmReceipt::Receipt(receipt) => {
+                    self.put_off = 0;
                     (self.note)(Note::Acted(&act, &receipt));
                     continue;
                 }
@@ -267,11 +275,11 @@ impl<E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'_, E, N> {
                     fit(&mut act, SMALL_ACT_BYTES_MAX);
                     again.push(act);
                 }
-                Refusal::ComeAgain => {
+                Refusal::ComeAgain if self.put_off < PUT_OFF_MAX => {
                     pause = pause.max(problem.retry_after_ms.map_or(PAUSE, Duration::from_millis));
                     again.push(act);
                 }
-                Refusal::JournalFull | Refusal::Wrong => {
+                Refusal::ComeAgain | Refusal::JournalFull | Refusal::Wrong => {
                     let SwarmAct { agent, round, .. } = act;
                     let refused = DriveError::Refused { agent, round, detail: problem.detail };
                     self.halt(refused, false);
@@ -279,6 +287,7 @@ impl<E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'_, E, N> {
             }
         }
         if !again.is_empty() {
+            self.put_off += u32::from(!pause.is_zero());
             self.delayed.push(Box::pin(async move {
                 SystemClock.sleep_until(after(SystemClock.now(), pause)).await;
                 again
@@ -301,7 +310,7 @@ impl Refusal {
         match problem.code.as_str() {
             "round_over" | "episode_over" => Self::TooLate,
             _ if limit.starts_with("journal_bytes_per_") => Self::JournalFull,
-            "rate_limited" | "overloaded" => Self::ComeAgain,
+            "rate_limited" | "overloaded" | "unavailable" => Self::ComeAgain,
             _ => Self::Wrong,
         }
     }
@@ -327,6 +336,41 @@ fn fit(act: &mut SwarmAct, most: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What a server says of acts that it cannot take now, or at all.
+    fn refused(code: &str) -> SwarmReceipt {
+        let problem = serde_json::json!({
+            "type": "about:blank", "title": "", "status": 503, "detail": "not now", "code": code, "retry_after_ms": 1,
+        });
+        SwarmReceipt::Problem(serde_json::from_value(problem).expect("a problem"))
+    }
+
+    #[test]
+    fn an_act_that_cannot_be_taken_now_is_sent_again_but_not_for_ever() {
+        let client = Client::new("http://127.0.0.1:9").expect("an address");
+        let act =
+            || vec![SwarmAct { response: Some("ACTION: UP".to_owned()), ..SwarmAct::default() }];
+        for code in ["rate_limited", "overloaded", "unavailable"] {
+            let mut drive: Drive<'_, String, _> = Drive {
+                client: &client,
+                token: "",
+                note: |_: Note<'_>| {},
+                thinking: FuturesUnordered::new(),
+                delayed: FuturesUnordered::new(),
+                decided: HashMap::new(),
+                outbox: Vec::new(),
+                put_off: 0,
+                halted: None,
+            };
+            for tries in 1..=PUT_OFF_MAX {
+                drive.receive(act(), vec![refused(code)]);
+                assert_eq!(drive.delayed.len(), tries as usize, "{code}");
+                assert!(drive.halted.is_none(), "{code}");
+            }
+            drive.receive(act(), vec![refused(code)]);
+            assert!(matches!(drive.halted, Some(DriveError::Refused { .. })), "{code}");
+        }
+    }
 
     #[test]
     fn long_texts_are_cut_and_the_end_of_an_answer_stays() {

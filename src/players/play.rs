@@ -175,10 +175,11 @@ impl BuiltIns {
                 decided: BTreeMap::new(),
             }))
         });
-        let is_new = round > 0 && game.try_lock().is_ok_and(|game| game.players.is_empty());
         let (client, token, game) = (self.client.clone(), self.token.clone(), Arc::clone(game));
         Box::pin(async move {
             let mut game = game.lock_owned().await;
+            // Another part of the same look may have been first.
+            let is_new = round > 0 && game.players.is_empty();
             // Where the journal may not be read, as in a competition, players begin without memory.
             let journal =
                 if is_new { client.journal(&episode, Some(&token)).await.ok() } else { None };

@@ -35,13 +35,21 @@ struct Case {
     rounds: i64,
 }
 
-const CASES: [Case; 6] = [
+const CASES: [Case; 7] = [
     Case {
         what: "standard",
         size: 10,
         num_agents: 12,
         view_size: 5,
         control: "decentralized",
+        rounds: 100,
+    },
+    Case {
+        what: "swarm that sees all",
+        size: 15,
+        num_agents: 30,
+        view_size: 5,
+        control: "centralized",
         rounds: 100,
     },
     Case {

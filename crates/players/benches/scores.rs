@@ -5,7 +5,9 @@
 //! ```
 //!
 //! Every option may be left out: all tasks, all their players and the seeds 0..20 then. `--centralized` plays
-//! under centralized control, `--each` shows the score of every game. How long decisions take at worst is
+//! under centralized control, `--each` shows the score of every game. The standard setting is changed by
+//! `--agents`, `--height`, `--width`, `--view`, `--noise`, `--delay` and `--rules`; a task that cannot be
+//! played so is left out. How long decisions take at worst is
 //! measured by the benchmark `decisions`: the longest time here is mostly that of the system's other work.
 
 use std::ops::Range;
@@ -19,21 +21,23 @@ use swarmbench_engine::{Config, Settings, TaskName};
 use swarmbench_players::game::Game;
 use swarmbench_players::{BuiltIn, of_task};
 
-const USAGE: &str = "options: --task NAME, --player NAME, --seeds FROM..TO, --centralized, --each";
+const USAGE: &str = "options: --task NAME, --player NAME, --seeds FROM..TO, --centralized, --each, \
+    --agents N, --height N, --width N, --view N, --noise P, --delay N, --rules NAME";
 
 /// What is asked for.
 struct Asked {
     task: Option<String>,
     player: Option<String>,
     seeds: Range<u64>,
-    is_centralized: bool,
     is_each: bool,
+    /// All other settings of the games.
+    settings: Settings,
 }
 
 impl Asked {
     fn parse(mut words: impl Iterator<Item = String>) -> Option<Self> {
-        let mut asked =
-            Self { task: None, player: None, seeds: 0..20, is_centralized: false, is_each: false };
+        let settings = Settings::default();
+        let mut asked = Self { task: None, player: None, seeds: 0..20, is_each: false, settings };
         while let Some(word) = words.next() {
             match word.as_str() {
                 "--task" => asked.task = Some(words.next()?),
@@ -43,14 +47,27 @@ impl Asked {
                     let (from, to) = range.split_once("..")?;
                     asked.seeds = from.parse().ok()?..to.parse().ok()?;
                 }
-                "--centralized" => asked.is_centralized = true,
+                "--centralized" => "centralized".clone_into(&mut asked.settings.control),
                 "--each" => asked.is_each = true,
+                "--agents" => asked.settings.num_agents = words.next()?.parse().ok()?,
+                "--height" => asked.settings.height = words.next()?.parse().ok()?,
+                "--width" => asked.settings.width = words.next()?.parse().ok()?,
+                "--view" => asked.settings.view_size = words.next()?.parse().ok()?,
+                "--noise" => asked.settings.noise = words.next()?.parse().ok()?,
+                "--delay" => asked.settings.max_delay = words.next()?.parse().ok()?,
+                "--rules" => asked.settings.rules = words.next()?,
                 // Cargo says so.
                 "--bench" => {}
                 _ => return None,
             }
         }
         Some(asked)
+    }
+
+    /// The settings of one game.
+    fn settings(&self, task: TaskName, seed: u64) -> Settings {
+        let Settings { task, seed, .. } = Settings::standard(task, seed);
+        Settings { task, seed, ..self.settings.clone() }
     }
 }
 
@@ -65,7 +82,7 @@ struct Played {
 
 #[expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 fn play(built_in: &BuiltIn, settings: &Settings, seed: u64, played: &Mutex<Played>) {
-    let config = Config::check(settings).expect("the standard setting");
+    let config = Config::check(settings).expect("checked settings");
     let mut game = Game::new(Arc::new(config), built_in, seed);
     let mut decisions = Vec::new();
     while !game.world().is_over() {
@@ -95,11 +112,7 @@ fn play_all(built_in: &BuiltIn, task: TaskName, asked: &Asked) -> Played {
                     if seed >= asked.seeds.end {
                         break;
                     }
-                    let mut settings = Settings::standard(task, seed);
-                    if asked.is_centralized {
-                        "centralized".clone_into(&mut settings.control);
-                    }
-                    play(built_in, &settings, seed, &played);
+                    play(built_in, &asked.settings(task, seed), seed, &played);
                 }
             });
         }
@@ -131,6 +144,10 @@ fn main() -> ExitCode {
     let is_asked =
         |asked: &Option<String>, name: &str| asked.as_deref().is_none_or(|word| word == name);
     for task in TaskName::ALL.into_iter().filter(|task| is_asked(&asked.task, task.name())) {
+        if let Err(errors) = Config::check(&asked.settings(task, asked.seeds.start)) {
+            eprintln!("{}: {errors}", task.name());
+            continue;
+        }
         for player in of_task(task).filter(|player| is_asked(&asked.player, player.name)) {
             let played = play_all(player, task, &asked);
             let scores: Vec<f64> = played.scores.iter().map(|(_, score)| *score).collect();

@@ -291,6 +291,28 @@ pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     numbers.iter().all(|number| near.contains(number)).then_some((here, view))
 }
 
+/// All cells of a view within so many rows and columns of one of them. A window over a large map has many more.
+pub(crate) fn within(
+    view: &View,
+    middle: Pos,
+    reach: i32,
+) -> impl Iterator<Item = (Pos, Seen)> + '_ {
+    // How many cells lie before the first one, and how many there are.
+    let cut = move |middle: i32, origin: i32| {
+        let first = i64::from(middle) - i64::from(reach);
+        let before = (first - i64::from(origin)).max(0);
+        let end = i64::from(middle) + i64::from(reach) + 1;
+        let count = (end - first.max(i64::from(origin))).max(0);
+        [before, count].map(|cells| usize::try_from(cells).unwrap_or(usize::MAX))
+    };
+    let ([above, rows], [before, columns]) =
+        (cut(middle.i, view.origin.i), cut(middle.j, view.origin.j));
+    view.rows().zip(view.origin.i..).skip(above).take(rows).flat_map(move |(row, i)| {
+        let cells = row.iter().zip(view.origin.j..).skip(before).take(columns);
+        cells.map(move |(&seen, j)| (Pos::new(i, j), seen))
+    })
+}
+
 /// A cell on the way to a goal that is not so far away that it takes long to find a way there.
 pub(crate) fn waypoint(from: Pos, goal: Pos) -> Pos {
     let near = |from: i32, goal: i32| from + (goal - from).clamp(-FAR, FAR);
@@ -310,6 +332,30 @@ pub(crate) const fn push(direction: Direction) -> Action {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_near_a_cell_is_cut_out_of_a_view() {
+        for (height, width) in [(1, 1), (3, 7), (9, 4), (12, 12)] {
+            for origin in [Pos::new(-3, -2), Pos::new(0, 0), Pos::new(5, 2)] {
+                let cells = (0..height * width)
+                    .map(|cell| Seen::Agent { number: cell, marked: false })
+                    .collect();
+                let (height, width) = (usize::from(height), usize::from(width));
+                let view = View { origin, height, width, cells };
+                for middle in [Pos::new(0, 0), Pos::new(4, 4), Pos::new(6, 3), Pos::new(40, 1)] {
+                    for reach in [0, 1, 2, 20] {
+                        let near = |(cell, _): &(Pos, Seen)| middle.is_within(reach, *cell);
+                        let all: Vec<_> = view.positions().filter(near).collect();
+                        let cut: Vec<_> = within(&view, middle, reach).collect();
+                        assert_eq!(
+                            cut, all,
+                            "{height}x{width} at {origin:?}: {middle:?} ± {reach}"
+                        );
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn what_is_packed_comes_out_again() {

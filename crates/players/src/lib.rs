@@ -42,6 +42,7 @@ mod random;
 mod synchronization;
 mod talk;
 mod transport;
+mod walk;
 
 use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 

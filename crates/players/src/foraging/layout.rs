@@ -3,6 +3,13 @@
 use swarmbench_engine::{Direction, Pos, Seen, View, limits};
 
 use crate::Seat;
+use crate::chart::within;
+
+/// How far a cell may be to count as near, in rows and columns.
+const NEAR: i32 = 12;
+
+/// How far from the edges of the map the squares reach.
+const CORNER: i32 = 3;
 
 /// Inner walls lie in every fourth row (or column).
 const SPACING: i32 = 4;
@@ -94,13 +101,23 @@ impl Layout {
         self.at(cell) == Seen::Empty
     }
 
-    /// Whether everything in view is as this layout has it.
-    pub(super) fn fits(&self, view: &View) -> bool {
-        view.positions().all(|(cell, seen)| match seen {
+    /// Whether everything in view is as this layout has it, as far as it is near an agent or a corner, where the
+    /// squares are: a window over a large map has much more than it takes to tell.
+    pub(super) fn fits(&self, here: Pos, view: &View) -> bool {
+        let (low, right) = (self.height - 1, self.width - 1);
+        let corners = [(0, 0), (0, right), (low, 0), (low, right)];
+        let corners = corners.into_iter().map(|(i, j)| (Pos::new(i, j), CORNER));
+        let mut telling = corners.chain([(here, NEAR)]);
+        telling.all(|(middle, reach)| within(view, middle, reach).all(|it| self.has(it)))
+    }
+
+    /// Whether this is what the layout has on a cell.
+    fn has(&self, (cell, seen): (Pos, Seen)) -> bool {
+        match seen {
             Seen::Empty | Seen::Yourself | Seen::Agent { .. } => self.is_open(cell),
             Seen::Outside | Seen::Wall | Seen::Nest | Seen::Food => self.at(cell) == seen,
             Seen::Block | Seen::Prey => false,
-        })
+        }
     }
 
     /// The cells beside a square.
@@ -210,7 +227,8 @@ mod tests {
     fn layout(world: &World) -> Layout {
         let seat = Seat::of(world.config(), AgentId(0), 0);
         let view = world.observe(AgentId(0)).view.expect("it has not escaped");
-        let fits: Vec<_> = Layout::all(&seat).into_iter().filter(|it| it.fits(&view)).collect();
+        let fits: Vec<_> =
+            Layout::all(&seat).into_iter().filter(|it| it.fits(Pos::new(1, 1), &view)).collect();
         assert_eq!(fits.len(), 1, "{seat:?}");
         fits[0]
     }

@@ -5,12 +5,15 @@ use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, RuleS
 use super::layout::{Lane, Layout};
 use super::traffic::{Roads, Traffic, Walker};
 use crate::chance::Chance;
-use crate::chart::{push, sight};
+use crate::chart::{push, sight, within};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
 /// For how many rounds an agent may stand still before it suspects that others see things differently.
 const PATIENCE_ROUNDS: u32 = 3;
+
+/// How many rows and columns away agents are foreseen: as far as roads reach at most.
+const FORESIGHT: i32 = 16;
 
 /// The leading words of all messages.
 const NEWS: &str = "Food and nest at";
@@ -47,7 +50,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 impl Player for OneWayLoop {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some((here, view)) = sight(observation) else { return Act::default() };
-        self.layouts.retain(|layout| layout.fits(view));
+        self.layouts.retain(|layout| layout.fits(here, view));
         for [i, j, k, l] in heard(observation, NEWS) {
             let squares = (Pos::new(i, j), Pos::new(k, l));
             let is_told = |layout: &&Layout| (layout.food, layout.nest) == squares;
@@ -87,8 +90,9 @@ impl OneWayLoop {
         let loaded = observation.carrying_food == Some(true);
         let mut walkers = vec![Walker { number: self.seat.agent.0, at, loaded }];
         let is_loaded = |marked: bool| marked == (self.seat.rules == RuleSet::Paper);
-        for (at, seen) in view.positions() {
-            if let (Some(at), Seen::Agent { number, marked }) = (roads.cell(at), seen)
+        for (at, seen) in within(view, here, FORESIGHT) {
+            if let Seen::Agent { number, marked } = seen
+                && let Some(at) = roads.cell(at)
                 && walkers[0].at != at
             {
                 walkers.push(Walker { number, at, loaded: is_loaded(marked) });

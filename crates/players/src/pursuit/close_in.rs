@@ -5,6 +5,7 @@ use swarmbench_engine::{Act, Action, Direction, Message, Observation, Pos, Seen}
 use crate::chance::Chance;
 use crate::chart::{Chart, push, waypoint};
 use crate::talk::heard;
+use crate::walk::toward;
 use crate::{Player, Seat};
 
 /// For how many rounds a sighting of the prey counts. Two is what it takes to hear of it from one who
@@ -97,7 +98,8 @@ impl CloseIn {
             return Action::Stay;
         }
         // Where all are taken no search has to find that out.
-        let way = beside.into_iter().any(is_goal).then(|| chart.way(here, order, CROWD, is_goal));
+        let is_free = beside.into_iter().any(is_goal);
+        let way = is_free.then(|| toward(chart, here, prey, order, CROWD, is_goal));
         push(way.flatten().unwrap_or(order[0]))
     }
 

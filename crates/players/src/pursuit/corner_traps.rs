@@ -14,8 +14,8 @@ use crate::{Player, Seat};
 /// How many rounds a net may cost that is chosen by looking ahead.
 const FORESIGHT: f64 = 9.0;
 
-/// After so many rounds without a point an agent no longer trusts what it reckons, but tries the nets in turn:
-/// the score is a clock that all share.
+/// On the standard map, after so many rounds without a point an agent no longer trusts what it reckons, but tries
+/// the nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
 const LONG: u32 = 12;
 
 /// How often another must not have gone where it was expected to go before it counts as settled.
@@ -28,6 +28,8 @@ const STUBBORN: u32 = 3;
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
+    /// See [`LONG`].
+    long: u32,
     /// The map without anybody.
     bare: Field,
     nets: Nets,
@@ -46,11 +48,12 @@ struct CornerTraps {
 
 /// Makes the player.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
-    let Some(nets) = Nets::of(seat) else { return super::close_in::make(seat) };
+    let Some(nets) = Nets::of(seat) else { return without_nets(seat) };
     let (height, width) = (seat.height.into(), seat.width.into());
     Box::new(CornerTraps {
         agent: seat.agent.index(),
         rules: seat.rules,
+        long: LONG.max(2 + u32::midpoint(seat.height.into(), seat.width.into())),
         bare: Field::new(height, width),
         nets,
         news: News { agents: vec![None; seat.num_agents.into()], ..News::default() },
@@ -60,6 +63,21 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
         refusals: vec![0; seat.num_agents.into()],
         chosen: None,
     })
+}
+
+/// The best player of a game for which there are no nets.
+fn without_nets(seat: &Seat) -> Box<dyn Player> {
+    let inside = |cells: u16| u64::from(cells.saturating_sub(2));
+    let (cells, agents) = (inside(seat.height) * inside(seat.width), u64::from(seat.num_agents));
+    if 25 * agents >= 6 * cells {
+        // In a crowd the prey is mostly where somebody stands beside it already, and whoever makes way lets it out.
+        super::chase::make(seat)
+    } else if cells >= 150 && 14 * agents < cells {
+        // Where agents are so few that they do not hear each other, posts are no use.
+        super::track::make(seat)
+    } else {
+        super::close_in::make(seat)
+    }
 }
 
 impl Player for CornerTraps {
@@ -179,7 +197,7 @@ impl CornerTraps {
     /// Counts who stayed where it was expected to make way. Such an agent knows something else, and there is no
     /// use in waiting for it for ever.
     fn compare(&mut self, now: u32, before: &[Option<Pos>], expected: &[Option<Pos>]) {
-        if now.is_multiple_of(LONG) {
+        if now.is_multiple_of(self.long) {
             self.refusals.fill(0);
         }
         for (agent, fix) in self.news.agents.iter().enumerate() {
@@ -222,8 +240,10 @@ impl CornerTraps {
         let waited = now.saturating_sub(self.scored);
         self.nets.against(match self.news.is_odd {
             Some(is_odd) => Whereabouts::of(is_odd),
-            None if waited < LONG => self.quarry.whereabouts(&self.scene(None).field(&self.bare)),
-            None => Whereabouts::of(waited / LONG % 2 == 1),
+            None if waited < self.long => {
+                self.quarry.whereabouts(&self.scene(None).field(&self.bare))
+            }
+            None => Whereabouts::of(waited / self.long % 2 == 1),
         })
     }
 
@@ -232,7 +252,7 @@ impl CornerTraps {
     /// would choose differently.
     fn posts(&self, now: u32) -> Vec<Pos> {
         let nets = self.nets(now);
-        let turn = now.saturating_sub(self.scored) / (2 * LONG);
+        let turn = now.saturating_sub(self.scored) / (2 * self.long);
         let mut best = (&nets[turn as usize % nets.len()], FORESIGHT);
         if self.sees_all(now) {
             let scene = self.hunt();

@@ -4,6 +4,7 @@ use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 
 use crate::chance::Chance;
 use crate::chart::{Chart, push, waypoint};
+use crate::walk::toward;
 use crate::{Player, Seat};
 
 /// For how many rounds a sighting counts. The prey takes two steps a round but comes back often, because what
@@ -57,7 +58,7 @@ impl Player for Track {
             }
             // Where all are taken no search has to find that out.
             let is_free = beside.into_iter().any(is_goal);
-            is_free.then(|| self.chart.way(here, order, CROWD, is_goal)).flatten()
+            is_free.then(|| toward(&self.chart, here, prey, order, CROWD, is_goal)).flatten()
         } else {
             if here.is_within(1, self.errand) || !self.chart.is_open(self.errand) {
                 self.errand = self.draw_errand(here);

@@ -3,9 +3,9 @@
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos};
 
 use super::exit::{Exit, PUSHES, Place, Sight, is_block};
-use super::walk::toward;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
+use crate::walk::toward;
 use crate::{Player, Seat};
 
 /// How many steps of detour one agent in the way is worth.

@@ -2,9 +2,9 @@
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen};
 
-use super::walk::toward;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
+use crate::walk::toward;
 use crate::{Player, Seat};
 
 /// Once in how many rounds it goes somewhere else than its rule says.

@@ -5,9 +5,9 @@ use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 use super::assign::assign;
 use super::exit::{Exit, PUSHES, Place, Sight, is_block};
 use super::swarm::{News, Swarm};
-use super::walk::toward;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
+use crate::walk::toward;
 use crate::{Player, Seat};
 
 /// How many agents a plan takes into account at most, the nearest ones.
@@ -23,6 +23,9 @@ const PUSHERS: usize = 5;
 /// push along and a push out cannot both succeed in one round. One would do; two is better, because the
 /// second row is not needed at once.
 const LATER_ROUNDS: i32 = 2;
+
+/// With fewer free cells than this in a crowd hardly anybody gets to the place that the plan has for it.
+const FREE_MIN: u32 = 22;
 
 /// How far away an agent is taken to be that nobody has told of.
 const UNKNOWN_STEPS: i32 = 5;
@@ -46,8 +49,11 @@ struct PushAndLeave {
     stands: Option<(Pos, u32)>,
 }
 
-/// Makes the player.
+/// Makes the player; where it is too crowded for plans, one that makes none.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
+    if is_crowd(seat) && free_cells(seat) < FREE_MIN {
+        return super::find_and_push::make(seat);
+    }
     Box::new(PushAndLeave {
         chance: Chance::new(seat),
         chart: Chart::new(seat),
@@ -191,7 +197,7 @@ impl PushAndLeave {
     fn make_way(&self, exit: Exit, place: Place) -> Option<Direction> {
         let is_taken = |deep| self.chart.is_taken(exit.cell(Place { deep, far: 1 }), 1);
         let is_corner_empty = !(1..FRONT).any(|deep| deep != place.deep && is_taken(deep));
-        let is_crowd = self.is_crowd();
+        let is_crowd = is_crowd(&self.seat);
         if place.far == 1 && (place.deep < FRONT || is_crowd && !is_corner_empty) {
             return Some(exit.out.opposite());
         }
@@ -199,12 +205,6 @@ impl PushAndLeave {
             return Some(exit.along);
         }
         (is_crowd && (2..=3).contains(&place.far)).then_some(exit.out)
-    }
-
-    /// Whether the map is so full that agents cannot get past each other: about every third cell.
-    fn is_crowd(&self) -> bool {
-        let inside = |cells: u16| u32::from(cells.saturating_sub(2));
-        3 * u32::from(self.seat.num_agents) > inside(self.seat.height) * inside(self.seat.width)
     }
 
     /// Once the way out is free: pushes the block out and follows it. Whoever is beside the lanes goes on
@@ -227,6 +227,22 @@ impl PushAndLeave {
         }
         push(exit.along)
     }
+}
+
+/// How many cells there are inside the walls.
+fn cells(seat: &Seat) -> u32 {
+    let inside = |cells: u16| u32::from(cells.saturating_sub(2));
+    inside(seat.height) * inside(seat.width)
+}
+
+/// Whether the map is so full that agents cannot get past each other: about every third cell.
+fn is_crowd(seat: &Seat) -> bool {
+    3 * u32::from(seat.num_agents) > cells(seat)
+}
+
+/// How many cells inside the walls neither agents nor the block take.
+fn free_cells(seat: &Seat) -> u32 {
+    cells(seat).saturating_sub(u32::from(seat.num_agents) + 9)
 }
 
 /// How deep the first row is that stands behind the block and pushes out.

@@ -9,7 +9,7 @@ const FAR_STEPS: i32 = 16;
 
 /// The first step to a goal. While the `target` beside it is far away, a step that comes nearer will do:
 /// the ground there is open, and on a large map it takes long to find the best way.
-pub(super) fn toward(
+pub(crate) fn toward(
     chart: &Chart,
     here: Pos,
     target: Pos,
