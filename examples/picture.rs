@@ -5,8 +5,9 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use swarmbench_engine::{Config, RuleSet, Settings, Spectacle, TaskName, World};
-use swarmbench_players::{Player, Seat, default_for};
+use swarmbench_engine::{Config, Settings, Spectacle, TaskName};
+use swarmbench_players::default_for;
+use swarmbench_players::game::Game;
 
 const CELL: usize = 16;
 const GAP: usize = 24;
@@ -14,29 +15,12 @@ const GAP: usize = 24;
 fn main() {
     let task = TaskName::Transport;
     let config = Config::check(&Settings::standard(task, 27)).expect("the standard setting");
-    let mut world = World::new(Arc::new(config));
-    let mut players: Vec<Box<dyn Player>> = world
-        .agents()
-        .map(|agent| {
-            let seat = Seat {
-                agent,
-                num_agents: 12,
-                width: 10,
-                height: 10,
-                task,
-                rules: RuleSet::Paper,
-                seed: u64::from(agent.0),
-            };
-            default_for(task).make(&seat)
-        })
-        .collect();
-    let mut moments = vec![world.spectacle()];
-    while !world.is_over() {
-        let agents = world.agents().zip(&mut players);
-        let acts: Vec<_> =
-            agents.map(|(agent, player)| player.decide(&world.observe(agent))).collect();
-        world.step(&acts);
-        moments.push(world.spectacle());
+    let mut game = Game::new(Arc::new(config), default_for(task), 1);
+    let mut moments = vec![game.world().spectacle()];
+    while !game.world().is_over() {
+        let acts = game.decide();
+        game.step(&acts);
+        moments.push(game.world().spectacle());
     }
     let last = moments.len() - 1;
     let shown = [0, last / 3, 2 * last / 3, last].map(|round| &moments[round]);
