@@ -299,7 +299,7 @@ async fn errors_come_before_anything_is_played_and_say_what_to_do() {
     help.says(&[
         "--api-base",
         "--seeds",
-        "Every seat is a conversation",
+        "Every combination of a model",
         "Exit codes",
         "examples/eval",
     ]);
