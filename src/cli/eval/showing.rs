@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
-use comfy_table::CellAlignment;
+use comfy_table::{CellAlignment, ColumnConstraint};
 use swarmbench_engine::TaskName;
 
 use super::super::leaderboard::{fit, short};
@@ -13,6 +13,9 @@ use super::Hosting;
 use crate::eval::experiment::Shape;
 use crate::eval::plan::{Plan, Who, ranges};
 use crate::eval::report::{Played, Report};
+
+/// Into how few columns of a terminal a model's name may be broken.
+const NAME_COLUMNS: usize = 12;
 
 /// Boards of other suites that are named at the end.
 const SUITES_TOLD: usize = 3;
@@ -134,18 +137,45 @@ fn headline(plan: &Plan) -> String {
     format!("{}: seeds {seeds}{}", plan.name, shared.collect::<String>())
 }
 
+/// The board in so many columns. Where it is wider, it has a row for each task, and as much as there is room for: a number
+/// that is broken in two is none.
 fn drawn(plan: &Plan, report: &Report, width: u16) -> comfy_table::Table {
-    let (headings, rows) = report.table(plan.shape);
-    let headings: Vec<&str> = headings.iter().map(|heading| short(heading)).collect();
-    let mut shown = table(&headings);
+    let narrower: [(Shape, &[&str]); 3] =
+        [(Shape::Long, &[]), (Shape::Long, &["seeds"]), (Shape::Long, &["seeds", "least", "most"])];
+    let (mut shown, mut least) = laid_out(report.table(plan.shape), &[]);
+    for (shape, left_out) in narrower {
+        if least <= width.into() {
+            break;
+        }
+        (shown, least) = laid_out(report.table(shape), left_out);
+    }
     fit(&mut shown, width);
-    for row in rows {
-        shown.add_row(row);
+    shown
+}
+
+/// A table of which the first column alone may be broken, and how many columns of a terminal it takes at least.
+fn laid_out(
+    (headings, rows): (Vec<String>, Vec<Vec<String>>),
+    left_out: &[&str],
+) -> (comfy_table::Table, usize) {
+    let stays = |cells: &[String]| -> Vec<String> {
+        let cells = headings.iter().zip(cells);
+        let cells = cells.filter(|(heading, _)| !left_out.contains(&heading.as_str()));
+        cells.map(|(_, cell)| cell.clone()).collect()
+    };
+    let named: Vec<String> = stays(&headings);
+    let mut shown = table(&named.iter().map(|heading| short(heading)).collect::<Vec<_>>());
+    for row in &rows {
+        shown.add_row(stays(row));
     }
     for column in shown.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
+        column.set_constraint(ColumnConstraint::ContentWidth);
     }
-    shown
+    let whole = shown.lines().next().map_or(0, |line| line.chars().count());
+    let first = rows.iter().chain([&headings]).filter_map(|row| Some(row.first()?.chars().count()));
+    let spare = first.max().unwrap_or(0).saturating_sub(NAME_COLUMNS);
+    (shown, whole - spare)
 }
 
 /// Shows what would be played.
@@ -180,4 +210,30 @@ pub(super) fn dry_run(plan: &Plan) {
     let runs = plan.runs.len();
     println!("{runs} runs, {games} games; models would be asked at most {asked} times");
     println!("nothing was played; without --dry-run it is");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_number_is_broken_however_narrow_the_terminal() {
+        let headings: Vec<String> =
+            ["model", "noise", "task", "mean ± deviation", "least", "most", "games", "seeds"]
+                .map(str::to_owned)
+                .to_vec();
+        let row = ["a-model-with-a-rather-long-name", "0.2", "Flocking", "11.25 ± 0.50", "10.00"];
+        let row = row.iter().chain(&["12.00", "5", "27, 42, 57, 72, 87"]);
+        let row: Vec<String> = row.map(|&cell| cell.to_owned()).collect();
+        for left_out in [&[][..], &["seeds"], &["seeds", "least", "most"]] {
+            let (mut shown, least) = laid_out((headings.clone(), vec![row.clone()]), left_out);
+            fit(&mut shown, u16::try_from(least).expect("a width"));
+            let drawn = shown.to_string();
+            assert!(drawn.lines().all(|line| line.chars().count() <= least), "{least}\n{drawn}");
+            assert!(drawn.contains(" 11.25 ± 0.50 "), "{drawn}");
+            for (heading, cell) in headings.iter().zip(&row).skip(1) {
+                assert_ne!(drawn.contains(cell), left_out.contains(&heading.as_str()), "{drawn}");
+            }
+        }
+    }
 }
