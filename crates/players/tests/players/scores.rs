@@ -103,8 +103,9 @@ fn defaults_fit_other_maps_and_swarms_too() {
             let settings = Settings { width: size, height: size, num_agents, ..standard };
             play(default_for(task), &settings, seed).0
         };
-        let scores: Vec<f64> = SEEDS.map(score).collect();
-        let mean = scores.iter().sum::<f64>() / 10.0;
+        // These games are large, so they are few.
+        let scores: Vec<f64> = (0..4).map(score).collect();
+        let mean = scores.iter().sum::<f64>() / 4.0;
         assert!(mean >= least, "{} {num_agents} on {size}: {scores:?}", task.name());
     }
 }
