@@ -30,10 +30,12 @@ def test_there_is_no_other_code_than_what_is_tested() -> None:
     assert [block for language, block in BLOCK.findall(PAGE) if language == "sh"] == [BLOCK.findall(marked)[0][1]]
 
 
-def test_the_readme_shows_the_minimal_agent() -> None:
+@pytest.mark.parametrize(
+    ("mark", "language", "name"),
+    [("python", "python", "minimal.py"), ("shell", "bash", "minimal.sh"), ("javascript", "js", "minimal.mjs")],
+)
+def test_the_readme_shows_the_minimal_agents(mark: str, language: str, name: str) -> None:
     readme = (ROOT / "README.md").read_text()
-    shown = readme[readme.index("<!-- minimal agent: python -->") :]
+    shown = readme[readme.index(f"<!-- minimal agent: {mark} -->") :]
     shown = shown[: shown.index("<!-- end -->")]
-    ((language, code),) = BLOCK.findall(shown)
-    assert language == "python"
-    assert code == (ROOT / "examples" / "agents" / "minimal.py").read_text()
+    assert BLOCK.findall(shown) == [(language, (ROOT / "examples" / "agents" / name).read_text())]
