@@ -10,9 +10,10 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
+use super::halt::Halt;
 use super::plan::{AXES, META, Planned, Who, ranges};
 use crate::clock::{Clock, SystemClock, after};
-use crate::llm::{Model, Stop};
+use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
 use crate::players::drive::{DriveError, End, Note, Swarm, drive};
 use crate::players::play::{BuiltIns, Table};
@@ -49,65 +50,6 @@ pub enum News<'a> {
     Stands(&'a RunDetail),
     /// All of it was played.
     Ends(usize, &'a RunDetail),
-}
-
-/// Why not everything was played.
-#[derive(Debug, thiserror::Error)]
-pub enum Halt {
-    /// Somebody asked for it.
-    #[error("stopped")]
-    Asked,
-    /// What this call might spend is spent.
-    #[error("the budget is spent: {spent} of {budget} tokens; the next call has as many again")]
-    Budget {
-        /// Tokens that were spent.
-        spent: u64,
-        /// Tokens that might be.
-        budget: u64,
-    },
-    /// A model cannot be asked.
-    #[error("{0}")]
-    Model(Stop),
-    /// The server cannot be used.
-    #[error(transparent)]
-    Client(#[from] ClientError),
-    /// Somebody else ended the run.
-    #[error(
-        "the run {id} was {status} before all of it was played; the same command starts another"
-    )]
-    Ended {
-        /// Its id.
-        id: String,
-        /// How it ended.
-        status: String,
-    },
-    /// Seats cannot be played.
-    #[error("{0}")]
-    Play(String),
-}
-
-impl Halt {
-    /// Whether the same command goes on, and nothing has to be mended first.
-    #[must_use]
-    pub fn can_go_on(&self) -> bool {
-        match self {
-            Self::Asked | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => true,
-            Self::Model(stop) => matches!(
-                stop,
-                Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
-            ),
-            Self::Client(_) | Self::Ended { .. } | Self::Play(_) => false,
-        }
-    }
-}
-
-impl From<Stop> for Halt {
-    fn from(stop: Stop) -> Self {
-        match stop {
-            Stop::BudgetSpent { spent, budget } => Self::Budget { spent, budget },
-            stop => Self::Model(stop),
-        }
-    }
 }
 
 /// Plays runs on a server.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
-use super::conduct::Halt;
+use super::halt::Halt;
 use super::plan::Planned;
 use crate::llm::{Answer, Model, Question};
 use crate::players::client::Client;

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 use swarmbench::board::result::mean_and_deviation;
-use swarmbench::eval::conduct::{Conductor, Found, Halt, News};
+use swarmbench::eval::conduct::{Conductor, Found, News};
 use swarmbench::eval::experiment::Experiment;
+use swarmbench::eval::halt::Halt;
 use swarmbench::eval::plan::{Plan, Who};
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_players::game;

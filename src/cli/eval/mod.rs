@@ -16,8 +16,9 @@ use hosting::Hosting;
 use progress::Progress;
 use showing::Showing;
 
-use crate::eval::conduct::{Conductor, Halt, News};
+use crate::eval::conduct::{Conductor, News};
 use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
+use crate::eval::halt::Halt;
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
 use crate::eval::verify::{Fault, verify_run};
