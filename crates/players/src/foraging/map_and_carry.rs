@@ -81,9 +81,12 @@ impl MapAndCarry {
             let aside = order.into_iter().find(|&side| is_free(here.toward(side)));
             return aside.map_or(Action::Stay, push);
         }
-        let step = if chart.find(wanted).is_some() {
+        let step = if let Some(found) = chart.find(wanted) {
             let beside = |cell: Pos| Direction::ALL.map(|side| chart.at(cell.toward(side)));
-            chart.way(here, order, CROWD, |cell| beside(cell).contains(&Some(wanted)))
+            // Food and nest are two cells wide. On a large map it takes long to look around every cell.
+            let is_goal =
+                |cell: Pos| cell.is_within(2, found) && beside(cell).contains(&Some(wanted));
+            chart.way(here, order, CROWD, is_goal)
         } else {
             chart.way(here, order, CROWD, |cell| chart.is_unknown(cell))
         };
