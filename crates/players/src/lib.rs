@@ -32,6 +32,7 @@
 //! every line of every table, so nothing else has to be told. A player keeps to what it was shown: it may remember anything, draw
 //! from a generator seeded by its seat, and must cope with any observation without a panic.
 
+mod assign;
 mod chance;
 mod chart;
 mod flocking;

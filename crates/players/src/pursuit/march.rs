@@ -5,6 +5,7 @@ use swarmbench_engine::tasks::pursuit::Ground;
 use swarmbench_engine::{Direction, Pos};
 
 use super::field::Field;
+use crate::assign::assign as cheapest;
 
 /// What an agent of the swarm does; none for an agent whose whereabouts are unknown.
 pub(super) type Step = Option<Direction>;
@@ -25,69 +26,9 @@ pub(super) fn assign(agents: &[Pos], settled: &[bool], posts: &[Pos]) -> Vec<Opt
         distance * distance
     };
     let count = agents.len().min(posts.len());
-    let chosen = cheapest_matching(count, posts.len(), cost);
+    let row = |agent| (0..posts.len()).map(|post| cost(agent, post)).collect();
+    let chosen = cheapest(&(0..count).map(row).collect::<Vec<Vec<i64>>>());
     (0..agents.len()).map(|agent| chosen.get(agent).map(|&post| posts[post])).collect()
-}
-
-/// The column of every row in a matching of the least total cost, by the Hungarian method with potentials;
-/// there are at least as many columns as rows.
-fn cheapest_matching(
-    rows: usize,
-    columns: usize,
-    cost: impl Fn(usize, usize) -> i64,
-) -> Vec<usize> {
-    // Row and column 0 are the method's usual sentinels.
-    let mut of_row = vec![0_i64; rows + 1];
-    let mut of_column = vec![0_i64; columns + 1];
-    let mut owner = vec![0_usize; columns + 1];
-    let mut way = vec![0_usize; columns + 1];
-    for row in 1..=rows {
-        owner[0] = row;
-        let mut column = 0;
-        let mut least = vec![i64::MAX; columns + 1];
-        let mut used = vec![false; columns + 1];
-        loop {
-            used[column] = true;
-            let (from, mut delta, mut next) = (owner[column], i64::MAX, 0);
-            for other in 1..=columns {
-                if used[other] {
-                    continue;
-                }
-                let reduced = cost(from - 1, other - 1) - of_row[from] - of_column[other];
-                if reduced < least[other] {
-                    least[other] = reduced;
-                    way[other] = column;
-                }
-                if least[other] < delta {
-                    delta = least[other];
-                    next = other;
-                }
-            }
-            for other in 0..=columns {
-                if used[other] {
-                    of_row[owner[other]] += delta;
-                    of_column[other] -= delta;
-                } else if other > 0 {
-                    least[other] -= delta;
-                }
-            }
-            column = next;
-            if owner[column] == 0 {
-                break;
-            }
-        }
-        while column != 0 {
-            owner[column] = owner[way[column]];
-            column = way[column];
-        }
-    }
-    let mut chosen = vec![0; rows];
-    for column in 1..=columns {
-        if owner[column] > 0 {
-            chosen[owner[column] - 1] = column - 1;
-        }
-    }
-    chosen
 }
 
 /// Steps of all agents, found one agent after the other.

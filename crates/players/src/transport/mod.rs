@@ -55,7 +55,6 @@
 //! than to play as `find-and-push` does, so that is what happens then: on 9 × 9 cells 30 agents score 21.9 instead of
 //! 12.7, on 10 × 10 cells 34 agents 28.4 instead of 27.8 (seeds 0..20).
 
-mod assign;
 mod exit;
 mod find_and_push;
 mod push_ahead;

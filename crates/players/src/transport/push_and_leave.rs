@@ -2,9 +2,9 @@
 
 use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 
-use super::assign::assign;
 use super::exit::{Exit, PUSHES, Place, Sight, is_block};
 use super::swarm::{News, Swarm};
+use crate::assign::assign;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
 use crate::walk::toward;

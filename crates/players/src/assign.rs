@@ -2,7 +2,7 @@
 
 /// The column of every row in a cheapest assignment; there are at least as many columns as rows. Found by
 /// shortest augmenting paths (the Hungarian method), one row after the other.
-pub(super) fn assign(costs: &[Vec<i64>]) -> Vec<usize> {
+pub(crate) fn assign(costs: &[Vec<i64>]) -> Vec<usize> {
     let columns = costs.first().map_or(0, Vec::len);
     // Rows and columns count from 1 here; row and column 0 stand for "none".
     let (mut row_price, mut column_price) = (vec![0; costs.len() + 1], vec![0; columns + 1]);
