@@ -113,18 +113,7 @@ pub async fn drive<S: Swarm>(
     stop: &CancellationToken,
     note: impl FnMut(Note<'_>),
 ) -> Result<End, DriveError<S::Error>> {
-    let mut drive = Drive {
-        client,
-        token,
-        note,
-        thinking: FuturesUnordered::new(),
-        delayed: FuturesUnordered::new(),
-        decided: HashMap::new(),
-        outbox: Vec::new(),
-        put_off: 0,
-        halted: None,
-    };
-    drive.play(swarm, stop).await
+    Drive::new(client, token, note).play(swarm, stop).await
 }
 
 type Looking = BoxFuture<'static, Result<SwarmObsResponse, ClientError>>;
@@ -146,7 +135,22 @@ struct Drive<'a, E: Display, N> {
     halted: Option<DriveError<E>>,
 }
 
-impl<E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'_, E, N> {
+impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
+    /// Nothing was asked or decided yet.
+    fn new(client: &'a Client, token: &'a str, note: N) -> Self {
+        Self {
+            client,
+            token,
+            note,
+            thinking: FuturesUnordered::new(),
+            delayed: FuturesUnordered::new(),
+            decided: HashMap::new(),
+            outbox: Vec::new(),
+            put_off: 0,
+            halted: None,
+        }
+    }
+
     async fn play<S: Swarm<Error = E>>(
         &mut self,
         swarm: &mut S,
@@ -351,17 +355,7 @@ mod tests {
         let act =
             || vec![SwarmAct { response: Some("ACTION: UP".to_owned()), ..SwarmAct::default() }];
         for code in ["rate_limited", "overloaded", "unavailable"] {
-            let mut drive: Drive<'_, String, _> = Drive {
-                client: &client,
-                token: "",
-                note: |_: Note<'_>| {},
-                thinking: FuturesUnordered::new(),
-                delayed: FuturesUnordered::new(),
-                decided: HashMap::new(),
-                outbox: Vec::new(),
-                put_off: 0,
-                halted: None,
-            };
+            let mut drive: Drive<'_, String, _> = Drive::new(&client, "", |_: Note<'_>| {});
             for tries in 1..=PUT_OFF_MAX {
                 drive.receive(act(), vec![refused(code)]);
                 assert_eq!(drive.delayed.len(), tries as usize, "{code}");
