@@ -24,6 +24,7 @@ mod episode;
 mod episodes;
 mod exports;
 mod fairness;
+mod files;
 mod golden;
 mod golden_database;
 mod host;
