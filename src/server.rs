@@ -231,6 +231,8 @@ async fn sweep(app: App) {
             tracing::error!(%error, "runs cannot be looked after");
         }
         app.tidy();
+        // Where something is wrong that is logged, and the writer finds it with its next commit.
+        drop(app.store.check_files());
         app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
     }
 }

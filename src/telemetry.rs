@@ -78,6 +78,10 @@ fn describe() {
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
     describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
     describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");
+    describe_gauge!(
+        "swarmbench_database_lost",
+        "1 once a file of the database was removed, renamed or replaced under the server."
+    );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(
         "swarmbench_rate_limited_total",

@@ -38,8 +38,8 @@ pub(super) async fn show_health() -> Json<Health> {
     Json(OK)
 }
 
-/// Whether the server can be used: the database answers, no commit has failed, and all episodes
-/// that were running before a restart run again.
+/// Whether the server can be used: the database answers, its files are where they were, no commit has
+/// failed, and all episodes that were running before a restart run again.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -52,6 +52,10 @@ pub(super) async fn show_health() -> Json<Health> {
     )
 )]
 pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
+    if let Err(lost) = app.store.check_files() {
+        let detail = format!("{lost}: nothing is acknowledged until the server is restarted");
+        return Err(ApiError::new(Code::Unavailable, detail));
+    }
     if app.store.writer().has_failed() {
         let detail = "a commit failed: nothing is acknowledged until the server is restarted";
         return Err(ApiError::new(Code::Unavailable, detail));

@@ -3,14 +3,18 @@
 //! It is made by a process of its own that only reads. `VACUUM INTO` copies what was committed when it
 //! began; in WAL mode it neither waits for the writer nor lets it wait.
 
-use std::fs::{File, TryLockError};
+use std::fs::{File, Permissions, TryLockError};
 use std::io;
+use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::fs::statvfs;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection, Row};
+
+use super::OpenError;
+use super::files::{MODE, may_lack_log};
 
 /// How often somebody is told how far it is.
 const TICK: Duration = Duration::from_millis(100);
@@ -21,6 +25,9 @@ pub enum BackupError {
     /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     NoDatabase(PathBuf),
+    /// It is not read as it is.
+    #[error(transparent)]
+    Open(#[from] OpenError),
     /// The backup would replace something.
     #[error("{0} exists and is not overwritten: name another file, or move that one away")]
     Exists(PathBuf),
@@ -93,6 +100,9 @@ pub async fn back_up(
     let failed = |source| BackupError::Sqlite { path: database.to_owned(), source };
     if !database.is_file() {
         return Err(BackupError::NoDatabase(database.to_owned()));
+    }
+    if may_lack_log(database) {
+        return Err(OpenError::Linked(database.to_owned()).into());
     }
     let partial = Partial::create(target)?;
     let options = SqliteConnectOptions::new()
@@ -207,6 +217,7 @@ impl Partial {
             .create(true)
             .truncate(false)
             .write(true)
+            .mode(MODE)
             .open(&path)
             .map_err(|error| failed(&path, error))?;
         match file.try_lock() {
@@ -219,6 +230,9 @@ impl Partial {
             return Err(BackupError::Exists(target));
         }
         file.set_len(0).map_err(|error| failed(&path, error))?;
+        // What an earlier attempt left may have another mode.
+        let mode = Permissions::from_mode(MODE);
+        file.set_permissions(mode).map_err(|error| failed(&path, error))?;
         // SQLite's own notes of an earlier attempt must not be taken for some of this one.
         let mut journal = path.clone().into_os_string();
         journal.push("-journal");

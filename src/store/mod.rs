@@ -8,6 +8,7 @@ pub mod backup;
 pub mod competitions;
 pub mod episodes;
 mod exports;
+mod files;
 pub mod imports;
 pub mod keys;
 pub mod rebuild;
@@ -18,9 +19,8 @@ pub mod seats;
 pub mod tokens;
 mod writer;
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use sqlx::sqlite::{
@@ -30,6 +30,8 @@ use sqlx::sqlite::{
 use sqlx::{ConnectOptions, Row};
 
 use crate::journal::{Committed, Entry, JournalError};
+pub use files::Lost;
+use files::{Files, Lock};
 pub use writer::WriterState;
 
 /// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
@@ -49,14 +51,23 @@ pub enum OpenError {
         "the database {0} is in use by another process: stop that one, or name another file with --db"
     )]
     InUse(PathBuf),
-    /// The file beside it that says who has it cannot be used.
-    #[error("the lock file {path} cannot be used")]
+    /// The database, or the lock file beside it, cannot be opened or locked.
+    #[error("{path} cannot be opened and locked")]
     Lock {
-        /// The lock file.
+        /// The file.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
     },
+    /// It has hard links, so that its log may be beside another name.
+    #[error(
+        "{0} has several names (hard links), and SQLite finds what was written last by the name that the server uses: \
+         remove the other names, or name the one of the server with --db"
+    )]
+    Linked(PathBuf),
+    /// Its files changed while it was opened.
+    #[error(transparent)]
+    Lost(#[from] Lost),
     /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     Missing(PathBuf),
@@ -93,8 +104,9 @@ pub enum OpenError {
 pub struct Store {
     readers: SqlitePool,
     writer: writer::Writer,
+    files: Files,
     /// Held as long as the database is open; none where it is only read.
-    lock: Option<Arc<File>>,
+    lock: Arc<Mutex<Option<Lock>>>,
 }
 
 impl Store {
@@ -104,14 +116,15 @@ impl Store {
     /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let (lock, options, connection) = take(path, true).await?;
+        let Taken { lock, files, options, connection } = take(path, true).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .acquire_timeout(READ_PATIENCE)
             .connect_with(options.read_only(true).create_if_missing(false))
             .await
             .map_err(failed)?;
-        Ok(Self { readers, writer: writer::Writer::spawn(connection), lock: Some(Arc::new(lock)) })
+        let writer = writer::Writer::spawn(connection, files.clone());
+        Ok(Self { readers, writer, files, lock: Arc::new(Mutex::new(Some(lock))) })
     }
 
     /// Opens a database only to read it, also while a server has it. What is handed to the writer is
@@ -122,6 +135,9 @@ impl Store {
     pub async fn open_to_read(path: &Path) -> Result<Self, OpenError> {
         if !path.is_file() {
             return Err(OpenError::Missing(path.to_owned()));
+        }
+        if files::may_lack_log(path) {
+            return Err(OpenError::Linked(path.to_owned()));
         }
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
         let options = SqliteConnectOptions::new()
@@ -143,7 +159,8 @@ impl Store {
         if newest != known {
             return Err(OpenError::Tables(path.to_owned()));
         }
-        Ok(Self { readers, writer: writer::Writer::none(), lock: None })
+        let writer = writer::Writer::none();
+        Ok(Self { readers, writer, files: Files::default(), lock: Arc::default() })
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
@@ -162,10 +179,17 @@ impl Store {
     pub async fn close(self) {
         self.readers.close().await;
         self.writer.stop().await;
-        // Actors that have not noticed the end yet hold clones of the store, and so the lock file.
-        if let Some(Err(error)) = self.lock.map(|lock| lock.unlock()) {
-            tracing::warn!(%error, "the lock of the database is held until the process ends");
-        }
+        // Not before SQLite has closed the database, see `files.rs`; and not later, when actors that have not noticed
+        // the end drop their clones of the store: this process may have opened the database again by then.
+        drop(self.lock.lock().unwrap_or_else(PoisonError::into_inner).take());
+    }
+
+    /// Whether the files of the database are still those that were opened. The writer looks after every commit, too.
+    ///
+    /// # Errors
+    /// Where one was removed, renamed or replaced.
+    pub fn check_files(&self) -> Result<(), Lost> {
+        self.files.check()
     }
 
     /// Whether the database can be read.
@@ -178,16 +202,22 @@ impl Store {
     }
 }
 
+/// A database that this process has alone. The lock has to be dropped last.
+struct Taken {
+    connection: SqliteConnection,
+    options: SqliteConnectOptions,
+    files: Files,
+    lock: Lock,
+}
+
 /// Takes a database for this process alone, and brings its tables up to date.
-async fn take(
-    path: &Path,
-    create: bool,
-) -> Result<(File, SqliteConnectOptions, SqliteConnection), OpenError> {
-    let lock = lock(path)?;
+async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
+    let lock = Lock::take(path, create)?;
     let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
+    // The file was made with its lock, if it had to be.
     let options = SqliteConnectOptions::new()
         .filename(path)
-        .create_if_missing(create)
+        .create_if_missing(false)
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full)
         .busy_timeout(Duration::from_secs(10))
@@ -198,32 +228,16 @@ async fn take(
         .run(&mut connection)
         .await
         .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
-    Ok((lock, options, connection))
+    let files = Files::of(path, &lock)
+        .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
+    files.check()?;
+    Ok(Taken { connection, options, files, lock })
 }
 
 fn failure(error: sqlx::Error) -> JournalError {
     match error {
         sqlx::Error::PoolTimedOut => JournalError::busy(),
         error => JournalError(error.to_string().into()),
-    }
-}
-
-/// Takes the lock of a database: one process owns it.
-fn lock(path: &Path) -> Result<File, OpenError> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".lock");
-    let lock_path = path.with_file_name(name);
-    let failed = |source| OpenError::Lock { path: lock_path.clone(), source };
-    let file = File::options()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(&lock_path)
-        .map_err(failed)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(std::fs::TryLockError::WouldBlock) => Err(OpenError::InUse(path.to_owned())),
-        Err(std::fs::TryLockError::Error(source)) => Err(failed(source)),
     }
 }
 

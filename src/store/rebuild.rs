@@ -9,7 +9,7 @@ use sqlx::{Connection, Row};
 use swarmbench_engine::physics::Solver;
 
 use super::episodes::{hash, head};
-use super::{OpenError, results, take};
+use super::{OpenError, Taken, results, take};
 use crate::journal::chain::Head;
 use crate::journal::record::{ActRecord, End, RawRecord, Record, first_lines, round_record};
 use crate::journal::replay::verify;
@@ -66,12 +66,13 @@ pub async fn rebuild(
     if !path.is_file() {
         return Err(RebuildError::NoDatabase(path.to_owned()));
     }
-    // The lock is held until the end.
-    let (_lock, _, mut connection) = take(path, false).await?;
+    // The lock is held until the connection is closed.
+    let Taken { mut connection, lock, .. } = take(path, false).await?;
     let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
     let rebuilt = all(&mut transaction, replay, &mut progress).await?;
     transaction.commit().await?;
     connection.close().await?;
+    drop(lock);
     Ok(rebuilt)
 }
 

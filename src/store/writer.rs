@@ -13,6 +13,7 @@ use sqlx::{Connection, QueryBuilder, Sqlite};
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 
+use super::files::Files;
 use super::results::Changes;
 use crate::journal::{
     ActRow, Committed, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, TokenRow,
@@ -69,11 +70,11 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    pub(super) fn spawn(connection: SqliteConnection) -> Self {
+    pub(super) fn spawn(connection: SqliteConnection, files: Files) -> Self {
         let (queue, jobs) = mpsc::unbounded_channel();
         let state = Arc::new(WriterState::default());
         let stop = tokio_util::sync::CancellationToken::new();
-        let task = tokio::spawn(run(connection, jobs, Arc::clone(&state), stop.clone()));
+        let task = tokio::spawn(run(connection, files, jobs, Arc::clone(&state), stop.clone()));
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
@@ -108,6 +109,7 @@ impl Writer {
 
 async fn run(
     mut connection: SqliteConnection,
+    files: Files,
     mut queue: mpsc::UnboundedReceiver<Job>,
     state: Arc<WriterState>,
     stop: tokio_util::sync::CancellationToken,
@@ -131,7 +133,10 @@ async fn run(
         let result = if state.has_failed() {
             Err(JournalError("an earlier commit failed; restart the server".into()))
         } else {
-            commit(&mut connection, &entries).await
+            // What went into a file that was removed is not kept, whatever SQLite says.
+            let committed = commit(&mut connection, &entries).await;
+            committed
+                .and_then(|()| files.check().map_err(|lost| JournalError(lost.to_string().into())))
         };
         if result.is_ok() {
             // Before anybody is told: whoever knows of an end finds it on the board.
