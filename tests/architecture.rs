@@ -9,13 +9,14 @@ use std::process::Command;
 const MAY_NAME: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("board", &[]),
+    ("budget", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
     ("keys", &["clock", "ids"]),
     ("telemetry", &[]),
     ("journal", &["ids", "keys"]),
     ("store", &["competition", "ids", "journal", "keys"]),
-    ("episode", &["clock", "ids", "journal", "keys"]),
+    ("episode", &["budget", "clock", "ids", "journal", "keys"]),
     ("house", &["episode", "journal"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
@@ -23,8 +24,8 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "run",
         &[
-            "board", "clock", "episode", "host", "house", "ids", "journal", "keys", "prompt",
-            "store",
+            "board", "budget", "clock", "episode", "host", "house", "ids", "journal", "keys",
+            "prompt", "store",
         ],
     ),
     ("competition", &["board", "clock", "episode", "ids", "journal", "run", "store"]),
@@ -33,6 +34,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
         "http",
         &[
             "board",
+            "budget",
             "clock",
             "competition",
             "dataset",
@@ -53,6 +55,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "server",
         &[
+            "budget",
             "clock",
             "competition",
             "episode",

@@ -82,6 +82,8 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     {
         metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);
         metrics::gauge!("swarmbench_episodes_in_memory").set(app.registry.in_memory() as f64);
+        metrics::gauge!("swarmbench_memory_reserved_bytes")
+            .set(app.registry.budget().used() as f64);
         metrics::gauge!("swarmbench_backlog_jobs").set(app.store.writer().backlog() as f64);
     }
     if let Some(free) = app.disk.free_percent() {
