@@ -16,6 +16,7 @@
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub mod board;
+pub mod budget;
 pub mod cli;
 pub mod clock;
 pub mod competition;

@@ -8,6 +8,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
+use crate::budget::Budget;
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
 use crate::competition::closing;
 use crate::episode::actor::Spawn;
@@ -114,7 +115,8 @@ impl Server {
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
         let registry =
-            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key);
+            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key)
+                .with_budget(Budget::new(limits.memory_bytes_max));
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {

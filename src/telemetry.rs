@@ -81,6 +81,18 @@ fn describe() {
     describe_counter!("swarmbench_runs_ended_total", "Runs ended, by status.");
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
     describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
+    describe_gauge!(
+        "swarmbench_memory_reserved_bytes",
+        "Memory of worlds and large answers, of memory_bytes_max."
+    );
+    describe_counter!(
+        "swarmbench_evictions_total",
+        "Idle episodes that left memory because others needed it."
+    );
+    describe_counter!(
+        "swarmbench_memory_refusals_total",
+        "Worlds and answers for which no memory was free."
+    );
     describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");
     describe_gauge!(
         "swarmbench_database_lost",

@@ -9,6 +9,7 @@ use std::process::Command;
 const MAY_NAME: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("board", &[]),
+    ("budget", &[]),
     ("host", &[]),
     ("ids", &["clock"]),
     ("keys", &["clock", "ids"]),
@@ -17,7 +18,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("fair", &["journal", "keys"]),
     ("work", &["fair"]),
     ("store", &["competition", "fair", "ids", "journal", "keys"]),
-    ("episode", &["clock", "fair", "ids", "journal", "keys", "work"]),
+    ("episode", &["budget", "clock", "fair", "ids", "journal", "keys", "work"]),
     ("house", &["episode", "fair", "journal", "work"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
@@ -25,8 +26,8 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "run",
         &[
-            "board", "clock", "episode", "host", "house", "ids", "journal", "keys", "prompt",
-            "store",
+            "board", "budget", "clock", "episode", "host", "house", "ids", "journal", "keys",
+            "prompt", "store",
         ],
     ),
     ("competition", &["board", "clock", "episode", "ids", "journal", "run", "store"]),
@@ -35,6 +36,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
         "http",
         &[
             "board",
+            "budget",
             "clock",
             "competition",
             "dataset",
@@ -57,6 +59,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "server",
         &[
+            "budget",
             "clock",
             "competition",
             "episode",

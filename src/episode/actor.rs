@@ -6,7 +6,7 @@
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 
 use futures::future::BoxFuture;
 use jiff::Timestamp;
@@ -16,11 +16,13 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
+use super::memory;
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
+use crate::budget::{Budget, Reservation};
 use crate::clock::Clock;
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
@@ -158,6 +160,8 @@ pub struct Host {
     pub spawn: Spawn,
     /// What everybody holds.
     pub quotas: Arc<Quotas>,
+    /// The memory that worlds and answers may take together.
+    pub budget: Arc<Budget>,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
     /// Told of every episode that is taken up and of which the server may play seats.
@@ -196,6 +200,8 @@ pub struct Running {
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
+    /// The memory that it takes; free again when nobody holds the episode.
+    _memory: Arc<Reservation>,
     gone: CancellationToken,
 }
 
@@ -373,21 +379,26 @@ fn gone() -> JournalError {
     JournalError("the episode has stopped".into())
 }
 
-/// States kept on the way, so that one of any round comes quickly. When there are too many, every
-/// second one is dropped.
+/// States kept on the way, so that one of any round comes quickly. When there are too many, or they are too
+/// large, every second one is dropped.
 pub(super) struct Keyframes {
     stride: u32,
     worlds: Vec<Arc<World>>,
+    bytes: usize,
 }
 
 impl Keyframes {
     const MAX: usize = 32;
 
+    /// Bytes that they may take in one game; the layout is kept whatever it takes.
+    const BYTES_MAX: usize = 8 * 1024 * 1024;
+
     /// Starts with the layout. Few rounds lie between two states where rounds are heavy; where they
     /// are light, playing some hundreds again costs less than keeping states of every short game.
     pub(super) fn new(layout: Arc<World>) -> Self {
         let stride = if is_heavy(layout.config()) { 32 } else { 512 };
-        Self { stride, worlds: vec![layout] }
+        let bytes = memory::of_world(layout.config(), 0);
+        Self { stride, worlds: vec![layout], bytes }
     }
 
     pub(super) fn offer(&mut self, world: &Arc<World>) {
@@ -395,10 +406,21 @@ impl Keyframes {
             return;
         }
         self.worlds.push(Arc::clone(world));
-        if self.worlds.len() > Self::MAX {
+        self.bytes += memory::of_world(world.config(), world.round());
+        while self.worlds.len() > 1
+            && (self.worlds.len() > Self::MAX || self.bytes > Self::BYTES_MAX)
+        {
             self.stride *= 2;
             self.worlds.retain(|world| world.round().is_multiple_of(self.stride));
+            let kept =
+                self.worlds.iter().map(|world| memory::of_world(world.config(), world.round()));
+            self.bytes = kept.sum();
         }
+    }
+
+    /// About how many bytes they take.
+    pub(super) const fn bytes(&self) -> usize {
+        self.bytes
     }
 
     fn before(&self, round: u32) -> Arc<World> {
@@ -428,13 +450,16 @@ pub(super) struct Fresh {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
+pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
     let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
         None => host.quotas.note(fresh.key, fresh.owner),
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }
+    memory.resize(memory::of_episode(&fresh.world, fresh.keyframes.bytes()));
+    let memory = Arc::new(memory);
+    let weight = Arc::downgrade(&memory);
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let ends_at = Arc::new(AtomicI64::new(fresh.lockstep.ends_at().as_millisecond()));
     let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
@@ -463,6 +488,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
         hosted: Arc::clone(&hosted),
+        _memory: memory,
         gone: gone.clone(),
     }));
     if fresh.spec.may_be_hosted() && !latest.status.is_over() {
@@ -486,6 +512,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         ahead: Vec::new(),
         hosted,
         keyframes,
+        memory: weight,
         ends_at,
         publish,
         latest,
@@ -532,6 +559,8 @@ struct Actor {
     ahead: Vec<Entry>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     keyframes: Arc<Mutex<Keyframes>>,
+    /// The memory that the episode takes, as long as anybody holds it.
+    memory: Weak<Reservation>,
     ends_at: Arc<AtomicI64>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
@@ -895,7 +924,7 @@ impl Actor {
         let record = round_record(round, records.iter(), &digest.to_string(), world.score());
         self.head = self.head.link(record.as_str().as_bytes());
         self.world = world;
-        self.keyframes.lock().expect("nothing panics while it holds this").offer(&self.world);
+        self.keep_state();
         let now = self.host.clock.now();
         entries.push(Entry::Round(RoundRow {
             episode: self.key,
@@ -918,6 +947,15 @@ impl Actor {
             }
         }
         Ok(())
+    }
+
+    /// Keeps the new state for those who ask for it later, and counts the memory that the episode takes now.
+    fn keep_state(&self) {
+        let mut keyframes = self.keyframes.lock().expect("nothing panics while it holds this");
+        keyframes.offer(&self.world);
+        if let Some(reservation) = self.memory.upgrade() {
+            reservation.resize(memory::of_episode(&self.world, keyframes.bytes()));
+        }
     }
 
     /// Writes the record of the end.

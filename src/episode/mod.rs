@@ -3,11 +3,12 @@
 //! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
 //! performs what it says, one task an episode. [`seating`] says who holds which seat. [`registry`] finds and starts them, and lets go of those
 //! that nobody asks for; [`recovery`] makes a running episode of a journal; [`quota`] counts what
-//! everybody holds. Readers look at a [`Snapshot`], which never changes.
+//! everybody holds, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
 
 pub mod actor;
 pub mod heavy;
 pub mod lockstep;
+pub mod memory;
 pub mod places;
 pub mod quota;
 pub mod recovery;

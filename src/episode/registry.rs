@@ -14,17 +14,19 @@ use tokio_util::sync::CancellationToken;
 use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
 use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Lockstep, Standing};
+use super::memory;
 use super::quota::{Full, Quotas};
 use super::recovery::{RecoveryError, clocks, described, recover};
 use super::seating::Seating;
 use super::spec::Spec;
+use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
 use crate::journal::{
     ClaimRow, Entry, EpisodeKey, Holder, Journal, JournalError, OpeningRow, RunKey, SeatingRow,
-    Tally, TokenRow, Unfinished,
+    StoredEpisode, Tally, TokenRow, Unfinished,
 };
 use crate::keys::OwnerKey;
 
@@ -34,6 +36,9 @@ const UNUSED_STAYS: Duration = Duration::from_mins(5);
 /// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
 /// what has failed at once may fail at once again.
 const REVIVED_AFTER: Duration = Duration::from_secs(1);
+
+/// How long an episode that nobody asks for stays in memory where memory is short.
+const IDLE_STAYS: Duration = Duration::from_secs(10);
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
@@ -57,12 +62,32 @@ pub enum CreateError {
     /// There are as many as there may be.
     #[error(transparent)]
     Full(#[from] Full),
+    /// No memory is free for it.
+    #[error(transparent)]
+    NoMemory(#[from] NoMemory),
     /// The time in which its rounds may begin is over.
     #[error("no round begins here after {0}")]
     Closed(Timestamp),
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
+}
+
+/// Why an episode was not found in memory, nor taken up.
+#[derive(Debug, thiserror::Error)]
+pub enum FindError {
+    /// No memory is free for it.
+    #[error(transparent)]
+    NoMemory(#[from] NoMemory),
+    /// It cannot be taken up.
+    #[error(transparent)]
+    Recovery(#[from] RecoveryError),
+}
+
+impl From<JournalError> for FindError {
+    fn from(error: JournalError) -> Self {
+        Self::Recovery(error.into())
+    }
 }
 
 /// All episodes of a server. Cloning shares them.
@@ -124,6 +149,31 @@ impl Slot {
     fn is_held(&self) -> bool {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
     }
+
+    /// Whether nobody holds the episode, or has asked for it for so long.
+    fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
+        !self.is_held() && after(self.used_at, stays) <= now
+    }
+
+    /// Lets an idle episode leave the memory, unless it has a running clock; false where it needs no place any
+    /// more.
+    fn leave(&mut self, now: Timestamp) -> bool {
+        let Some(handle) = self.handle.get() else { return self.ends_at.is_some() };
+        if handle.snapshot().status.is_over() {
+            return false;
+        }
+        if handle.gone().is_cancelled() {
+            // Its actor ended though the episode has not; it is taken up again.
+            self.ends_at = Some(now);
+            self.clocked = handle.spec.goes_on_alone();
+            self.handle = Arc::default();
+        } else if !handle.spec.goes_on_alone() {
+            self.ends_at = Some(handle.ends_at());
+            self.leaving = Some(handle.gone());
+            self.handle = Arc::default();
+        }
+        true
+    }
 }
 
 impl Registry {
@@ -139,11 +189,81 @@ impl Registry {
         let (tell, ended) = mpsc::unbounded_channel();
         let (host, hosted) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, ended: tell, hosted: host },
+            host: Host {
+                journal,
+                clock,
+                spawn,
+                quotas,
+                budget: Budget::unlimited(),
+                ended: tell,
+                hosted: host,
+            },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
+        }
+    }
+
+    /// With a budget of memory; without one there is no bound.
+    #[must_use]
+    pub fn with_budget(mut self, budget: Arc<Budget>) -> Self {
+        self.host.budget = budget;
+        self
+    }
+
+    /// The memory that worlds and answers may take together.
+    #[must_use]
+    pub fn budget(&self) -> &Arc<Budget> {
+        &self.host.budget
+    }
+
+    /// Reserves memory. Where none is free, idle episodes leave it first; what is small always passes.
+    ///
+    /// # Errors
+    /// Where none gets free.
+    pub fn room(&self, bytes: usize) -> Result<Reservation, NoMemory> {
+        let budget = &self.host.budget;
+        if let Ok(reservation) = budget.reserve(bytes) {
+            return Ok(reservation);
+        }
+        self.evict_idle(bytes);
+        let refused = match budget.reserve(bytes) {
+            Ok(reservation) => return Ok(reservation),
+            Err(_) if bytes <= SMALL_BYTES => return Ok(budget.take(bytes)),
+            Err(refused) => refused,
+        };
+        metrics::counter!("swarmbench_memory_refusals_total").increment(1);
+        Err(refused)
+    }
+
+    /// Evicts idle episodes, those that nobody has asked for the longest first, until `bytes` are free and an
+    /// eighth of the budget more: so that not every request looks for them.
+    fn evict_idle(&self, bytes: usize) {
+        let budget = &self.host.budget;
+        let spare = budget.most() / 8;
+        let is_enough = || budget.used().saturating_add(bytes) <= budget.most() - spare;
+        let now = self.host.clock.now();
+        let mut slots = self.slots();
+        let idle = |slot: &Slot| slot.handle.initialized() && slot.is_idle(now, IDLE_STAYS);
+        let idle = slots.iter().filter(|(_, slot)| idle(slot));
+        let mut idle: Vec<_> = idle.map(|(id, slot)| (slot.used_at, id.clone())).collect();
+        idle.sort_unstable();
+        let mut evicted = 0;
+        for (_, id) in idle {
+            if is_enough() {
+                break;
+            }
+            let Some(slot) = slots.get_mut(&id) else { continue };
+            let stays = slot.leave(now);
+            evicted += u64::from(!slot.handle.initialized() || !stays);
+            if !stays {
+                slots.remove(&id);
+            }
+        }
+        if evicted > 0 {
+            metrics::counter!("swarmbench_evictions_total").increment(evicted);
+            tracing::debug!(evicted, used = budget.used(), "memory is short");
         }
     }
 
@@ -227,6 +347,7 @@ impl Registry {
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
         let Creation { id, owner, run, spec, tokens, idempotency } = creation;
         let config = Arc::clone(&spec.config);
+        let room = self.room(memory::at_round(&config, 0))?;
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
         let world = Arc::new(world);
         let now = self.host.clock.now();
@@ -289,7 +410,7 @@ impl Registry {
             seating,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let handle = spawn(self.host.clone(), fresh);
+        let handle = spawn(self.host.clone(), fresh, room);
         if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; whoever created the episode is to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
@@ -333,8 +454,8 @@ impl Registry {
     /// Finds an episode, taking it up from the journal where it is not in memory.
     ///
     /// # Errors
-    /// Where its journal cannot be read or played again.
-    pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, RecoveryError> {
+    /// Where its journal cannot be read or played again, or no memory is free for it.
+    pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, FindError> {
         let now = self.host.clock.now();
         let known = self.slots().get_mut(id).map(|slot| {
             slot.used_at = now;
@@ -359,7 +480,7 @@ impl Registry {
     }
 
     /// Takes an episode up from the journal; an error without a reason says that there is none.
-    async fn take_up(&self, id: &EpisodeId) -> Result<Handle, Option<RecoveryError>> {
+    async fn take_up(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
         let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
         if let Some(leaving) = leaving {
             leaving.cancelled().await;
@@ -369,9 +490,10 @@ impl Registry {
         kept.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        let room = self.room_for(&stored)?;
         self.host.journal.recovered(stored.episode);
-        let fresh = recover(&self.host.journal, stored, &*self.host.clock).await?;
-        let handle = spawn(self.host.clone(), fresh);
+        let fresh = recover(&self.host.journal, stored, &*self.host.clock).await;
+        let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.
         if let Some(slot) = self.slots().get_mut(id) {
@@ -385,6 +507,18 @@ impl Registry {
             slot.ends_at = None;
         }
         Ok(handle)
+    }
+
+    /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
+    fn room_for(&self, stored: &StoredEpisode) -> Result<Reservation, FindError> {
+        let spec = described(stored)?;
+        let bytes = memory::at_round(&spec.config, stored.rounds);
+        match self.room(bytes) {
+            Err(_) if spec.goes_on_alone() && stored.end.is_none() => {
+                Ok(self.host.budget.take(bytes))
+            }
+            room => Ok(room?),
+        }
     }
 
     /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
@@ -413,8 +547,13 @@ impl Registry {
     }
 
     async fn look_after(&self, id: &EpisodeId) {
-        if let Err(error) = self.find(id).await {
-            tracing::error!(%error, "an episode cannot be taken up");
+        match self.find(id).await {
+            Ok(_) => {}
+            // It is tried again with the next sweep.
+            Err(FindError::NoMemory(full)) => tracing::debug!(%full, "an episode is not taken up"),
+            Err(FindError::Recovery(error)) => {
+                tracing::error!(%error, "an episode cannot be taken up");
+            }
         }
     }
 
@@ -460,25 +599,6 @@ impl Registry {
     /// their place, those with a running clock stay.
     pub fn let_go(&self) {
         let now = self.host.clock.now();
-        self.slots().retain(|_, slot| {
-            if slot.is_held() || after(slot.used_at, UNUSED_STAYS) > now {
-                return true;
-            }
-            let Some(handle) = slot.handle.get() else { return slot.ends_at.is_some() };
-            if handle.snapshot().status.is_over() {
-                return false;
-            }
-            if handle.gone().is_cancelled() {
-                // Its actor ended though the episode has not; it is taken up again.
-                slot.ends_at = Some(now);
-                slot.clocked = handle.spec.goes_on_alone();
-                slot.handle = Arc::default();
-            } else if !handle.spec.goes_on_alone() {
-                slot.ends_at = Some(handle.ends_at());
-                slot.leaving = Some(handle.gone());
-                slot.handle = Arc::default();
-            }
-            true
-        });
+        self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
     }
 }

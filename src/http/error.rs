@@ -12,13 +12,14 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use crate::board::collection::Unknown;
+use crate::budget::NoMemory;
 use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::lockstep::Refusal;
 use crate::episode::places::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
-use crate::episode::registry::CreateError;
+use crate::episode::registry::{CreateError, FindError};
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::run::manager;
@@ -267,6 +268,22 @@ impl From<JournalError> for ApiError {
     }
 }
 
+impl From<NoMemory> for ApiError {
+    fn from(full: NoMemory) -> Self {
+        Self::limit(Code::Overloaded, "memory_bytes_max", full.most, full.to_string())
+            .retry_after(Duration::from_secs(5))
+    }
+}
+
+impl From<FindError> for ApiError {
+    fn from(error: FindError) -> Self {
+        match error {
+            FindError::NoMemory(full) => full.into(),
+            FindError::Recovery(error) => error.into(),
+        }
+    }
+}
+
 impl From<RecoveryError> for ApiError {
     fn from(error: RecoveryError) -> Self {
         match error {
@@ -363,6 +380,7 @@ impl From<CreateError> for ApiError {
     fn from(error: CreateError) -> Self {
         match error {
             CreateError::Full(full) => full.into(),
+            CreateError::NoMemory(full) => full.into(),
             error @ CreateError::Closed(_) => Self::new(Code::Closed, error.to_string()),
             CreateError::Journal(error) => error.into(),
         }

@@ -100,6 +100,8 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     {
         metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);
         metrics::gauge!("swarmbench_episodes_in_memory").set(app.registry.in_memory() as f64);
+        metrics::gauge!("swarmbench_memory_reserved_bytes")
+            .set(app.registry.budget().used() as f64);
         let writer = app.store.writer();
         metrics::gauge!("swarmbench_backlog_jobs").set(writer.backlog_jobs() as f64);
         metrics::gauge!("swarmbench_backlog_bytes").set(writer.backlog_bytes() as f64);

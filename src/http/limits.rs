@@ -77,7 +77,11 @@ pub struct Limits {
     pub agent_meta_bytes_max: usize,
     /// Characters of an idempotency key.
     pub idempotency_key_chars_max: usize,
-    /// Journals that are read at once.
+    /// Bytes of all worlds and all large answers together.
+    pub memory_bytes_max: usize,
+    /// Bytes of a part of a journal or an export that is read at once; one record more may come on top.
+    pub stream_part_bytes_max: usize,
+    /// Parts of journals that are read at once.
     pub journals_max: usize,
     /// Exports that are made at once.
     pub exports_max: usize,
@@ -125,7 +129,9 @@ impl Default for Limits {
             reason_chars_max: 500,
             agent_meta_bytes_max: 16 * 1024,
             idempotency_key_chars_max: 200,
-            journals_max: 32,
+            memory_bytes_max: 2 * 1024 * 1024 * 1024,
+            stream_part_bytes_max: 256 * 1024,
+            journals_max: 2,
             exports_max: 2,
             events_pending_max: 64,
             entrants_max: 10_000,
@@ -147,8 +153,8 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 39] {
-        [
+    pub fn table(&self) -> Vec<(&'static str, u64)> {
+        vec![
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
             ("bodies_bytes_max", self.bodies_bytes_max as u64),
@@ -184,6 +190,8 @@ impl Limits {
             ("reason_chars_max", self.reason_chars_max as u64),
             ("agent_meta_bytes_max", self.agent_meta_bytes_max as u64),
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
+            ("memory_bytes_max", self.memory_bytes_max as u64),
+            ("stream_part_bytes_max", self.stream_part_bytes_max as u64),
             ("journals_max", self.journals_max as u64),
             ("exports_max", self.exports_max as u64),
             ("events_pending_max", self.events_pending_max as u64),

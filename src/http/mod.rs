@@ -23,6 +23,7 @@ mod refusals;
 mod router;
 mod runs;
 pub mod serve;
+mod stream;
 mod swarm;
 mod waiting;
 
@@ -113,7 +114,7 @@ pub struct Shared {
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
-    /// Turns to read a journal; each may take as much memory as a round has text.
+    /// Turns to read a part of a journal.
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
     exports: Arc<Semaphore>,

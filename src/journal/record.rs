@@ -373,19 +373,50 @@ pub fn round_record<'a>(
     RawRecord::write(&Raw { kind: "round", round, acts, digest, score })
 }
 
+/// The line of a journal file for a record with a list of acts, before the first act and after the last: a
+/// line can be written act by act.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Up to the opening bracket of the list.
+    pub before: String,
+    /// From the closing bracket of the list on.
+    pub after: String,
+}
+
+impl Frame {
+    /// The frame of a round.
+    #[must_use]
+    pub fn of_round(round: u32, digest: &str, score: f64, head: Head) -> Self {
+        Self::of(&round_record(round, std::iter::empty(), digest, score), head)
+    }
+
+    /// The frame of an end, whatever acts it has now.
+    #[must_use]
+    pub fn of_end(end: End, head: Head) -> Self {
+        let end = End { open_acts: Vec::new(), ..end };
+        Self::of(&RawRecord::write(&Record::End(end)), head)
+    }
+
+    /// Splits the line of a record with an empty list; nothing else in such a record is an empty list.
+    fn of(record: &RawRecord, head: Head) -> Self {
+        let line = record.line(head);
+        let place = line.rfind("[]").map_or(line.len(), |place| place + 1);
+        let (before, after) = line.split_at(place);
+        Self { before: before.to_owned(), after: after.to_owned() }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Rounds are written from the bytes of their acts, and read as a whole: both must agree.
-    #[test]
-    fn a_round_joined_from_its_acts_is_the_round_written_at_once() {
-        let acts = vec![
+    fn two_acts() -> Vec<ActRecord> {
+        vec![
             ActRecord {
                 agent: "Agent_0".to_owned(),
                 source: Source::Player,
                 action: Some("UP".to_owned()),
-                message: Some("a \"quoted\" – line".to_owned()),
+                message: Some("a \"quoted\" – [] line".to_owned()),
                 to: None,
                 valid: true,
                 response: Some("x\nACTION: UP".to_owned()),
@@ -394,7 +425,38 @@ mod tests {
                 bank_spent_ms: 12,
             },
             ActRecord::clock_ran_out(AgentId(1), 0),
-        ];
+        ]
+    }
+
+    /// Lines are written act by act, and hashed as a whole: both must agree.
+    #[test]
+    fn a_line_written_act_by_act_is_the_line_written_at_once() {
+        let head = Head([7; 32]);
+        let acts = two_acts();
+        let raw: Vec<RawRecord> = acts.iter().map(RawRecord::write).collect();
+        for count in 0..=2 {
+            let joined: Vec<&str> = raw[..count].iter().map(RawRecord::as_str).collect();
+            let joined = joined.join(",");
+            let round = Frame::of_round(3, "00ff", 0.1, head);
+            let whole = round_record(3, raw[..count].iter(), "00ff", 0.1).line(head);
+            assert_eq!(format!("{}{joined}{}", round.before, round.after), whole);
+            let end = End {
+                status: "aborted".to_owned(),
+                reason: "aborted".to_owned(),
+                rounds: 3,
+                score: -1.5,
+                open_acts: acts[..count].to_vec(),
+            };
+            let whole = RawRecord::write(&Record::End(end.clone())).line(head);
+            let end = Frame::of_end(end, head);
+            assert_eq!(format!("{}{joined}{}", end.before, end.after), whole);
+        }
+    }
+
+    /// Rounds are written from the bytes of their acts, and read as a whole: both must agree.
+    #[test]
+    fn a_round_joined_from_its_acts_is_the_round_written_at_once() {
+        let acts = two_acts();
         let raw: Vec<RawRecord> = acts.iter().map(RawRecord::write).collect();
         let score = 9.950_000_000_000_001;
         let joined = round_record(7, raw.iter(), "00ff", score);

@@ -16,7 +16,128 @@ use crate::journal::{
 };
 use crate::keys::OwnerKey;
 
+/// Acts of which the lengths are looked at for one part.
+const ACTS_OF_A_PART_MAX: u32 = 4096;
+
+/// The place of an act in its episode: its round, and its seat.
+pub type ActPlace = (u32, AgentId);
+
+/// Some acts of an episode, in their order.
+#[derive(Debug, Default)]
+pub struct ActsPart {
+    /// The round of each, and the bytes of its record.
+    pub acts: Vec<(u32, String)>,
+    /// Where the next part begins, if there is one.
+    pub next: Option<ActPlace>,
+}
+
 impl Store {
+    /// The acts from `from` on, up to the end of the round before `end`: as many as have `bytes_max` bytes together,
+    /// and at least one.
+    ///
+    /// # Errors
+    /// Where the database cannot be read; so for all functions here.
+    pub async fn acts_part(
+        &self,
+        episode: EpisodeKey,
+        from: ActPlace,
+        end: u32,
+        bytes_max: usize,
+    ) -> Result<ActsPart, JournalError> {
+        let (last, next) = self.part_end(episode, from, end, bytes_max).await?;
+        let Some(last) = last else { return Ok(ActsPart::default()) };
+        let rows = sqlx::query(
+            "SELECT round, record FROM acts
+             WHERE episode = ? AND (round, agent) >= (?, ?) AND (round, agent) <= (?, ?)
+             ORDER BY round, agent",
+        )
+        .bind(episode.0)
+        .bind(from.0)
+        .bind(from.1.0)
+        .bind(last.0)
+        .bind(last.1.0)
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let act = |row: &SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
+        let acts: Result<_, sqlx::Error> = rows.iter().map(act).collect();
+        Ok(ActsPart { acts: acts.map_err(failure)?, next })
+    }
+
+    /// The last act of a part, and the first of the next one. The texts are not read for it.
+    async fn part_end(
+        &self,
+        episode: EpisodeKey,
+        from: ActPlace,
+        end: u32,
+        bytes_max: usize,
+    ) -> Result<(Option<ActPlace>, Option<ActPlace>), JournalError> {
+        let rows = sqlx::query(
+            "SELECT round, agent, octet_length(record) FROM acts
+             WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
+             ORDER BY round, agent LIMIT ?",
+        )
+        .bind(episode.0)
+        .bind(from.0)
+        .bind(from.1.0)
+        .bind(end)
+        .bind(ACTS_OF_A_PART_MAX + 1)
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let (mut last, mut bytes) = (None, 0);
+        for (number, row) in (0..).zip(&rows) {
+            let place = position(row).map_err(failure)?;
+            bytes += row.try_get::<i64, _>(2).map_err(failure)?.unsigned_abs();
+            let fits = bytes <= bytes_max as u64 && number < ACTS_OF_A_PART_MAX;
+            if last.is_some() && !fits {
+                return Ok((last, Some(place)));
+            }
+            last = Some(place);
+        }
+        Ok((last, None))
+    }
+
+    /// How many bytes the end record of an episode has; none where it has not ended.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, JournalError> {
+        let row = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?")
+            .bind(episode.0)
+            .fetch_one(&self.readers)
+            .await
+            .map_err(failure)?;
+        let bytes: Option<i64> = row.try_get(0).map_err(failure)?;
+        Ok(bytes.map(|bytes| usize::try_from(bytes).unwrap_or(usize::MAX)))
+    }
+
+    /// The end record of an episode that has ended.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, JournalError> {
+        let text = sqlx::query_scalar("SELECT ending FROM episodes WHERE key = ?")
+            .bind(episode.0)
+            .fetch_one(&self.readers)
+            .await
+            .map_err(failure)?;
+        RawRecord::from_stored(text).map_err(|error| JournalError(error.to_string().into()))
+    }
+
+    /// The resolved rounds `from..to` without their acts.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn resolved(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> Result<Vec<StoredRound>, JournalError> {
+        self.read_rounds(episode, from, to).await
+    }
+
     async fn read_acts(
         &self,
         episode: EpisodeKey,

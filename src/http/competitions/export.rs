@@ -1,14 +1,10 @@
 //! `GET /api/v1/exports/competitions/{id}`: all that is needed to check a competition.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
-use futures::stream;
 use serde_json::json;
 
 use super::super::App;
@@ -17,6 +13,7 @@ use super::super::episodes::journal::JournalReader;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::stream::Parts;
 use super::Field;
 use crate::competition::export::{
     Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
@@ -60,19 +57,15 @@ pub(in super::super) async fn export_competition(
         };
         app.store.keep(vec![deed]).await?;
     }
-    let turn = app.journal_turn()?;
     let field = app.field(competition, Declared::Whole).await?;
-    let reader = Reader::new(app, &field)?;
-    let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
-        let lines = reader.next().await?;
-        Ok::<_, JournalError>(lines.map(|lines| (lines, (reader, turn))))
-    });
+    let lines = app.in_parts(Reader::new(app.clone(), &field)?).await?;
+    drop(field);
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [
         (header::CONTENT_TYPE, "application/x-ndjson".to_owned()),
         (header::CONTENT_DISPOSITION, name),
     ];
-    Ok((kind, Body::from_stream(lines)).into_response())
+    Ok((kind, lines).into_response())
 }
 
 /// Writes an export piece by piece: it keeps the results of all games, but only a few rounds of one.
@@ -146,34 +139,45 @@ impl Reader {
         Ok(Self { app, writer: Writer::default(), pieces, journal: None, episodes: 0 })
     }
 
-    async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
-        if let Some(journal) = &mut self.journal {
-            match journal.next().await? {
-                Some(lines) => return Ok(Some(lines)),
-                None => self.journal = None,
-            }
-        }
-        let line = match self.pieces.pop_front() {
-            None => return Ok(None),
-            Some(Piece::Record(line)) => *line,
-            Some(Piece::End) => Line::End(End { episodes: self.episodes }),
-            Some(Piece::Episode { slot, id }) => {
-                let stored = Journal::episode(&self.app.store, id.clone()).await?;
+    /// The line of the next piece; the journal of a game is read after it.
+    async fn line(&mut self, piece: Piece) -> Result<String, JournalError> {
+        let line = match piece {
+            Piece::Record(line) => *line,
+            Piece::End => Line::End(End { episodes: self.episodes }),
+            Piece::Episode { slot, id } => {
+                let stored = self.app.store.find_summary(&id).await?;
                 let missing = || JournalError(format!("{id} is not there any more").into());
                 let stored = stored.ok_or_else(missing)?;
-                let end = usize::from(stored.end.is_some());
+                let end = usize::from(stored.ended_at.is_some());
                 let header = Episode {
                     slot,
                     episode: id.to_string(),
                     lines: 1 + stored.rounds as usize + end,
                     head: stored.head.to_string(),
                 };
-                self.journal =
-                    Some(JournalReader::new(Arc::clone(self.app.registry.journal()), stored));
+                self.journal = Some(JournalReader::new(self.app.store.clone(), stored));
                 self.episodes += 1;
                 Line::Episode(header)
             }
         };
-        Ok(Some(self.writer.line(&line).into()))
+        Ok(self.writer.line(&line))
+    }
+}
+
+impl Parts for Reader {
+    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, JournalError> {
+        let mut out = Vec::new();
+        while out.len() < bytes_max {
+            if let Some(journal) = &mut self.journal {
+                match journal.next(bytes_max - out.len()).await? {
+                    Some(lines) => out.extend_from_slice(&lines),
+                    None => self.journal = None,
+                }
+            } else {
+                let Some(piece) = self.pieces.pop_front() else { break };
+                out.extend_from_slice(self.line(piece).await?.as_bytes());
+            }
+        }
+        Ok(Some(out).filter(|part| !part.is_empty()))
     }
 }

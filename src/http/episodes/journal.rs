@@ -1,27 +1,26 @@
 //! `GET /api/v1/episodes/{id}/journal`: JSON Lines, enough to play the episode again.
 
-use std::sync::Arc;
-use std::time::Duration;
+use std::collections::VecDeque;
 
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
-use futures::stream;
-use tokio::sync::OwnedSemaphorePermit;
+use swarmbench_engine::AgentId;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::record::{RawRecord, first_lines, round_record};
-use crate::journal::{Journal, JournalError, StoredEpisode};
+use super::super::stream::Parts;
+use crate::journal::record::{End, Frame, first_lines};
+use crate::journal::{JournalError, StoredEpisode, StoredRound};
+use crate::store::Store;
+use crate::store::records::ActPlace;
 use crate::wire::problem::Problem;
 
-/// Rounds that are read at once.
-const CHUNK: u32 = 8;
+/// Rounds that are read at once, without their acts.
+const ROUNDS: u32 = 256;
 
 /// Read an episode's journal (JSON Lines).
 ///
@@ -58,89 +57,160 @@ pub(in super::super) async fn read_journal(
         };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let turn = app.journal_turn()?;
     app.note_look(&caller, &stored, spec.visibility).await?;
-    // Its last record, too, and all as it stands now.
-    let stored = app.store.find_episode(&stored.id).await?;
+    // As it stands now.
+    let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
-    let reader = JournalReader::new(Arc::clone(app.registry.journal()), stored);
-    let lines = stream::try_unfold((reader, turn), |(mut reader, turn)| async move {
-        let lines = reader.next().await?;
-        Ok::<_, JournalError>(lines.map(|lines| (lines, (reader, turn))))
-    });
-    let kind = [(header::CONTENT_TYPE, "application/x-ndjson")];
-    Ok((kind, Body::from_stream(lines)).into_response())
+    let lines = app.in_parts(JournalReader::new(app.store.clone(), stored)).await?;
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], lines).into_response())
 }
 
-impl App {
-    /// A turn to read a journal: it is to be held until the journal was sent, or its reader is gone.
-    pub(in super::super) fn journal_turn(&self) -> Result<OwnedSemaphorePermit, ApiError> {
-        let most = self.limits.journals_max;
-        Arc::clone(&self.journals).try_acquire_owned().map_err(|_| {
-            let detail = format!("{most} journals are being read already; come again later");
-            ApiError::limit(Code::Overloaded, "journals_max", most, detail)
-                .retry_after(Duration::from_secs(1))
-        })
-    }
-}
-
-/// Reads a journal from the store piece by piece, in constant memory.
+/// Reads a journal from the store part by part: it keeps one part of its acts, however large rounds are.
 pub(in super::super) struct JournalReader {
-    journal: Arc<dyn Journal>,
+    store: Store,
     stored: StoredEpisode,
     at: Place,
+    /// Acts that were read and not written yet, with their rounds.
+    acts: VecDeque<(u32, String)>,
+    /// The first act that was not read, if there is one.
+    unread: Option<ActPlace>,
+    /// Rounds that were read and not written yet.
+    rounds: VecDeque<StoredRound>,
 }
 
 enum Place {
     Opening,
-    Round(u32),
+    /// Before this round.
+    Before(u32),
+    /// In the list of acts of a line.
+    In(OpenLine),
     End,
     Done,
 }
 
+/// A line of which the beginning is written.
+struct OpenLine {
+    round: u32,
+    after: String,
+    has_acts: bool,
+    /// Bytes of the end record that are to come; none for a round.
+    left: Option<usize>,
+}
+
 impl JournalReader {
-    /// Reads the journal of an episode that was read with its last record.
-    pub(in super::super) fn new(journal: Arc<dyn Journal>, stored: StoredEpisode) -> Self {
-        Self { journal, stored, at: Place::Opening }
+    /// Reads the journal of an episode as far as `stored` tells of it.
+    pub(in super::super) fn new(store: Store, stored: StoredEpisode) -> Self {
+        Self {
+            store,
+            stored,
+            at: Place::Opening,
+            acts: VecDeque::new(),
+            unread: Some((0, AgentId(0))),
+            rounds: VecDeque::new(),
+        }
     }
 
-    /// The next lines; none at the end.
-    pub(in super::super) async fn next(&mut self) -> Result<Option<Bytes>, JournalError> {
-        loop {
-            match self.at {
-                Place::Opening => {
-                    self.at = Place::Round(0);
-                    let StoredEpisode { opening, seating, .. } = &self.stored;
-                    return Ok(Some(first_lines(opening, seating.as_ref()).into()));
-                }
-                Place::Round(round) if round < self.stored.rounds => {
-                    let to = self.stored.rounds.min(round + CHUNK);
-                    self.at = Place::Round(to);
-                    return self.rounds(round, to).await.map(Some);
-                }
-                Place::Round(_) => self.at = Place::End,
-                Place::End => {
-                    self.at = Place::Done;
-                    if let Some(end) = &self.stored.end {
-                        return Ok(Some(end.line(self.stored.head).into()));
-                    }
-                }
-                Place::Done => return Ok(None),
+    /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
+    async fn write(&mut self, out: &mut String, bytes_max: usize) -> Result<bool, JournalError> {
+        self.at = match std::mem::replace(&mut self.at, Place::Done) {
+            Place::Opening => {
+                out.push_str(&first_lines(&self.stored.opening, self.stored.seating.as_ref()));
+                Place::Before(0)
             }
-        }
+            Place::Before(round) if round < self.stored.rounds => self.begin(round, out).await?,
+            Place::Before(_) => Place::End,
+            Place::In(line) => self.go_on(line, out, bytes_max).await?,
+            Place::End => self.end(out, bytes_max).await?,
+            Place::Done => return Ok(false),
+        };
+        Ok(true)
     }
 
-    async fn rounds(&self, from: u32, to: u32) -> Result<Bytes, JournalError> {
-        let acts = self.journal.acts(self.stored.episode, from, to).await?;
-        let rounds = self.journal.rounds(self.stored.episode, from, to).await?;
-        let mut lines = String::new();
-        for round in rounds {
-            let given = acts.iter().find(|(number, _)| *number == round.round);
-            let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.raw);
-            let digest = data_encoding::HEXLOWER.encode(&round.digest);
-            let record: RawRecord = round_record(round.round, records, &digest, round.score);
-            lines.push_str(&record.line(round.head));
+    async fn begin(&mut self, round: u32, out: &mut String) -> Result<Place, JournalError> {
+        if self.rounds.is_empty() {
+            let to = self.stored.rounds.min(round.saturating_add(ROUNDS));
+            self.rounds = self.store.resolved(self.stored.episode, round, to).await?.into();
         }
-        Ok(lines.into())
+        let stored = self.rounds.pop_front().filter(|stored| stored.round == round);
+        let stored = stored.ok_or_else(|| self.broken(&format!("round {round} is missing")))?;
+        let digest = data_encoding::HEXLOWER.encode(&stored.digest);
+        let Frame { before, after } = Frame::of_round(round, &digest, stored.score, stored.head);
+        out.push_str(&before);
+        Ok(Place::In(OpenLine { round, after, has_acts: false, left: None }))
+    }
+
+    /// Writes the next act of a line, or its end.
+    async fn go_on(
+        &mut self,
+        mut line: OpenLine,
+        out: &mut String,
+        bytes_max: usize,
+    ) -> Result<Place, JournalError> {
+        self.read_on(bytes_max).await?;
+        let Some((_, act)) = self.acts.pop_front_if(|(round, _)| *round <= line.round) else {
+            out.push_str(&line.after);
+            return match line.left {
+                None => Ok(Place::Before(line.round + 1)),
+                Some(0) => Ok(Place::Done),
+                Some(_) => Err(self.broken("its end has other acts")),
+            };
+        };
+        let comma = if line.has_acts { "," } else { "" };
+        line.left = line.left.map(|left| left.wrapping_sub(comma.len() + act.len()));
+        line.has_acts = true;
+        out.push_str(comma);
+        out.push_str(&act);
+        Ok(Place::In(line))
+    }
+
+    /// Sees to it that the next act is there, if there is one.
+    async fn read_on(&mut self, bytes_max: usize) -> Result<(), JournalError> {
+        if let Some(from) = self.unread.filter(|_| self.acts.is_empty()) {
+            // Acts of the open round belong to the end.
+            let end = self.stored.rounds.saturating_add(u32::from(self.stored.ended_at.is_some()));
+            let part = self.store.acts_part(self.stored.episode, from, end, bytes_max).await?;
+            self.acts = part.acts.into();
+            self.unread = part.next;
+        }
+        Ok(())
+    }
+
+    /// Writes the end record: whole, or its beginning where it is large.
+    async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Place, JournalError> {
+        let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
+        let bytes = self.store.end_bytes(episode).await?;
+        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else { return Ok(Place::Done) };
+        if bytes <= bytes_max {
+            let record = self.store.end_record(episode).await?;
+            out.push_str(&record.line(head));
+            return Ok(Place::Done);
+        }
+        let end = End {
+            status: self.stored.status.clone(),
+            reason: self.stored.reason.clone().unwrap_or_default(),
+            rounds,
+            score,
+            open_acts: Vec::new(),
+        };
+        let bare = Frame::of_end(end, head);
+        out.push_str(&bare.before);
+        let around = bare.before.len() + bare.after.len() - LINE_BYTES;
+        let left = Some(bytes.wrapping_sub(around));
+        Ok(Place::In(OpenLine { round: rounds, after: bare.after, has_acts: false, left }))
+    }
+
+    fn broken(&self, problem: &str) -> JournalError {
+        JournalError(format!("the journal of {}: {problem}", self.stored.id).into())
+    }
+}
+
+/// Bytes of a line beside its record: the names, the hash, and the end of the line.
+const LINE_BYTES: usize = "{\"hash\":\"\",\"record\":}\n".len() + 64;
+
+impl Parts for JournalReader {
+    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, JournalError> {
+        let mut out = String::new();
+        while out.len() < bytes_max && self.write(&mut out, bytes_max).await? {}
+        Ok(Some(out.into_bytes()).filter(|part| !part.is_empty()))
     }
 }
