@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::{Config, Settings, TaskName};
+use swarmbench_engine::{Config, SettingErrors, Settings, TaskName};
 
 use super::entrant::Declaration;
 use crate::episode::spec::Visibility;
@@ -157,10 +157,23 @@ impl BoardRule {
 /// A field that is not allowed, and why.
 pub type Problem = (String, String);
 
+/// How the settings of games are checked.
+type Check = fn(&Settings) -> Result<Config, SettingErrors>;
+
 impl Definition {
     /// What is not allowed of it at a time; nothing where all is well.
     #[must_use]
     pub fn problems(&self, now: Timestamp) -> Vec<Problem> {
+        self.problems_of(now, Config::check)
+    }
+
+    /// What is not allowed of a new one: the games of one that was announced before may be larger.
+    #[must_use]
+    pub fn problems_when_new(&self, now: Timestamp) -> Vec<Problem> {
+        self.problems_of(now, Config::admit)
+    }
+
+    fn problems_of(&self, now: Timestamp, check: Check) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut refuse = |field: &str, problem: String| problems.push((field.to_owned(), problem));
         let chars = self.name.chars().count();
@@ -192,7 +205,7 @@ impl Definition {
         }
         self.check_board(&mut refuse);
         self.check_attempts(&mut refuse);
-        self.check_suite(&mut refuse);
+        self.check_suite(check, &mut refuse);
         problems
     }
 
@@ -247,7 +260,7 @@ impl Definition {
         }
     }
 
-    fn check_suite(&self, refuse: &mut impl FnMut(&str, String)) {
+    fn check_suite(&self, check: Check, refuse: &mut impl FnMut(&str, String)) {
         if !(1..=SEEDS_MAX).contains(&self.seeds) {
             refuse("suite.seeds", format!("must be from 1 to {SEEDS_MAX}, is {}", self.seeds));
         }
@@ -262,7 +275,7 @@ impl Definition {
         }
         let mut told: Vec<Problem> = Vec::new();
         for task in &self.tasks {
-            let Err(errors) = Config::check(&self.settings_of(task)) else { continue };
+            let Err(errors) = check(&self.settings_of(task)) else { continue };
             for error in errors.0 {
                 let field = match error.field {
                     "rules" => "suite.rules".to_owned(),

@@ -632,6 +632,7 @@ impl Problems {
             ));
         }
         for game in games {
+            // Runs that were created under wider limits go on; a new one is refused by the server.
             if let Err(errors) = Config::check(&run.suite.settings_of(&game)) {
                 errors.0.into_iter().for_each(|error| self.tell(error.to_string()));
             }

@@ -11,6 +11,8 @@ use std::time::Duration;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
+use swarmbench_engine::SettingErrors;
+
 use crate::board::collection::Unknown;
 use crate::budget::NoMemory;
 use crate::clock::millis;
@@ -151,6 +153,16 @@ impl ApiError {
         let named: Vec<String> =
             fields.iter().map(|field| format!("{} {}", field.field, field.problem)).collect();
         Self { fields, ..Self::new(Code::Invalid, named.join("; ")) }
+    }
+
+    /// Settings that are refused; `prefix` says where they stand in the body.
+    #[must_use]
+    pub fn settings(errors: SettingErrors, prefix: &str) -> Self {
+        let named = errors.0.into_iter().map(|error| FieldProblem {
+            field: format!("{prefix}{}", error.field),
+            problem: error.problem,
+        });
+        Self::fields(named.collect())
     }
 
     /// A limit that was reached.

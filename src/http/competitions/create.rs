@@ -143,7 +143,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         board_freezes_at: request.board_freezes_at,
         entries_per_key: request.entries_per_key.unwrap_or(1),
     };
-    for (field, problem) in definition.problems(now) {
+    for (field, problem) in definition.problems_when_new(now) {
         problems.refuse(&field, problem);
     }
     problems.none_or(Some(definition))

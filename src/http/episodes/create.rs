@@ -100,6 +100,8 @@ async fn new_episode(
     shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
+    // Whoever repeats a creation gets that episode, also where it was created under wider limits.
+    spec.config.check_new().map_err(|errors| ApiError::settings(errors, ""))?;
     let least = app.limits.disk_free_percent_min;
     if app.disk.is_full(least) {
         return Err(ApiError::disk_full(least));

@@ -62,7 +62,10 @@ pub(in super::super) async fn create_run(
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
     App::to_its_end(async move {
         let (stored, token) = match key {
-            None => app.runs.create(NewRun::by(owner, definition)).await?,
+            None => {
+                check_new(&definition.suite)?;
+                app.runs.create(NewRun::by(owner, definition)).await?
+            }
             Some(key) => create_or_repeat(&app, owner, definition, key, body).await?,
         };
         let location = format!("/api/v1/runs/{}", stored.id);
@@ -84,6 +87,7 @@ async fn create_or_repeat(
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.run_created_with(&key).await? {
         None => {
+            check_new(&definition.suite)?;
             let new = NewRun { idempotency: Some((key, body)), ..NewRun::by(owner, definition) };
             Ok(app.runs.create(new).await?)
         }
@@ -223,6 +227,16 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
         ..usual
     };
     (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
+}
+
+/// Checks that a suite may be played by a new run. Whoever repeats a creation gets that run, also where
+/// it was created under wider limits.
+fn check_new(suite: &Suite) -> Result<(), ApiError> {
+    let games = suite.plan();
+    let mut first_of_each = games.iter().filter(|game| Some(&game.seed) == suite.seeds.first());
+    first_of_each
+        .try_for_each(|game| Config::admit(&suite.settings_of(game)).map(drop))
+        .map_err(|errors| ApiError::settings(errors, "suite.settings."))
 }
 
 /// Checks that every game of a suite can be played, by the built-in player that is to play it.
