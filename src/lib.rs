@@ -12,6 +12,7 @@
 //! - [`server`]: all of the above, started and stopped.
 //! - [`llm`]: language models, asked over the network or played from a cassette.
 //! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
+//! - [`fair`], [`work`]: who gets the next share of something scarce, and heavy work done by it.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub mod board;
@@ -21,6 +22,7 @@ pub mod competition;
 pub mod dataset;
 pub mod episode;
 pub mod eval;
+pub mod fair;
 pub mod host;
 pub mod house;
 pub mod http;
@@ -37,3 +39,4 @@ pub mod standings;
 pub mod store;
 pub mod telemetry;
 pub mod wire;
+pub mod work;

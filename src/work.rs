@@ -1,0 +1,304 @@
+//! Heavy work: a fixed number of threads of low priority, shared fairly.
+//!
+//! Work of more than a few milliseconds leaves the async threads: steps of large worlds, replays, prompts,
+//! boards, decisions of built-in players. It runs on [`Workers`], one thread a core. Their priority is lower
+//! than that of the async threads (on Linux), so that a light request never waits for a core; who is next is
+//! decided by a [`FairQueue`], so that nobody's heavy work keeps others from theirs; and one thread is
+//! reserved for work that a running game waits for.
+
+use std::num::NonZeroUsize;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::time::Instant;
+
+use tokio::sync::oneshot;
+
+use crate::fair::{FairQueue, Party, Rank, Shares};
+
+/// How much lower the priority of worker threads is than that of the others: their nice value.
+const NICE: i32 = 10;
+
+/// Jobs that wait at once.
+pub const JOBS_WAITING_MAX: usize = 4096;
+
+/// Jobs of one group that wait at once.
+pub const JOBS_WAITING_PER_GROUP_MAX: usize = 1024;
+
+/// Work that was not done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WorkError {
+    /// As many jobs wait as may.
+    #[error(
+        "as much heavy work waits as may, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
+    )]
+    Busy,
+    /// It panicked, or the workers have stopped.
+    #[error("the work broke off")]
+    BrokeOff,
+}
+
+/// Tells running work whether anybody still waits for its result.
+pub struct Cancelled<'a>(&'a (dyn Fn() -> bool + 'a));
+
+impl Cancelled<'_> {
+    /// Whether nobody waits any more: work that goes on is wasted.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        (self.0)()
+    }
+}
+
+/// Something to do. It says itself whether it is still wanted.
+trait Job: Send {
+    fn is_wanted(&self) -> bool;
+    fn run(self: Box<Self>);
+}
+
+struct Task<T, F> {
+    work: F,
+    done: oneshot::Sender<T>,
+}
+
+impl<T: Send, F: FnOnce(&Cancelled<'_>) -> T + Send> Job for Task<T, F> {
+    fn is_wanted(&self) -> bool {
+        !self.done.is_closed()
+    }
+
+    fn run(self: Box<Self>) {
+        let Self { work, done } = *self;
+        let result = {
+            let is_closed = || done.is_closed();
+            catch_unwind(AssertUnwindSafe(|| work(&Cancelled(&is_closed))))
+        };
+        // The panic was logged where it happened; dropping the sender tells whoever waits.
+        if let Ok(result) = result {
+            drop(done.send(result));
+        }
+    }
+}
+
+type Jobs = FairQueue<Box<dyn Job>>;
+
+struct Shared {
+    jobs: Mutex<State>,
+    wake: Condvar,
+}
+
+struct State {
+    queue: Jobs,
+    stopped: bool,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.jobs.lock().expect("nothing panics while it holds this")
+    }
+}
+
+/// Threads for heavy work. Cloning shares them; they end with the last clone.
+#[derive(Clone)]
+pub struct Workers(Arc<Owner>);
+
+struct Owner(Arc<Shared>);
+
+impl Drop for Owner {
+    fn drop(&mut self) {
+        self.0.state().stopped = true;
+        self.0.wake.notify_all();
+    }
+}
+
+impl Workers {
+    /// One thread a core, and at least two.
+    #[must_use]
+    pub fn of_this_host() -> Self {
+        let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+        Self::new(cores.max(2))
+    }
+
+    /// So many threads, at least two: all but one also do what no game waits for.
+    #[must_use]
+    pub fn new(threads: usize) -> Self {
+        let threads = threads.max(2);
+        let queue = FairQueue::new(Shares {
+            slots: threads,
+            reserve: 1,
+            slots_per_group: threads,
+            slots_per_member: threads,
+            waiting: JOBS_WAITING_MAX,
+            waiting_per_group: JOBS_WAITING_PER_GROUP_MAX,
+        });
+        let state = State { queue, stopped: false };
+        let shared = Arc::new(Shared { jobs: Mutex::new(state), wake: Condvar::new() });
+        for number in 0..threads {
+            let shared = Arc::clone(&shared);
+            let thread = std::thread::Builder::new().name(format!("worker-{number}"));
+            if let Err(error) = thread.spawn(move || work(&shared)) {
+                tracing::error!(%error, "a worker thread could not be started");
+            }
+        }
+        Self(Arc::new(Owner(shared)))
+    }
+
+    /// Does work for a party, once it is its turn. Work that nobody waits for any more is not begun, and can
+    /// stop early by asking [`Cancelled`].
+    ///
+    /// # Errors
+    /// Where too much waits, or the work panicked.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        party: Party,
+        rank: Rank,
+        work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
+    ) -> Result<T, WorkError> {
+        let (done, result) = oneshot::channel();
+        self.push(party, rank, Box::new(Task { work, done }))?;
+        result.await.map_err(|_| WorkError::BrokeOff)
+    }
+
+    fn push(&self, party: Party, rank: Rank, job: Box<dyn Job>) -> Result<(), WorkError> {
+        let shared = &self.0.0;
+        {
+            let queue = &mut shared.state().queue;
+            if let Err((_, job)) = queue.push(party, rank, job) {
+                queue.retain(|job| job.is_wanted());
+                queue.push(party, rank, job).map_err(|_| WorkError::Busy)?;
+            }
+        }
+        // Not all threads may do what comes next: each looks for itself.
+        shared.wake.notify_all();
+        Ok(())
+    }
+
+    /// Forgets parties that have gone; to be called now and then.
+    pub fn prune(&self) {
+        self.0.0.state().queue.prune();
+    }
+
+    /// Jobs that run, and jobs that wait.
+    #[must_use]
+    pub fn load(&self) -> (usize, usize) {
+        let state = self.0.0.state();
+        (state.queue.running(), state.queue.waiting())
+    }
+}
+
+/// What a worker thread does.
+fn work(shared: &Shared) {
+    lower_priority();
+    let mut state = shared.state();
+    loop {
+        if state.stopped {
+            return;
+        }
+        let Some((party, rank, job)) = state.queue.pop() else {
+            state = shared.wake.wait(state).expect("nothing panics while it holds this");
+            continue;
+        };
+        drop(state);
+        let started = Instant::now();
+        if job.is_wanted() {
+            job.run();
+        }
+        state = shared.state();
+        state.queue.done(party, rank, started.elapsed());
+        // The slot that is free now may be what another thread needs for what waits.
+        if state.queue.waiting() > 0 {
+            shared.wake.notify_one();
+        }
+    }
+}
+
+/// Lowers the priority of this thread. Elsewhere than on Linux that would be the whole process.
+#[cfg(target_os = "linux")]
+fn lower_priority() {
+    if let Err(error) = rustix::process::setpriority_process(None, NICE) {
+        tracing::warn!(%error, "the priority of a worker thread cannot be lowered");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+const fn lower_priority() {
+    let _ = NICE;
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+    use crate::fair::Group;
+    use crate::keys::OwnerKey;
+
+    fn owner(number: i64) -> Party {
+        Party::of(Group::Owner(OwnerKey(number)))
+    }
+
+    /// Keeps the one thread for normal work busy until the sender is dropped.
+    async fn block(workers: &Workers) -> (mpsc::Sender<()>, tokio::task::JoinHandle<()>) {
+        let (release, held) = mpsc::channel::<()>();
+        let (started, is_started) = oneshot::channel();
+        let workers = workers.clone();
+        let task = tokio::spawn(async move {
+            let work = move |_: &Cancelled<'_>| {
+                let _ = started.send(());
+                let _ = held.recv();
+            };
+            workers.run(owner(99), Rank::Normal, work).await.expect("it ends");
+        });
+        is_started.await.expect("it starts");
+        (release, task)
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn what_a_game_waits_for_passes_everything_else() {
+        let workers = Workers::new(2);
+        let (release, blocking) = block(&workers).await;
+        let normal = workers.clone();
+        let normal = tokio::spawn(async move { normal.run(owner(1), Rank::Normal, |_| 1).await });
+        assert_eq!(workers.run(owner(2), Rank::Urgent, |_| 2).await, Ok(2));
+        assert!(!normal.is_finished(), "there is one thread for it, and that is busy");
+        drop(release);
+        assert_eq!(normal.await.expect("no panic"), Ok(1));
+        blocking.await.expect("no panic");
+        assert_eq!(workers.load().1, 0);
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn work_that_nobody_waits_for_is_not_begun_and_ends_early() {
+        let workers = Workers::new(2);
+        let (release, blocking) = block(&workers).await;
+        let (ran, has_run) = mpsc::channel();
+        let waits = workers.run(owner(1), Rank::Normal, move |_| ran.send(()));
+        let mut waits = Box::pin(waits);
+        assert!(futures::poll!(&mut waits).is_pending());
+        drop(waits);
+        drop(release);
+        blocking.await.expect("no panic");
+        let (started, is_started) = oneshot::channel();
+        let (ended, has_ended) = oneshot::channel();
+        let work = move |cancelled: &Cancelled<'_>| {
+            let _ = started.send(());
+            while !cancelled.is_cancelled() {
+                std::thread::yield_now();
+            }
+            let _ = ended.send(());
+        };
+        let mut running = Box::pin(workers.run(owner(1), Rank::Normal, work));
+        assert!(futures::poll!(&mut running).is_pending());
+        is_started.await.expect("it starts");
+        drop(running);
+        has_ended.await.expect("it notices");
+        assert!(has_run.try_recv().is_err(), "the first was not begun");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_panic_costs_no_thread() {
+        let workers = Workers::new(2);
+        for _ in 0..4 {
+            let panics = workers.run(owner(1), Rank::Normal, |_| panic!("on purpose")).await;
+            assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
+        }
+        assert_eq!(workers.run(owner(1), Rank::Normal, |_| 3).await, Ok(3));
+    }
+}
