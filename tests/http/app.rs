@@ -30,13 +30,31 @@ pub(crate) struct Builder {
     limits: Limits,
     access: Access,
     keys: bool,
+    organizer: String,
+    database: Option<Vec<u8>>,
 }
 
 impl Builder {
     /// Time passes only by [`TestApp::pass`].
-    pub(crate) fn manual_clock(mut self) -> Self {
-        let noon = "2026-03-01T12:00:00Z".parse().expect("a time");
-        self.clock = Some(Arc::new(ManualClock::new(noon)));
+    pub(crate) fn manual_clock(self) -> Self {
+        self.clock_at("2026-03-01T12:00:00Z")
+    }
+
+    /// The same, from another time on.
+    pub(crate) fn clock_at(mut self, now: &str) -> Self {
+        self.clock = Some(Arc::new(ManualClock::new(now.parse().expect("a time"))));
+        self
+    }
+
+    /// Over a database that is there already.
+    pub(crate) fn database(mut self, bytes: Vec<u8>) -> Self {
+        self.database = Some(bytes);
+        self
+    }
+
+    /// Whose organizer has this key.
+    pub(crate) fn key_of(mut self, organizer: &str) -> Self {
+        organizer.clone_into(&mut self.organizer);
         self
     }
 
@@ -69,8 +87,13 @@ impl Builder {
             starts: 0,
             client: Client::builder().timeout(PATIENCE).build().expect("a client"),
             running: None,
-            organizer: String::new(),
+            organizer: self.organizer,
         };
+        if let Some(database) = self.database {
+            std::fs::write(app.database(), database).expect("written");
+            // Ids that were drawn once are not drawn again.
+            app.starts = 1000;
+        }
         if self.keys {
             app.organizer = app.first_key().await;
         }
@@ -115,7 +138,7 @@ impl TestApp {
     }
 
     /// Makes the first key of the database, as the command line does.
-    async fn first_key(&self) -> String {
+    pub(crate) async fn first_key(&self) -> String {
         let now = "2026-01-01T00:00:00Z".parse().expect("a time");
         let entropy = SeededEntropy::new(77);
         let (key, token) =

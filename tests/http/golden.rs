@@ -56,7 +56,7 @@ async fn keep(app: &TestApp, episode: &Episode, file: &Path, name: &str) {
 }
 
 /// A game to be recorded.
-struct Game {
+pub(crate) struct Game {
     name: &'static str,
     config: Value,
     how: How,
@@ -81,7 +81,7 @@ enum How {
 }
 
 #[expect(clippy::too_many_lines, reason = "it is a table")]
-fn games() -> Vec<Game> {
+pub(crate) fn games() -> Vec<Game> {
     use RuleSet::{Paper, Reference};
     use TaskName::{Flocking, Foraging, Pursuit, Synchronization, Transport};
 
@@ -280,7 +280,7 @@ fn games() -> Vec<Game> {
 
 impl Game {
     /// Plays it.
-    async fn record(&self, app: &TestApp) -> Episode {
+    pub(crate) async fn record(&self, app: &TestApp) -> Episode {
         let created = app.post("/api/v1/episodes").json(&self.config).ok().await;
         let episode = Episode::of(&created);
         let mut players = Players { dice: Dice(self.config["seed"].as_u64().expect("a seed")) };

@@ -25,6 +25,7 @@ mod episodes;
 mod exports;
 mod fairness;
 mod golden;
+mod golden_database;
 mod host;
 mod house;
 mod keys;
