@@ -12,7 +12,7 @@ use crate::budget::Budget;
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
 use crate::competition::closing;
 use crate::episode::actor::Spawn;
-use crate::episode::quota::Quotas;
+use crate::episode::quota::{Account, Quotas};
 use crate::episode::registry::Registry;
 use crate::host::{Disk, HostDisk, raise_open_files};
 use crate::house;
@@ -110,7 +110,13 @@ impl Server {
         let has_keys = store.has_keys().await?;
         let quotas = Quotas::new(limits.caps());
         for (owner, bytes) in store.bytes_by_owner().await? {
-            quotas.add_bytes(Some(owner), bytes);
+            quotas.note_bytes(owner, bytes);
+        }
+        for (competition, bytes) in store.bytes_by_competition().await? {
+            quotas.note_competition(competition, bytes);
+        }
+        for (episode, owner, competition) in store.accounts().await? {
+            quotas.note(episode, Account::within(competition, owner));
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));

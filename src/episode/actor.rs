@@ -18,7 +18,7 @@ use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::memory;
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
-use super::quota::Quotas;
+use super::quota::{Account, Quotas};
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
@@ -453,7 +453,7 @@ pub(super) struct Fresh {
 pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
     let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
-        None => host.quotas.note(fresh.key, fresh.owner),
+        None => host.quotas.note(fresh.key, Account::of(fresh.owner)),
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }
@@ -500,7 +500,6 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
         host,
         id: fresh.id,
         key: fresh.key,
-        owner: fresh.owner,
         run: fresh.run,
         spec: fresh.spec,
         world: fresh.world,
@@ -546,7 +545,6 @@ struct Actor {
     host: Host,
     id: EpisodeId,
     key: EpisodeKey,
-    owner: Option<OwnerKey>,
     run: Option<RunKey>,
     spec: Arc<Spec>,
     world: Arc<World>,
@@ -784,7 +782,7 @@ impl Actor {
                 Earlier::Unknown => None,
             };
             let text_bytes = submission.record.text_bytes();
-            let room = self.host.quotas.check_act(self.owner, used, text_bytes);
+            let room = self.host.quotas.check_act(self.key, used, text_bytes, at);
             for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => {
@@ -894,7 +892,7 @@ impl Actor {
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
         self.tally.add(&given.record);
-        self.host.quotas.add_bytes(self.owner, bytes);
+        self.host.quotas.add_bytes(self.key, bytes, at);
         Entry::Act(ActRow {
             episode: self.key,
             round: self.world.round(),

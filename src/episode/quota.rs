@@ -1,9 +1,17 @@
-//! What everybody holds: episodes that have not ended, and bytes in the journal.
+//! Shares of what is scarce: places for episodes that have not ended, and bytes in the journal.
+//!
+//! Places are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
+//! episode as long as it holds fewer places than are free, and an entrant as long as it holds fewer than its
+//! competition could still take. So one group alone holds half of all places at most, two hold a third each, and
+//! whoever comes new always finds some free. A few places are kept for organizers and for the next games of runs.
 
 use std::collections::HashMap;
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Mutex;
 
-use crate::journal::EpisodeKey;
+use jiff::Timestamp;
+
+use crate::journal::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
 /// How much may be held. What is over it is refused; what runs goes on.
@@ -13,15 +21,92 @@ pub struct Caps {
     pub episodes_unfinished_max: usize,
     /// Episodes that have not ended, of one key.
     pub episodes_per_key_max: usize,
+    /// How many percent of all places are kept for organizers and for the next games of runs.
+    pub episodes_reserved_percent: u32,
+    /// How many places a group may hold, in percent of those that are free.
+    pub episodes_of_free_percent_max: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
-    /// Bytes that the acts of all episodes of one key may take in the journal.
+    /// Bytes that the acts of all episodes of one key, or of one network without keys, may take in the journal.
     pub journal_bytes_per_key_max: u64,
+    /// Bytes that the acts of all episodes of one competition may take in the journal.
+    pub journal_bytes_per_competition_max: u64,
+    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; any number where it is 0.
+    pub journal_bytes_per_key_s_max: u64,
+    /// Bytes of large acts a second that all entrants of a competition may write, on average; any number where it is 0.
+    pub journal_bytes_per_competition_s_max: u64,
 }
 
 /// A record of an act of at most so many bytes is kept whatever was used: an action and a message
 /// always fit, so that an episode can be played to its end.
 pub const ACT_BYTES_ALWAYS: u64 = 2048;
+
+/// How many seconds' worth of bytes may be written at once.
+pub const BURST_S: u64 = 8;
+
+/// Of all bytes that a network may write without a key, the part that is forgotten once it plays nothing.
+const FORGOTTEN: u64 = 100;
+
+/// Among whom places and bytes are shared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Group {
+    /// All that is played in a competition.
+    Competition(CompetitionKey),
+    /// All that is played with a key outside of competitions.
+    Key(OwnerKey),
+    /// All that is played from a network on a server without keys.
+    Network(IpAddr),
+    /// All that programs on the server's own machine play on a server without keys: nobody shares with them.
+    Host,
+}
+
+/// Whose an episode is, as far as shares are concerned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Account {
+    /// The group that shares with other groups.
+    pub group: Group,
+    /// The key with which it was created, if any: an entrant, where the group is a competition.
+    pub owner: Option<OwnerKey>,
+}
+
+impl Account {
+    /// What is played with a key, if any, outside of competitions. Without a key it belongs to one group of all of whom
+    /// nothing is known.
+    #[must_use]
+    pub fn of(owner: Option<OwnerKey>) -> Self {
+        let unknown = Group::Network(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        Self { group: owner.map_or(unknown, Group::Key), owner }
+    }
+
+    /// What an entrant plays in a competition.
+    #[must_use]
+    pub const fn entrant(competition: CompetitionKey, owner: Option<OwnerKey>) -> Self {
+        Self { group: Group::Competition(competition), owner }
+    }
+
+    /// What is played in a competition, if it is one, or outside.
+    #[must_use]
+    pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
+        competition.map_or_else(|| Self::of(owner), |key| Self::entrant(key, owner))
+    }
+
+    /// What is played without a key.
+    #[must_use]
+    pub const fn keyless(group: Group) -> Self {
+        Self { group, owner: None }
+    }
+}
+
+/// What a place is wanted for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Anything else.
+    Usual,
+    /// The next game of a run that has none open: it uses half of the reserve, too.
+    NextGame,
+    /// Whatever an organizer creates: it may use all of the reserve and more than a share.
+    Organizer,
+}
 
 /// A cap that was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -32,6 +117,18 @@ pub enum Full {
     /// The holder of the key plays as many episodes as one may.
     #[error("{0} episodes of this key are played already; end some, or wait until they have ended")]
     EpisodesOfKey(usize),
+    /// The group, or the entrant within it, has its share of the places.
+    #[error(
+        "{held} episodes of this {whose} are played already, as many as its share is now; end some, or wait until some have ended"
+    )]
+    EpisodesOfShare {
+        /// Whose share it is.
+        whose: Whose,
+        /// How many are held.
+        held: usize,
+        /// How many percent of the free places a share is.
+        percent: u32,
+    },
     /// The acts of the episode take as many bytes as they may.
     #[error(
         "the acts of this episode take {0} bytes already; send them without `reasoning`, and an `action` instead of a long `response`"
@@ -42,6 +139,47 @@ pub enum Full {
         "the acts of all episodes of this key take {0} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
     )]
     BytesOfKey(u64),
+    /// The acts of all episodes of the competition take as many bytes as they may.
+    #[error(
+        "the acts of all episodes of this competition take {0} bytes already; send acts without `reasoning` and with short responses"
+    )]
+    BytesOfCompetition(u64),
+    /// Too many bytes come at once.
+    #[error(
+        "more than {most} bytes of long acts a second come from this {whose}; send this one again later, or with less text"
+    )]
+    BytesPerSecond {
+        /// Whose share it is.
+        whose: Whose,
+        /// How many bytes a second there may be.
+        most: u64,
+        /// After how many milliseconds the same act is taken.
+        after_ms: u64,
+    },
+}
+
+/// Who reached a cap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Whose {
+    /// A competition.
+    Competition,
+    /// An entrant of a competition.
+    Entrant,
+    /// A key.
+    Key,
+    /// A network without keys.
+    Network,
+}
+
+impl std::fmt::Display for Whose {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Competition => "competition",
+            Self::Entrant => "entrant",
+            Self::Key => "key",
+            Self::Network => "address",
+        })
+    }
 }
 
 impl Full {
@@ -51,8 +189,26 @@ impl Full {
         match self {
             Self::Episodes(most) => ("episodes_unfinished_max", most as u64),
             Self::EpisodesOfKey(most) => ("episodes_per_key_max", most as u64),
+            Self::EpisodesOfShare { percent, .. } => {
+                ("episodes_of_free_percent_max", percent as u64)
+            }
             Self::BytesOfEpisode(most) => ("journal_bytes_per_episode_max", most),
             Self::BytesOfKey(most) => ("journal_bytes_per_key_max", most),
+            Self::BytesOfCompetition(most) => ("journal_bytes_per_competition_max", most),
+            Self::BytesPerSecond { whose: Whose::Competition, most, .. } => {
+                ("journal_bytes_per_competition_s_max", most)
+            }
+            Self::BytesPerSecond { most, .. } => ("journal_bytes_per_key_s_max", most),
+        }
+    }
+}
+
+impl Group {
+    const fn whose(self) -> Whose {
+        match self {
+            Self::Competition(_) => Whose::Competition,
+            Self::Key(_) => Whose::Key,
+            Self::Network(_) | Self::Host => Whose::Network,
         }
     }
 }
@@ -66,14 +222,25 @@ pub struct Quotas {
 
 #[derive(Debug, Default)]
 struct Held {
-    unfinished: HashMap<EpisodeKey, Option<OwnerKey>>,
+    unfinished: HashMap<EpisodeKey, Account>,
     by_owner: HashMap<OwnerKey, OfOwner>,
+    by_group: HashMap<Group, Share>,
+    /// What each entrant holds of its competition.
+    by_entrant: HashMap<Account, Share>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct OfOwner {
     episodes: usize,
     bytes: u64,
+}
+
+/// What a group, or an entrant, holds.
+#[derive(Clone, Copy, Debug, Default)]
+struct Share {
+    episodes: usize,
+    bytes: u64,
+    pace: Pace,
 }
 
 impl Quotas {
@@ -91,10 +258,15 @@ impl Quotas {
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn admit(&self, episode: EpisodeKey, owner: Option<OwnerKey>) -> Result<(), Full> {
+    pub fn admit(
+        &self,
+        episode: EpisodeKey,
+        account: Account,
+        purpose: Purpose,
+    ) -> Result<(), Full> {
         let mut held = self.held();
-        held.check(&self.caps, owner)?;
-        held.begin(episode, owner);
+        held.check(&self.caps, account, purpose)?;
+        held.begin(episode, account);
         Ok(())
     }
 
@@ -102,23 +274,18 @@ impl Quotas {
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn check(&self, owner: Option<OwnerKey>) -> Result<(), Full> {
-        self.held().check(&self.caps, owner)
+    pub fn check(&self, account: Account, purpose: Purpose) -> Result<(), Full> {
+        self.held().check(&self.caps, account, purpose)
     }
 
     /// Notes an unfinished episode that exists already; doing it again changes nothing.
-    pub fn note(&self, episode: EpisodeKey, owner: Option<OwnerKey>) {
-        self.held().begin(episode, owner);
+    pub fn note(&self, episode: EpisodeKey, account: Account) {
+        self.held().begin(episode, account);
     }
 
     /// Notes that an episode has ended, or was not created after all.
     pub fn release(&self, episode: EpisodeKey) {
-        let mut held = self.held();
-        if let Some(Some(owner)) = held.unfinished.remove(&episode)
-            && let Some(own) = held.by_owner.get_mut(&owner)
-        {
-            own.episodes = own.episodes.saturating_sub(1);
-        }
+        self.held().end(episode);
     }
 
     /// How many episodes have not ended.
@@ -127,11 +294,17 @@ impl Quotas {
         self.held().unfinished.len()
     }
 
-    /// Whether an act of so many bytes may be kept for an episode whose acts take `used`.
+    /// Whether an act with so many bytes of text may be kept now for an episode whose acts take `used`.
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn check_act(&self, owner: Option<OwnerKey>, used: u64, more: u64) -> Result<(), Full> {
+    pub fn check_act(
+        &self,
+        episode: EpisodeKey,
+        used: u64,
+        more: u64,
+        now: Timestamp,
+    ) -> Result<(), Full> {
         if more <= ACT_BYTES_ALWAYS {
             return Ok(());
         }
@@ -139,43 +312,217 @@ impl Quotas {
         if used + more > caps.journal_bytes_per_episode_max {
             return Err(Full::BytesOfEpisode(caps.journal_bytes_per_episode_max));
         }
-        let own = owner.and_then(|owner| self.held().by_owner.get(&owner).copied());
-        if own.is_some_and(|own| own.bytes + more > caps.journal_bytes_per_key_max) {
-            return Err(Full::BytesOfKey(caps.journal_bytes_per_key_max));
-        }
-        Ok(())
+        let held = self.held();
+        let Some(account) = held.unfinished.get(&episode) else { return Ok(()) };
+        held.check_bytes(caps, *account, more)?;
+        held.check_pace(caps, *account, now)
     }
 
-    /// Counts bytes that the episodes of a key take.
-    pub fn add_bytes(&self, owner: Option<OwnerKey>, bytes: u64) {
-        if let Some(owner) = owner {
-            self.held().by_owner.entry(owner).or_default().bytes += bytes;
+    /// Counts bytes that an act of an episode takes.
+    pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
+        let mut held = self.held();
+        let Some(account) = held.unfinished.get(&episode).copied() else { return };
+        held.add_bytes(account, bytes);
+        if bytes > ACT_BYTES_ALWAYS {
+            held.write(&self.caps, account, bytes, now);
         }
+    }
+
+    /// Counts bytes that were written earlier with a key.
+    pub fn note_bytes(&self, owner: OwnerKey, bytes: u64) {
+        self.held().by_owner.entry(owner).or_default().bytes += bytes;
+    }
+
+    /// Counts bytes that were written earlier in a competition.
+    pub fn note_competition(&self, competition: CompetitionKey, bytes: u64) {
+        let group = Group::Competition(competition);
+        self.held().by_group.entry(group).or_default().bytes += bytes;
+    }
+
+    /// Forgets groups and entrants that hold nothing.
+    pub fn tidy(&self, now: Timestamp) {
+        let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
+        let mut held = self.held();
+        held.by_entrant.retain(|_, share| share.episodes > 0 || share.pace.is_behind(now));
+        held.by_group.retain(|group, share| {
+            let bytes = match group {
+                Group::Competition(_) => share.bytes > 0,
+                Group::Network(_) => share.bytes > forgotten,
+                // Those of a key are counted by key.
+                Group::Key(_) | Group::Host => false,
+            };
+            bytes || share.episodes > 0 || share.pace.is_behind(now)
+        });
     }
 }
 
 impl Held {
-    fn check(&self, caps: &Caps, owner: Option<OwnerKey>) -> Result<(), Full> {
-        if self.unfinished.len() >= caps.episodes_unfinished_max {
-            return Err(Full::Episodes(caps.episodes_unfinished_max));
+    fn check(&self, caps: &Caps, account: Account, purpose: Purpose) -> Result<(), Full> {
+        let all = caps.episodes_unfinished_max;
+        let reserved = all * caps.episodes_reserved_percent as usize / 100;
+        let open = match purpose {
+            Purpose::Usual => all - reserved,
+            Purpose::NextGame => all - reserved / 2,
+            Purpose::Organizer => all,
+        };
+        let free = open.saturating_sub(self.unfinished.len());
+        if free == 0 {
+            return Err(Full::Episodes(all));
         }
-        if let Some(owner) = owner {
+        if let Some(owner) = account.owner {
             let own = self.by_owner.get(&owner).copied().unwrap_or_default();
             if own.episodes >= caps.episodes_per_key_max {
                 return Err(Full::EpisodesOfKey(caps.episodes_per_key_max));
             }
-            if own.bytes >= caps.journal_bytes_per_key_max {
-                return Err(Full::BytesOfKey(caps.journal_bytes_per_key_max));
-            }
         }
-        Ok(())
+        self.check_bytes(caps, account, 1)?;
+        match purpose {
+            Purpose::Usual => self.check_share(caps, account, free),
+            // However many runs go on: others have half of the places.
+            Purpose::NextGame => self.check_group(caps, account, all.div_ceil(2)).map(drop),
+            Purpose::Organizer => Ok(()),
+        }
     }
 
-    fn begin(&mut self, episode: EpisodeKey, owner: Option<OwnerKey>) {
-        let is_new = self.unfinished.insert(episode, owner).is_none();
-        if let Some(owner) = owner.filter(|_| is_new) {
+    /// Whether a group, and an entrant within it, holds less than its share of what is free.
+    fn check_share(&self, caps: &Caps, account: Account, free: usize) -> Result<(), Full> {
+        let most = (free * caps.episodes_of_free_percent_max as usize / 100).max(1);
+        let room = self.check_group(caps, account, most)?;
+        let Group::Competition(_) = account.group else { return Ok(()) };
+        let held = self.by_entrant.get(&account).map_or(0, |share| share.episodes);
+        // Each place that the competition takes is one fewer that is free, too.
+        if held < room.div_ceil(2) {
+            return Ok(());
+        }
+        let percent = caps.episodes_of_free_percent_max;
+        Err(Full::EpisodesOfShare { whose: Whose::Entrant, held, percent })
+    }
+
+    /// How many places a group holds less than `most`.
+    fn check_group(&self, caps: &Caps, account: Account, most: usize) -> Result<usize, Full> {
+        let held = self.by_group.get(&account.group).map_or(0, |share| share.episodes);
+        match most.checked_sub(held) {
+            None | Some(0) if account.group != Group::Host => {
+                let (whose, percent) = (account.group.whose(), caps.episodes_of_free_percent_max);
+                Err(Full::EpisodesOfShare { whose, held, percent })
+            }
+            room => Ok(room.unwrap_or(0)),
+        }
+    }
+
+    /// Whether so many more bytes fit into all that may ever be written.
+    fn check_bytes(&self, caps: &Caps, account: Account, more: u64) -> Result<(), Full> {
+        let most = caps.journal_bytes_per_key_max;
+        let own = account.owner.and_then(|owner| self.by_owner.get(&owner));
+        if own.is_some_and(|own| own.bytes + more > most) {
+            return Err(Full::BytesOfKey(most));
+        }
+        let written = self.by_group.get(&account.group).map_or(0, |share| share.bytes);
+        match account.group {
+            Group::Competition(_) if written + more > caps.journal_bytes_per_competition_max => {
+                Err(Full::BytesOfCompetition(caps.journal_bytes_per_competition_max))
+            }
+            Group::Network(_) if written + more > most => Err(Full::BytesOfKey(most)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether another large act may be written now.
+    fn check_pace(&self, caps: &Caps, account: Account, now: Timestamp) -> Result<(), Full> {
+        let check = |share: Option<&Share>, whose, most| {
+            match share.map_or(0, |share| share.pace.wait_ms(now)) {
+                0 => Ok(()),
+                after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
+            }
+        };
+        let group = self.by_group.get(&account.group);
+        match account.group {
+            Group::Competition(_) => {
+                let entrant = self.by_entrant.get(&account);
+                check(entrant, Whose::Entrant, caps.journal_bytes_per_key_s_max)?;
+                check(group, Whose::Competition, caps.journal_bytes_per_competition_s_max)
+            }
+            Group::Key(_) | Group::Network(_) => {
+                check(group, account.group.whose(), caps.journal_bytes_per_key_s_max)
+            }
+            Group::Host => Ok(()),
+        }
+    }
+
+    fn add_bytes(&mut self, account: Account, bytes: u64) {
+        if let Some(owner) = account.owner {
+            self.by_owner.entry(owner).or_default().bytes += bytes;
+        }
+        self.by_group.entry(account.group).or_default().bytes += bytes;
+    }
+
+    /// Counts a large act against what may be written a second.
+    fn write(&mut self, caps: &Caps, account: Account, bytes: u64, now: Timestamp) {
+        let group = &mut self.by_group.entry(account.group).or_default().pace;
+        if let Group::Competition(_) = account.group {
+            group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
+            let entrant = &mut self.by_entrant.entry(account).or_default().pace;
+            entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
+        } else {
+            group.write(bytes, caps.journal_bytes_per_key_s_max, now);
+        }
+    }
+
+    fn begin(&mut self, episode: EpisodeKey, account: Account) {
+        let std::collections::hash_map::Entry::Vacant(place) = self.unfinished.entry(episode)
+        else {
+            return;
+        };
+        place.insert(account);
+        if let Some(owner) = account.owner {
             self.by_owner.entry(owner).or_default().episodes += 1;
         }
+        self.by_group.entry(account.group).or_default().episodes += 1;
+        if let Group::Competition(_) = account.group {
+            self.by_entrant.entry(account).or_default().episodes += 1;
+        }
+    }
+
+    fn end(&mut self, episode: EpisodeKey) {
+        let Some(account) = self.unfinished.remove(&episode) else { return };
+        if let Some(own) = account.owner.and_then(|owner| self.by_owner.get_mut(&owner)) {
+            own.episodes = own.episodes.saturating_sub(1);
+        }
+        let group = self.by_group.get_mut(&account.group);
+        for share in group.into_iter().chain(self.by_entrant.get_mut(&account)) {
+            share.episodes = share.episodes.saturating_sub(1);
+        }
+    }
+}
+
+/// A token bucket, as the time at which it is full again.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    full_at_us: i64,
+}
+
+impl Pace {
+    const BURST_US: i64 = BURST_S as i64 * 1_000_000;
+
+    /// Whether it is not full.
+    fn is_behind(self, now: Timestamp) -> bool {
+        self.full_at_us > now.as_microsecond()
+    }
+
+    /// Milliseconds until more may be written. One act goes beyond the burst; the next waits for it.
+    fn wait_ms(self, now: Timestamp) -> u64 {
+        let over = self.full_at_us - now.as_microsecond() - Self::BURST_US;
+        // It is further ahead only where the clock was set back.
+        u64::try_from(over).ok().filter(|_| over <= Self::BURST_US).unwrap_or(0).div_ceil(1000)
+    }
+
+    /// Takes bytes out of it, of which `per_s` come back every second.
+    fn write(&mut self, bytes: u64, per_s: u64, now: Timestamp) {
+        let Some(us) = bytes.saturating_mul(1_000_000).checked_div(per_s) else { return };
+        let now = now.as_microsecond();
+        let from = self.full_at_us.clamp(now, now + Self::BURST_US);
+        let until = from.saturating_add(i64::try_from(us).unwrap_or(i64::MAX));
+        self.full_at_us = until.min(now + 2 * Self::BURST_US);
     }
 }
 
@@ -186,39 +533,184 @@ mod tests {
     const CAPS: Caps = Caps {
         episodes_unfinished_max: 3,
         episodes_per_key_max: 2,
+        episodes_reserved_percent: 0,
+        episodes_of_free_percent_max: 10_000,
         journal_bytes_per_episode_max: 10_000,
         journal_bytes_per_key_max: 15_000,
+        journal_bytes_per_competition_max: 20_000,
+        journal_bytes_per_key_s_max: 0,
+        journal_bytes_per_competition_s_max: 0,
     };
-    const OWN: Option<OwnerKey> = Some(OwnerKey(7));
+    const OWN: Account = Account { group: Group::Key(OwnerKey(7)), owner: Some(OwnerKey(7)) };
+    const HOST: Account = Account::keyless(Group::Host);
+    const CUP: CompetitionKey = CompetitionKey(1);
+
+    fn entrant(competition: i64, owner: i64) -> Account {
+        Account::entrant(CompetitionKey(competition), Some(OwnerKey(owner)))
+    }
+
+    fn at(seconds: i64) -> Timestamp {
+        Timestamp::from_second(1_000_000 + seconds).expect("a time")
+    }
+
+    /// A server of which one takes places until it gets no more.
+    struct Places {
+        quotas: Quotas,
+        next: i64,
+    }
+
+    impl Places {
+        fn of(episodes_unfinished_max: usize, episodes_reserved_percent: u32) -> Self {
+            let caps = Caps {
+                episodes_unfinished_max,
+                episodes_reserved_percent,
+                episodes_of_free_percent_max: 100,
+                episodes_per_key_max: usize::MAX,
+                ..CAPS
+            };
+            Self { quotas: Quotas::new(caps), next: 0 }
+        }
+
+        fn one(&mut self, account: Account, purpose: Purpose) -> Result<(), Full> {
+            self.next += 1;
+            self.quotas.admit(EpisodeKey(self.next), account, purpose)
+        }
+
+        /// How many more it gets.
+        fn all(&mut self, account: Account, purpose: Purpose) -> usize {
+            (0..).take_while(|_| self.one(account, purpose).is_ok()).count()
+        }
+    }
 
     #[test]
     fn caps_hold_for_a_key_and_for_all() {
         let quotas = Quotas::new(CAPS);
-        assert_eq!(quotas.admit(EpisodeKey(1), OWN), Ok(()));
-        assert_eq!(quotas.admit(EpisodeKey(2), OWN), Ok(()));
-        assert_eq!(quotas.admit(EpisodeKey(3), OWN), Err(Full::EpisodesOfKey(2)));
-        assert_eq!(quotas.admit(EpisodeKey(4), None), Ok(()));
-        assert_eq!(quotas.admit(EpisodeKey(5), None), Err(Full::Episodes(3)));
+        let admit = |key, account| quotas.admit(EpisodeKey(key), account, Purpose::Usual);
+        assert_eq!(admit(1, OWN), Ok(()));
+        assert_eq!(admit(2, OWN), Ok(()));
+        assert_eq!(admit(3, OWN), Err(Full::EpisodesOfKey(2)));
+        assert_eq!(admit(4, HOST), Ok(()));
+        assert_eq!(admit(5, HOST), Err(Full::Episodes(3)));
         quotas.release(EpisodeKey(1));
         quotas.release(EpisodeKey(1));
         assert_eq!(quotas.unfinished(), 2);
-        assert_eq!(quotas.admit(EpisodeKey(3), OWN), Ok(()));
+        assert_eq!(admit(3, OWN), Ok(()));
         // An episode that is taken up again is no second one.
         quotas.note(EpisodeKey(3), OWN);
         assert_eq!(quotas.unfinished(), 3);
     }
 
     #[test]
+    fn groups_share_the_places_and_whoever_comes_new_finds_some() {
+        let mut places = Places::of(1000, 10);
+        let usual = Purpose::Usual;
+        // 900 places are open to all.
+        assert_eq!(places.all(Account::of(Some(OwnerKey(1))), usual), 450);
+        assert_eq!(places.all(Account::of(None), usual), 225);
+        // However many entrants somebody makes of himself, they have what one competition has.
+        let entrants: Vec<usize> = (0..50).map(|n| places.all(entrant(1, n), usual)).collect();
+        assert_eq!(entrants.iter().sum::<usize>(), 113, "{entrants:?}");
+        assert_eq!(places.one(entrant(2, 1), usual), Ok(()), "another competition starts");
+        // Programs of the host share with nobody, and leave the reserve.
+        assert_eq!(places.all(HOST, usual), 111);
+        assert_eq!(places.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
+        assert_eq!(places.all(HOST, Purpose::NextGame), 50);
+        assert_eq!(places.all(OWN, Purpose::Organizer), 50);
+    }
+
+    #[test]
+    fn an_entrant_leaves_places_to_others_of_the_same_competition() {
+        let mut places = Places::of(1000, 0);
+        let first = places.all(entrant(1, 1), Purpose::Usual);
+        let second = places.all(entrant(1, 2), Purpose::Usual);
+        assert_eq!((first, second), (250, 125));
+        let share = places.one(entrant(1, 1), Purpose::Usual);
+        let limit = share.map_err(Full::limit);
+        assert_eq!(limit, Err(("episodes_of_free_percent_max", 100)));
+    }
+
+    #[test]
+    fn a_run_without_an_open_game_gets_one_as_long_as_others_have_half() {
+        let mut places = Places::of(100, 10);
+        let taken = places.all(entrant(1, 1), Purpose::Usual);
+        assert!(taken < 50, "{taken}");
+        assert_eq!(taken + places.all(entrant(1, 2), Purpose::NextGame), 50);
+        assert_eq!(places.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
+        assert_eq!(places.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
+    }
+
+    #[test]
+    fn what_has_ended_is_forgotten() {
+        let mut places = Places::of(10, 0);
+        places.one(entrant(1, 1), Purpose::Usual).expect("a place");
+        places.one(Account::of(None), Purpose::Usual).expect("a place");
+        for key in 1..=places.next {
+            places.quotas.release(EpisodeKey(key));
+        }
+        places.quotas.tidy(at(0));
+        let held = places.quotas.held();
+        assert_eq!((held.by_group.len(), held.by_entrant.len()), (0, 0));
+    }
+
+    #[test]
     fn bytes_are_limited_but_small_acts_always_fit() {
         let quotas = Quotas::new(CAPS);
-        assert_eq!(quotas.check_act(None, 9_000, 1_000), Ok(()));
-        assert_eq!(quotas.check_act(None, 9_000, 3_000), Err(Full::BytesOfEpisode(10_000)));
-        assert_eq!(quotas.check_act(None, 99_000, ACT_BYTES_ALWAYS), Ok(()));
-        quotas.add_bytes(OWN, 14_000);
-        assert_eq!(quotas.check_act(OWN, 0, 3_000), Err(Full::BytesOfKey(15_000)));
-        assert_eq!(quotas.check_act(None, 0, 3_000), Ok(()), "nobody's key, nobody's bytes");
-        assert_eq!(quotas.admit(EpisodeKey(1), OWN), Ok(()));
-        quotas.add_bytes(OWN, 1_000);
-        assert_eq!(quotas.admit(EpisodeKey(2), OWN), Err(Full::BytesOfKey(15_000)));
+        let (own, cup) = (EpisodeKey(1), EpisodeKey(2));
+        quotas.note(own, OWN);
+        quotas.note(cup, Account::entrant(CUP, None));
+        let check = |episode, used, more| quotas.check_act(episode, used, more, at(0));
+        assert_eq!(check(own, 9_000, 1_000), Ok(()));
+        assert_eq!(check(own, 9_000, 3_000), Err(Full::BytesOfEpisode(10_000)));
+        assert_eq!(check(own, 99_000, ACT_BYTES_ALWAYS), Ok(()));
+        quotas.add_bytes(own, 14_000, at(0));
+        assert_eq!(check(own, 0, 3_000), Err(Full::BytesOfKey(15_000)));
+        assert_eq!(check(cup, 0, 3_000), Ok(()), "nobody's key, nobody's bytes");
+        quotas.note_competition(CUP, 18_000);
+        assert_eq!(check(cup, 0, 3_000), Err(Full::BytesOfCompetition(20_000)));
+        quotas.note_bytes(OwnerKey(7), 1_000);
+        assert_eq!(quotas.check(OWN, Purpose::Usual), Err(Full::BytesOfKey(15_000)));
+    }
+
+    #[test]
+    fn large_acts_come_at_a_pace_and_small_ones_at_any() {
+        let most = 10_000;
+        let caps = Caps {
+            journal_bytes_per_key_s_max: most,
+            journal_bytes_per_competition_s_max: 2 * most,
+            journal_bytes_per_episode_max: u64::MAX,
+            journal_bytes_per_key_max: u64::MAX,
+            journal_bytes_per_competition_max: u64::MAX,
+            ..CAPS
+        };
+        let quotas = Quotas::new(caps);
+        for owner in 1..=4 {
+            quotas.note(EpisodeKey(owner), entrant(1, owner));
+        }
+        // How many acts of 10,000 bytes one gets in.
+        let flood = |owner, now| {
+            let one = |_: &u32| {
+                let fits = quotas.check_act(EpisodeKey(owner), 0, most, now).is_ok();
+                if fits {
+                    quotas.add_bytes(EpisodeKey(owner), most, now);
+                }
+                fits
+            };
+            (0..).take_while(one).count()
+        };
+        let check = |owner, now| quotas.check_act(EpisodeKey(owner), 0, most, now);
+        assert_eq!(flood(1, at(0)), 9, "eight seconds' worth, and one more");
+        let whose = Whose::Entrant;
+        let late = Err(Full::BytesPerSecond { whose, most, after_ms: 1000 });
+        assert_eq!(check(1, at(0)), late);
+        assert_eq!(quotas.check_act(EpisodeKey(1), 0, ACT_BYTES_ALWAYS, at(0)), Ok(()));
+        // Others of the competition write, too, until it is too much together.
+        assert_eq!(flood(2, at(0)), 8);
+        let whose = Whose::Competition;
+        let late = Err(Full::BytesPerSecond { whose, most: 2 * most, after_ms: 500 });
+        assert_eq!(check(3, at(0)), late);
+        assert_eq!(flood(3, at(1)), 2);
+        assert_eq!(flood(1, at(100)), 9);
+        // Nobody waits for hours where the clock was set back.
+        assert_eq!(check(1, at(-3600)), Ok(()));
     }
 }

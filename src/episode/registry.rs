@@ -15,7 +15,7 @@ use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
 use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
-use super::quota::{Full, Quotas};
+use super::quota::{Account, Full, Purpose, Quotas};
 use super::recovery::{RecoveryError, clocks, described, recover};
 use super::seating::Seating;
 use super::spec::Spec;
@@ -44,8 +44,10 @@ const IDLE_STAYS: Duration = Duration::from_secs(10);
 pub struct Creation {
     /// Its public id.
     pub id: EpisodeId,
-    /// The key with which it is created, if any.
-    pub owner: Option<OwnerKey>,
+    /// Whose it is: the key with which it is created, if any, and with whom its place is shared.
+    pub account: Account,
+    /// What its place is wanted for.
+    pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
     /// What it is.
@@ -302,12 +304,12 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
-    /// Whether there is a place for a new episode of this key now.
+    /// Whether there is a place for a new episode now.
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn check_room(&self, owner: Option<OwnerKey>) -> Result<(), Full> {
-        self.host.quotas.check(owner)
+    pub fn check_room(&self, account: Account, purpose: Purpose) -> Result<(), Full> {
+        self.host.quotas.check(account, purpose)
     }
 
     /// Creates an episode; it is durable when this returns.
@@ -327,7 +329,7 @@ impl Registry {
 
     async fn create_now(&self, creation: Creation) -> Result<Handle, CreateError> {
         let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
-        self.host.quotas.admit(key, creation.owner)?;
+        self.host.quotas.admit(key, creation.account, creation.purpose)?;
         let id = creation.id.clone();
         let now = self.host.clock.now();
         // Whoever learns of the episode once it is durable waits here until its actor runs: an
@@ -345,7 +347,8 @@ impl Registry {
 
     /// Keeps the opening of an episode and starts its actor.
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
-        let Creation { id, owner, run, spec, tokens, idempotency } = creation;
+        let Creation { id, account, purpose: _, run, spec, tokens, idempotency } = creation;
+        let owner = account.owner;
         let config = Arc::clone(&spec.config);
         let room = self.room(memory::at_round(&config, 0))?;
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
@@ -534,7 +537,7 @@ impl Registry {
             // One that somebody has asked for meanwhile is counted where it is taken up, and may have
             // ended since it was listed.
             if !slots.contains_key(id) {
-                self.host.quotas.note(*episode, *owner);
+                self.host.quotas.note(*episode, Account::of(*owner));
             }
             let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
             slot.ends_at = Some(now);
@@ -599,6 +602,7 @@ impl Registry {
     /// their place, those with a running clock stay.
     pub fn let_go(&self) {
         let now = self.host.clock.now();
+        self.host.quotas.tidy(now);
         self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
     }
 }

@@ -11,9 +11,10 @@ use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use super::App;
-use super::client::Client;
+use super::client::{Client, network};
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
+use crate::episode::quota::{Account, Group, Purpose};
 use crate::episode::spec::Visibility;
 use crate::ids::{EpisodeId, Token};
 use crate::journal::{AuditRow, Entry, RunKey};
@@ -268,11 +269,21 @@ impl Caller {
         }
     }
 
-    /// The key to which a new episode belongs, where the caller may create one.
-    pub(super) fn creator(&self, app: &App) -> Result<Option<OwnerKey>, ApiError> {
+    /// Whose a new episode is and what its place is wanted for, where the caller may create one.
+    pub(super) fn creator(
+        &self,
+        app: &App,
+        client: Client,
+    ) -> Result<(Account, Purpose), ApiError> {
         let detail =
             "a token of an episode creates no other; send a key, or nothing where there are none";
-        self.player(app, detail)
+        let account = match self.player(app, detail)? {
+            None if client.is_local => Account::keyless(Group::Host),
+            None => Account::keyless(Group::Network(network(client.address))),
+            owner => Account::of(owner),
+        };
+        let purpose = if self.is_organizer() { Purpose::Organizer } else { Purpose::Usual };
+        Ok((account, purpose))
     }
 
     /// The key to which claimed seats belong, with its public id, where the caller may claim some.

@@ -193,8 +193,7 @@ impl ApiError {
 
     /// With the cap that was reached.
     fn with_limit(self, full: Full) -> Self {
-        let (name, value) = full.limit();
-        Self { limit: Some(Limit { name: name.to_owned(), value }), ..self }
+        Self { limit: Some(full.into()), ..self }
     }
 
     /// With the round at which the episode stands.
@@ -326,11 +325,17 @@ impl From<Refusal> for ApiError {
             Refusal::AlreadyActed { round, .. } => (Code::AlreadyActed, round),
             Refusal::EpisodeOver { round, .. } => (Code::EpisodeOver, round),
             Refusal::RoundOver { round, .. } => (Code::RoundOver, round),
+            Refusal::NoRoom { full: Full::BytesPerSecond { .. }, round } => {
+                (Code::RateLimited, round)
+            }
             Refusal::NoRoom { round, .. } => (Code::TooLarge, round),
         };
         metrics::counter!("swarmbench_act_refusals_total", "code" => code.name()).increment(1);
         let error = Self::new(code, refusal.to_string()).at_round(round);
         match refusal {
+            Refusal::NoRoom { full: full @ Full::BytesPerSecond { after_ms, .. }, .. } => {
+                error.with_limit(full).retry_after(Duration::from_millis(after_ms))
+            }
             Refusal::NoRoom { full, .. } => error.with_limit(full),
             _ => error,
         }
@@ -375,15 +380,26 @@ impl From<ClaimError> for ApiError {
     }
 }
 
+impl From<Full> for Limit {
+    fn from(full: Full) -> Self {
+        let (name, value) = full.limit();
+        Self { name: name.to_owned(), value }
+    }
+}
+
 impl From<Full> for ApiError {
     fn from(full: Full) -> Self {
         match full {
-            Full::BytesOfKey(_) => Self::new(Code::Forbidden, full.to_string()).with_limit(full),
-            Full::Episodes(_) | Full::EpisodesOfKey(_) | Full::BytesOfEpisode(_) => {
-                Self::new(Code::Overloaded, full.to_string())
-                    .with_limit(full)
-                    .retry_after(Duration::from_secs(10))
+            Full::BytesOfKey(_) | Full::BytesOfCompetition(_) => {
+                Self::new(Code::Forbidden, full.to_string()).with_limit(full)
             }
+            Full::Episodes(_)
+            | Full::EpisodesOfKey(_)
+            | Full::EpisodesOfShare { .. }
+            | Full::BytesOfEpisode(_)
+            | Full::BytesPerSecond { .. } => Self::new(Code::Overloaded, full.to_string())
+                .with_limit(full)
+                .retry_after(Duration::from_secs(10)),
         }
     }
 }

@@ -29,6 +29,10 @@ pub struct Limits {
     pub episodes_unfinished_max: usize,
     /// Episodes of one key that have not ended.
     pub episodes_per_key_max: usize,
+    /// Percent of all places for episodes that are kept for organizers and for the next games of runs.
+    pub episodes_reserved_percent: u32,
+    /// How many places a competition, a key or an address may hold, in percent of those that are free.
+    pub episodes_of_free_percent_max: u32,
     /// Games of one run.
     pub run_games_max: usize,
     /// Games of one run that are open at a time.
@@ -39,6 +43,12 @@ pub struct Limits {
     pub journal_bytes_per_episode_max: u64,
     /// Bytes that the acts of all episodes of a key may take in the journal.
     pub journal_bytes_per_key_max: u64,
+    /// Bytes that the acts of all episodes of a competition may take in the journal.
+    pub journal_bytes_per_competition_max: u64,
+    /// Bytes of large acts a second of an entrant, a key or an address, on average; any number where it is 0.
+    pub journal_bytes_per_key_s_max: u64,
+    /// Bytes of large acts a second of all entrants of a competition, on average; any number where it is 0.
+    pub journal_bytes_per_competition_s_max: u64,
     /// How much of the disk must be free for anything new, in percent.
     pub disk_free_percent_min: u32,
     /// Requests a second from one address, on average; none where it is 0. Twice as many may come
@@ -106,11 +116,16 @@ impl Default for Limits {
             waits_max: 20_000,
             episodes_unfinished_max: 20_000,
             episodes_per_key_max: 5_000,
+            episodes_reserved_percent: 5,
+            episodes_of_free_percent_max: 100,
             run_games_max: 1000,
             run_parallel_max: 64,
             run_parallel_default: 4,
             journal_bytes_per_episode_max: 64 * 1024 * 1024,
             journal_bytes_per_key_max: 16 * 1024 * 1024 * 1024,
+            journal_bytes_per_competition_max: 64 * 1024 * 1024 * 1024,
+            journal_bytes_per_key_s_max: 1024 * 1024,
+            journal_bytes_per_competition_s_max: 4 * 1024 * 1024,
             disk_free_percent_min: 5,
             address_requests_per_s_max: 2_000,
             key_requests_per_s_max: 10_000,
@@ -146,8 +161,13 @@ impl Limits {
         Caps {
             episodes_unfinished_max: self.episodes_unfinished_max,
             episodes_per_key_max: self.episodes_per_key_max,
+            episodes_reserved_percent: self.episodes_reserved_percent,
+            episodes_of_free_percent_max: self.episodes_of_free_percent_max,
             journal_bytes_per_episode_max: self.journal_bytes_per_episode_max,
             journal_bytes_per_key_max: self.journal_bytes_per_key_max,
+            journal_bytes_per_competition_max: self.journal_bytes_per_competition_max,
+            journal_bytes_per_key_s_max: self.journal_bytes_per_key_s_max,
+            journal_bytes_per_competition_s_max: self.journal_bytes_per_competition_s_max,
         }
     }
 
@@ -167,11 +187,16 @@ impl Limits {
             ("waits_max", self.waits_max as u64),
             ("episodes_unfinished_max", self.episodes_unfinished_max as u64),
             ("episodes_per_key_max", self.episodes_per_key_max as u64),
+            ("episodes_reserved_percent", self.episodes_reserved_percent.into()),
+            ("episodes_of_free_percent_max", self.episodes_of_free_percent_max.into()),
             ("run_games_max", self.run_games_max as u64),
             ("run_parallel_max", self.run_parallel_max.into()),
             ("run_parallel_default", self.run_parallel_default.into()),
             ("journal_bytes_per_episode_max", self.journal_bytes_per_episode_max),
             ("journal_bytes_per_key_max", self.journal_bytes_per_key_max),
+            ("journal_bytes_per_competition_max", self.journal_bytes_per_competition_max),
+            ("journal_bytes_per_key_s_max", self.journal_bytes_per_key_s_max),
+            ("journal_bytes_per_competition_s_max", self.journal_bytes_per_competition_s_max),
             ("disk_free_percent_min", self.disk_free_percent_min.into()),
             ("address_requests_per_s_max", self.address_requests_per_s_max.into()),
             ("key_requests_per_s_max", self.key_requests_per_s_max.into()),

@@ -19,14 +19,13 @@ use super::definition::Definition;
 use super::suite::Game;
 use super::{RunStatus, new_id};
 use crate::clock::{Clock, Entropy};
-use crate::episode::quota::Full;
+use crate::episode::quota::{Account, Full, Purpose};
 use crate::episode::registry::{self, Creation, Registry};
 use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
-use crate::keys::OwnerKey;
 use crate::store::Store;
 use crate::store::runs::{StoredGame, StoredRun};
 
@@ -42,8 +41,10 @@ const SALT_BYTES: usize = 16;
 /// A run that is to be created.
 #[derive(Clone, Debug)]
 pub struct NewRun {
-    /// The key with which it is created, if any.
-    pub owner: Option<OwnerKey>,
+    /// Whose it is: the key with which it is created, if any, and with whom its places are shared.
+    pub account: Account,
+    /// What its first place is wanted for.
+    pub purpose: Purpose,
     /// What is played, and by whom.
     pub definition: Definition,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
@@ -56,8 +57,8 @@ pub struct NewRun {
 impl NewRun {
     /// A run that is no attempt in a competition, and has no name by which it could be repeated.
     #[must_use]
-    pub const fn by(owner: Option<OwnerKey>, definition: Definition) -> Self {
-        Self { owner, definition, attempt: None, idempotency: None }
+    pub const fn by(account: Account, purpose: Purpose, definition: Definition) -> Self {
+        Self { account, purpose, definition, attempt: None, idempotency: None }
     }
 }
 
@@ -119,6 +120,10 @@ struct Shared {
     entering: tokio::sync::RwLock<()>,
     /// Of runs at which somebody looks.
     tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
+    /// Of runs without a key that were created since the start and have not ended: with whom they share.
+    keyless: Mutex<HashMap<RunKey, Account>>,
+    /// Of runs that wait for a place: the cap that was reached.
+    waiting: Mutex<HashMap<RunKey, Full>>,
 }
 
 impl Runs {
@@ -131,7 +136,29 @@ impl Runs {
             locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
             entering: tokio::sync::RwLock::default(),
             tables: Mutex::default(),
+            keyless: Mutex::default(),
+            waiting: Mutex::default(),
         }))
+    }
+
+    fn keyless(&self) -> MutexGuard<'_, HashMap<RunKey, Account>> {
+        self.0.keyless.lock().expect("nothing panics while it holds this")
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, HashMap<RunKey, Full>> {
+        self.0.waiting.lock().expect("nothing panics while it holds this")
+    }
+
+    /// The cap for which a run has fewer games open than it may.
+    #[must_use]
+    pub fn waits_for(&self, run: RunKey) -> Option<Full> {
+        self.waiting().get(&run).copied()
+    }
+
+    /// Whose a run is, as far as shares are concerned.
+    fn account(&self, stored: &StoredRun) -> Account {
+        let keyless = self.keyless().get(&stored.run).copied();
+        keyless.unwrap_or_else(|| Account::within(stored.competition, stored.owner))
     }
 
     fn tables(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<Table>>> {
@@ -161,12 +188,13 @@ impl Runs {
     /// See [`CreateError`]; then nothing was created.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
-        let NewRun { owner, definition, attempt, idempotency } = new;
+        let NewRun { account, purpose, definition, attempt, idempotency } = new;
+        let owner = account.owner;
         let least = self.0.parts.disk_free_percent_min;
         if disk.is_full(least) {
             return Err(CreateError::DiskFull(least));
         }
-        registry.check_room(owner)?;
+        registry.check_room(account, purpose)?;
         let now = clock.now();
         let id = new_id(now, &**entropy);
         for game in definition.suite.plan() {
@@ -192,6 +220,9 @@ impl Runs {
             token: token.as_ref().map(Token::hash),
         };
         store.keep(vec![Entry::OpenRun(Box::new(row))]).await?;
+        if owner.is_none() {
+            self.keyless().insert(run, account);
+        }
         tracing::info!(run = %id, suite = %definition.suite.name, model = %definition.model, "created");
         metrics::counter!("swarmbench_runs_created_total").increment(1);
         // Where that fails it is tried again every minute.
@@ -325,20 +356,27 @@ impl Runs {
         let definition = Definition::of(stored)?;
         let games = store.games_of(stored.run).await?;
         match due(&definition, &games, clock.now()) {
-            Due::Open(games) => self.open(stored, &definition, games).await,
+            Due::Open(due) => {
+                let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
+                let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
+                self.open(stored, &definition, due, purpose).await
+            }
             Due::Nothing => Ok(()),
             Due::End(status) => self.keep_end(stored, status, Vec::new()).await,
         }
     }
 
-    /// Opens games until there is no place for another.
+    /// Opens games until there is no place for another; the first is opened for `purpose`.
     async fn open(
         &self,
         stored: &StoredRun,
         definition: &Definition,
         games: Vec<Game>,
+        mut purpose: Purpose,
     ) -> Result<(), JournalError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
+        let account = self.account(stored);
+        self.waiting().remove(&stored.run);
         for game in games {
             let parts = &self.0.parts;
             if disk.is_full(parts.disk_free_percent_min) || parts.stop.is_cancelled() {
@@ -354,7 +392,8 @@ impl Runs {
                 .map_err(|problem| JournalError(problem.into()))?;
             let creation = Creation {
                 id: EpisodeId::new(clock.now(), &**entropy),
-                owner: stored.owner,
+                account,
+                purpose: std::mem::replace(&mut purpose, Purpose::Usual),
                 run: Some((stored.run, game.slot)),
                 spec,
                 tokens: Vec::new(),
@@ -363,11 +402,11 @@ impl Runs {
             match registry.create(creation).await {
                 Ok(_) => {}
                 // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
-                Err(
-                    registry::CreateError::Full(_)
-                    | registry::CreateError::NoMemory(_)
-                    | registry::CreateError::Closed(_),
-                ) => break,
+                Err(registry::CreateError::Full(full)) => {
+                    self.waiting().insert(stored.run, full);
+                    break;
+                }
+                Err(registry::CreateError::NoMemory(_) | registry::CreateError::Closed(_)) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }
@@ -384,6 +423,8 @@ impl Runs {
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
         store.keep([entry].into_iter().chain(deeds).collect()).await?;
+        self.keyless().remove(&stored.run);
+        self.waiting().remove(&stored.run);
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
         tracing::info!(run = %stored.id, status, "ended");
         Ok(())

@@ -8,7 +8,7 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{EpisodeKey, JournalError, RunKey, StoredEpisode, Unfinished};
+use crate::journal::{CompetitionKey, EpisodeKey, JournalError, RunKey, StoredEpisode, Unfinished};
 use crate::keys::OwnerKey;
 
 /// What a list of episodes is filtered by.
@@ -227,6 +227,53 @@ impl Store {
         let read = |row: &SqliteRow| {
             let bytes: i64 = row.try_get(1)?;
             Ok((OwnerKey(row.try_get(0)?), u64::try_from(bytes).unwrap_or(0)))
+        };
+        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// The episodes that have not ended, each with its key and its competition, if any.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn accounts(
+        &self,
+    ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT e.key, e.owner, n.competition
+             FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
+             WHERE e.status IN ('waiting', 'running')",
+        )
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read = |row: &SqliteRow| {
+            let owner = row.try_get::<Option<i64>, _>(1)?.map(OwnerKey);
+            let competition = row.try_get::<Option<i64>, _>(2)?.map(CompetitionKey);
+            Ok((EpisodeKey(row.try_get(0)?), owner, competition))
+        };
+        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// How many bytes the acts of all episodes of each competition take that is not open to all yet.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, JournalError> {
+        let rows = sqlx::query(
+            "SELECT competition, sum(bytes) FROM (
+                 SELECT n.competition, coalesce(e.bytes, (
+                            SELECT sum(octet_length(a.record)) FROM acts a WHERE a.episode = e.key)) AS bytes
+                 FROM competitions c JOIN entries n ON n.competition = c.key
+                 JOIN runs r ON r.entry = n.key JOIN episodes e ON e.run = r.key
+                 WHERE c.revealed_at IS NULL)
+             GROUP BY competition",
+        )
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read = |row: &SqliteRow| {
+            let bytes = row.try_get::<Option<i64>, _>(1)?.unwrap_or(0);
+            Ok((CompetitionKey(row.try_get(0)?), u64::try_from(bytes).unwrap_or(0)))
         };
         rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
     }

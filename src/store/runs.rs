@@ -9,7 +9,7 @@ use sqlx::{QueryBuilder, Row, Sqlite};
 use super::episodes::{Readable, time};
 use super::{Store, failure};
 use crate::ids::{EpisodeId, TokenHash};
-use crate::journal::{EntryKey, EpisodeKey, JournalError, RunKey, RunRow, Tally};
+use crate::journal::{CompetitionKey, EntryKey, EpisodeKey, JournalError, RunKey, RunRow, Tally};
 use crate::keys::OwnerKey;
 
 /// A run as it is stored.
@@ -29,6 +29,8 @@ pub struct StoredRun {
     pub status: String,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
+    /// The competition, where it is an attempt in one.
+    pub competition: Option<CompetitionKey>,
     /// Why it does not count as an attempt, where the host broke it.
     pub void_reason: Option<String>,
     /// Whether it was sealed and is open to all now.
@@ -97,6 +99,7 @@ const RUNS_AT_ONCE: usize = 1000;
 const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
            r.void_reason, r.created_at, r.ended_at,
+           (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition,
            EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.key AND e.revealed) AS revealed
     FROM runs r WHERE ";
 
@@ -270,6 +273,7 @@ fn stored(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
         digest: row.try_get("digest")?,
         status: row.try_get("status")?,
         attempt: entry.zip(row.try_get::<Option<u32>, _>("attempt")?),
+        competition: row.try_get::<Option<i64>, _>("competition")?.map(CompetitionKey),
         void_reason: void_reason(row)?,
         revealed: row.try_get("revealed")?,
         created_at: time(row.try_get("created_at")?)?,

@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::Seconds;
+use super::problem::Limit;
 use crate::run::suite::Suite;
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
@@ -292,6 +293,9 @@ pub struct RunSummary {
     pub total: Option<f64>,
     /// What the acts were of all games that have ended and count.
     pub acts: ActTally,
+    /// The limit for which it has fewer games open than it may; null where it waits for no place.
+    #[serde(default)]
+    pub waits_for: Option<Limit>,
 }
 
 /// What a run came to in one task. While it goes on these are means over what has ended; once it is over, a

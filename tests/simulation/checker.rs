@@ -961,7 +961,11 @@ impl Checker {
         let (was, most) = match full {
             Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
             Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
-            Full::BytesOfEpisode(_) | Full::BytesOfKey(_) => return,
+            Full::EpisodesOfShare { held, .. } => (held, usize::MAX),
+            Full::BytesOfEpisode(_)
+            | Full::BytesOfKey(_)
+            | Full::BytesOfCompetition(_)
+            | Full::BytesPerSecond { .. } => return,
         };
         self.check(Invariant::Quotas, was >= most, || format!("{full}; it was {was}"));
     }

@@ -10,6 +10,7 @@ use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
 use swarmbench::episode::lockstep::Submission;
+use swarmbench::episode::quota::{Account, Purpose};
 use swarmbench::episode::recovery::{RecoveryError, state_at};
 use swarmbench::episode::registry::{CreateError, Creation, Registry};
 use swarmbench::episode::seating::Wanted;
@@ -102,8 +103,15 @@ pub(crate) async fn serve(
 ) {
     let say = |news| desk.lock().expect("one thread").push_back((number, news));
     if let Request::Create(spec, owner) = request {
-        let creation =
-            Creation { id, owner, run: None, spec: *spec, tokens: Vec::new(), idempotency: None };
+        let creation = Creation {
+            id,
+            account: Account::of(owner),
+            purpose: Purpose::Usual,
+            run: None,
+            spec: *spec,
+            tokens: Vec::new(),
+            idempotency: None,
+        };
         let created = registry.create(creation).await;
         let created = created.map(|handle| say(News::Seen(handle.snapshot())));
         return say(News::Answered(Answer::Created(created)));

@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench::clock::Clock;
 use swarmbench::episode::actor::Handle;
-use swarmbench::episode::quota::{Caps, Quotas};
+use swarmbench::episode::quota::{Account, Caps, Purpose, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::house::{self, Turns};
@@ -89,6 +89,12 @@ impl Options {
             episodes_per_key_max: [1, 100][below(2)],
             journal_bytes_per_episode_max: [4_000, 1 << 30][below(2)],
             journal_bytes_per_key_max: [8_000, 1 << 30][below(2)],
+            // All clients share one key: whoever is alone may have all places.
+            episodes_reserved_percent: 0,
+            episodes_of_free_percent_max: 10_000,
+            journal_bytes_per_competition_max: 1 << 30,
+            journal_bytes_per_key_s_max: 0,
+            journal_bytes_per_competition_s_max: 0,
         };
         Self {
             seed,
@@ -257,7 +263,7 @@ impl Run {
     fn server(&mut self, keys: i64) -> Server {
         let quotas = Arc::new(Quotas::new(self.options.caps));
         for (owner, bytes) in self.journal.bytes_by_owner() {
-            quotas.add_bytes(Some(owner), bytes);
+            quotas.note_bytes(owner, bytes);
         }
         let clock = ServerClock {
             time: Arc::clone(&self.clock),
@@ -754,8 +760,9 @@ impl Run {
             let bytes: u64 = self.journal.bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
             if bytes < caps.journal_bytes_per_key_max {
                 let places = 2_000..2_000 + i64::try_from(most).expect("few");
+                let account = Account::of(Some(OwnerKey(1)));
                 let refused = places
-                    .map(|key| quotas.admit(EpisodeKey(key), Some(OwnerKey(1))))
+                    .map(|key| quotas.admit(EpisodeKey(key), account, Purpose::Usual))
                     .find_map(Result::err);
                 let what = || format!("no place is left: {refused:?}");
                 self.checker.check(Invariant::Quotas, refused.is_none(), what);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use axum::extract::State;
+use axum::Extension;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use sha2::{Digest, Sha256};
@@ -12,6 +13,7 @@ use super::super::App;
 use super::super::answer;
 use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
+use super::super::client::Client;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
@@ -19,10 +21,10 @@ use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
+use crate::episode::quota::{Account, Purpose};
 use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
-use crate::keys::OwnerKey;
 use crate::prompt;
 use crate::store::tokens::Grant;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
@@ -51,25 +53,26 @@ use crate::wire::problem::Problem;
 pub(in super::super) async fn create_episode(
     State(app): State<App>,
     caller: Caller,
+    Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {
-    let owner = caller.creator(&app)?;
-    let key = idempotency_key(&headers, owner, &app.limits)?;
+    let creator = caller.creator(&app, client)?;
+    let key = idempotency_key(&headers, creator.0.owner, &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
-    let Some(key) = key else { return new_episode(&app, owner, spec, shows_seed, None).await };
+    let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move { create_or_repeat(&app, owner, spec, shows_seed, key, body).await })
+    App::to_its_end(async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await })
         .await
 }
 
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.
 async fn create_or_repeat(
     app: &App,
-    owner: Option<OwnerKey>,
+    creator: (Account, Purpose),
     spec: Spec,
     shows_seed: bool,
     key: String,
@@ -77,7 +80,7 @@ async fn create_or_repeat(
 ) -> Result<Response, ApiError> {
     let _one_by_one = app.one_by_one(&key).await;
     match app.store.created_with(&key).await? {
-        None => new_episode(app, owner, spec, shows_seed, Some((key, body))).await,
+        None => new_episode(app, creator, spec, shows_seed, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::other_body()),
         Some((id, _)) => {
             let handle = app.episode(&id).await?;
@@ -95,7 +98,7 @@ async fn create_or_repeat(
 
 async fn new_episode(
     app: &App,
-    owner: Option<OwnerKey>,
+    (account, purpose): (Account, Purpose),
     spec: Spec,
     shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
@@ -108,7 +111,8 @@ async fn new_episode(
     }
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
-    let creation = Creation { id, owner, run: None, spec, tokens: tokens.rows(), idempotency };
+    let rows = tokens.rows();
+    let creation = Creation { id, account, purpose, run: None, spec, tokens: rows, idempotency };
     let handle = app.registry.create(creation).await?;
     Ok(created(&handle, &tokens, shows_seed))
 }

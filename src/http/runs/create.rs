@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use axum::extract::State;
+use axum::Extension;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use sha2::{Digest, Sha256};
@@ -12,14 +13,15 @@ use super::super::App;
 use super::super::answer;
 use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
+use super::super::client::Client;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::clock::millis;
+use crate::episode::quota::{Account, Purpose};
 use crate::house;
 use crate::ids::Token;
-use crate::keys::OwnerKey;
 use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
 use crate::run::suite::{Suite, SuiteSettings};
@@ -51,12 +53,13 @@ use crate::wire::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
 pub(in super::super) async fn create_run(
     State(app): State<App>,
     caller: Caller,
+    Extension(client): Extension<Client>,
     _: Params<Nothing>,
     headers: HeaderMap,
     Json(request, body): Json<RunRequest>,
 ) -> Result<Response, ApiError> {
-    let owner = caller.creator(&app)?;
-    let key = idempotency_key(&headers, owner, &app.limits)?;
+    let creator = caller.creator(&app, client)?;
+    let key = idempotency_key(&headers, creator.0.owner, &app.limits)?;
     let definition = definition(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
@@ -64,9 +67,9 @@ pub(in super::super) async fn create_run(
         let (stored, token) = match key {
             None => {
                 check_new(&definition.suite)?;
-                app.runs.create(NewRun::by(owner, definition)).await?
+                app.runs.create(NewRun::by(creator.0, creator.1, definition)).await?
             }
-            Some(key) => create_or_repeat(&app, owner, definition, key, body).await?,
+            Some(key) => create_or_repeat(&app, creator, definition, key, body).await?,
         };
         let location = format!("/api/v1/runs/{}", stored.id);
         let run = app.run_detail(&caller, &Known::of(stored)?).await?;
@@ -79,7 +82,7 @@ pub(in super::super) async fn create_run(
 /// Creates a run, or gives out a new token for the one that was created with this key and body.
 async fn create_or_repeat(
     app: &App,
-    owner: Option<OwnerKey>,
+    (account, purpose): (Account, Purpose),
     definition: Definition,
     key: String,
     body: [u8; 32],
@@ -88,7 +91,8 @@ async fn create_or_repeat(
     match app.store.run_created_with(&key).await? {
         None => {
             check_new(&definition.suite)?;
-            let new = NewRun { idempotency: Some((key, body)), ..NewRun::by(owner, definition) };
+            let new = NewRun::by(account, purpose, definition);
+            let new = NewRun { idempotency: Some((key, body)), ..new };
             Ok(app.runs.create(new).await?)
         }
         Some((_, first)) if first != body => Err(ApiError::other_body()),

@@ -104,6 +104,7 @@ impl Known {
             tasks: tasks.collect(),
             total,
             acts: tally(games),
+            waits_for: app.runs.waits_for(stored.run).map(Into::into),
         }
     }
 

@@ -8,7 +8,7 @@ use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench::episode::Status;
 use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
-use swarmbench::episode::quota::Quotas;
+use swarmbench::episode::quota::{Account, Purpose, Quotas};
 use swarmbench::episode::registry::{Creation, Registry};
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
@@ -280,7 +280,9 @@ impl Offline {
         run: Option<(RunKey, u32)>,
     ) -> Handle {
         let id = EpisodeId::new(self.clock.now(), &self.entropy);
-        let creation = Creation { id, owner, run, spec, tokens: Vec::new(), idempotency: None };
+        let (account, purpose) = (Account::of(owner), Purpose::Usual);
+        let tokens = Vec::new();
+        let creation = Creation { id, account, purpose, run, spec, tokens, idempotency: None };
         let handle = self.registry.create(creation).await.expect("it is created");
         self.last = handle.key;
         self.game = Some(handle.clone());
