@@ -22,6 +22,7 @@ use crate::journal::{Journal, JournalError};
 use crate::run::manager::{self, Runs};
 use crate::store::{OpenError, Store};
 use crate::telemetry;
+use crate::work::Workers;
 
 /// How often the server looks after what nobody asks for.
 const SWEEP: Duration = Duration::from_mins(1);
@@ -112,9 +113,10 @@ impl Server {
             quotas.add_bytes(Some(owner), bytes);
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
+        let workers = Workers::of_this_host();
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
         let registry =
-            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key);
+            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), workers.clone(), spawn, last_key);
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {
@@ -134,6 +136,7 @@ impl Server {
             clock,
             entropy,
             disk,
+            workers,
             limits,
             access,
             has_keys,
@@ -166,8 +169,7 @@ impl Server {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            let journal = std::sync::Arc::clone(app.registry.journal());
-            tokio::spawn(house::run(hosted, journal, stop.clone()));
+            tokio::spawn(house::run(hosted, app.registry.host().clone(), stop.clone()));
         }
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));

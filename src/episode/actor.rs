@@ -22,6 +22,7 @@ use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::clock::Clock;
+use crate::fair::{Group, Party, Rank};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Record, Source, round_record};
@@ -31,6 +32,7 @@ use crate::journal::{
     SeatingRow, Tally, TokenRow,
 };
 use crate::keys::OwnerKey;
+use crate::work::{Cancelled, Workers};
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 const COMMANDS_WAITING_MAX: usize = 64;
@@ -158,10 +160,31 @@ pub struct Host {
     pub spawn: Spawn,
     /// What everybody holds.
     pub quotas: Arc<Quotas>,
+    /// What does heavy work.
+    pub workers: Workers,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
     /// Told of every episode that is taken up and of which the server may play seats.
     pub hosted: mpsc::UnboundedSender<Handle>,
+}
+
+impl Host {
+    /// For whom the work of an episode is done: for the entrant of a competition, else for the holder of the
+    /// key with which it was created.
+    pub(super) async fn party(
+        &self,
+        owner: Option<OwnerKey>,
+        run: Option<RunKey>,
+        spec: &Spec,
+    ) -> Result<Party, JournalError> {
+        // The games of competitions, and no others, are sealed.
+        if let Some(run) = run.filter(|_| spec.visibility == Visibility::Sealed)
+            && let Some((competition, owner)) = self.journal.entrant(run).await?
+        {
+            return Ok(Party::entrant(competition, owner));
+        }
+        Ok(owner.map_or(Party::SERVER, |owner| Party::of(Group::Owner(owner))))
+    }
 }
 
 /// An episode as others see it. Cloning shares it.
@@ -178,6 +201,8 @@ pub struct Running {
     pub owner: Option<OwnerKey>,
     /// The run to which it belongs, if any.
     pub run: Option<RunKey>,
+    /// For whom its work is done.
+    pub party: Party,
     /// What it is.
     pub spec: Arc<Spec>,
     /// When it was created.
@@ -408,6 +433,7 @@ pub(super) struct Fresh {
     pub(super) key: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
+    pub(super) party: Party,
     pub(super) spec: Arc<Spec>,
     pub(super) created_at: Timestamp,
     pub(super) world: Arc<World>,
@@ -446,6 +472,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         key: fresh.key,
         owner: fresh.owner,
         run: fresh.run,
+        party: fresh.party,
         spec: Arc::clone(&fresh.spec),
         created_at: fresh.created_at,
         clock: Arc::clone(&host.clock),
@@ -471,6 +498,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         key: fresh.key,
         owner: fresh.owner,
         run: fresh.run,
+        party: fresh.party,
         spec: fresh.spec,
         world: fresh.world,
         head: fresh.head,
@@ -516,6 +544,7 @@ struct Actor {
     key: EpisodeKey,
     owner: Option<OwnerKey>,
     run: Option<RunKey>,
+    party: Party,
     spec: Arc<Spec>,
     world: Arc<World>,
     head: Head,
@@ -876,13 +905,17 @@ impl Actor {
         let acts = acts_of(&config, self.lockstep.records())
             .map_err(|problem| JournalError(problem.into()))?;
         let before = Arc::clone(&self.world);
-        let step = move || {
+        let step = move |_: &Cancelled<'_>| {
             let mut world = World::clone(&before);
             world.step(&acts);
             let digest = world.digest();
             (Arc::new(world), digest)
         };
-        let (world, digest) = off_thread(is_heavy(&config), step).await?;
+        let urgent = (self.party, Rank::Urgent);
+        let stepped =
+            off_thread(&self.host.workers, "step", urgent, is_heavy(&config), step).await;
+        let (world, digest) =
+            stepped.map_err(|error| JournalError(error.to_string().into()))?;
         let records: Vec<RawRecord> = self.lockstep.records().map(RawRecord::write).collect();
         let record = round_record(round, records.iter(), &digest.to_string(), world.score());
         self.head = self.head.link(record.as_str().as_bytes());

@@ -19,6 +19,7 @@ use super::recovery::{RecoveryError, clocks, described, recover};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::clock::{Clock, after};
+use crate::fair::Rank;
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
@@ -27,6 +28,7 @@ use crate::journal::{
     Tally, TokenRow, Unfinished,
 };
 use crate::keys::OwnerKey;
+use crate::work::{Cancelled, WorkError, Workers};
 
 /// How long an episode that nobody asks for stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
@@ -56,6 +58,9 @@ pub enum CreateError {
     /// The time in which its rounds may begin is over.
     #[error("no round begins here after {0}")]
     Closed(Timestamp),
+    /// Its map is large, and too much heavy work waits.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -104,13 +109,14 @@ impl Registry {
         journal: Arc<dyn Journal>,
         clock: Arc<dyn Clock>,
         quotas: Arc<Quotas>,
+        workers: Workers,
         spawn: Spawn,
         last_key: i64,
     ) -> Self {
         let (tell, ended) = mpsc::unbounded_channel();
         let (host, hosted) = mpsc::unbounded_channel();
         Self {
-            host: Host { journal, clock, spawn, quotas, ended: tell, hosted: host },
+            host: Host { journal, clock, spawn, quotas, workers, ended: tell, hosted: host },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             ended: Arc::new(Mutex::new(Some(ended))),
@@ -131,10 +137,16 @@ impl Registry {
         self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// The journal from which states of earlier rounds are recomputed.
+    /// The journal.
     #[must_use]
     pub fn journal(&self) -> &Arc<dyn Journal> {
         &self.host.journal
+    }
+
+    /// What all actors share: states of earlier rounds are recomputed with it.
+    #[must_use]
+    pub const fn host(&self) -> &Host {
+        &self.host
     }
 
     /// How many episodes have not ended.
@@ -198,7 +210,11 @@ impl Registry {
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
         let Creation { id, owner, run, spec, tokens, idempotency } = creation;
         let config = Arc::clone(&spec.config);
-        let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
+        let party = self.host.party(owner, run.map(|(run, _)| run), &spec).await?;
+        let heavy = is_heavy(&config);
+        let lay_out = move |_: &Cancelled<'_>| World::new(config);
+        let share = (party, Rank::Normal);
+        let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
         let world = Arc::new(world);
         let now = self.host.clock.now();
         if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
@@ -249,6 +265,7 @@ impl Registry {
             key,
             owner,
             run: run.map(|(run, _)| run),
+            party,
             created_at: now,
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
@@ -339,7 +356,7 @@ impl Registry {
         kept.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
-        let fresh = recover(&self.host.journal, stored, &*self.host.clock).await?;
+        let fresh = recover(&self.host, stored).await?;
         let handle = spawn(self.host.clone(), fresh);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.

@@ -39,12 +39,14 @@ use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
+use crate::fair::{Party, Rank};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use crate::work::{JOBS_WAITING_MAX, Workers};
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -57,13 +59,10 @@ const TOKENS_CACHED: usize = 100_000;
 /// Locks of creations that may be repeated: those with the same key have the same one.
 const CREATION_LOCKS: usize = 64;
 
-/// Texts for language models, and boards, that are made at once; each keeps a core busy.
-const RENDERS_MAX: usize = 8;
-
 /// Differences between rows of boards that are remembered.
 const INTERVALS_CACHED: usize = 100_000;
 
-/// How long a request waits for its turn to have a text or a board made.
+/// How long a request waits until a prompt or a board is made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What all handlers share. Cloning shares it.
@@ -84,6 +83,8 @@ pub struct Foundation {
     pub entropy: Arc<dyn Entropy>,
     /// Where the database lies.
     pub disk: Arc<dyn Disk>,
+    /// What does heavy work.
+    pub workers: Workers,
     /// What is taken at most.
     pub limits: Limits,
     /// To whom the server opens.
@@ -112,7 +113,6 @@ pub struct Shared {
     rounds_seen: std::sync::Mutex<u64>,
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
-    renders: Semaphore,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
@@ -143,7 +143,6 @@ impl App {
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
-            renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
@@ -160,6 +159,7 @@ impl App {
     pub fn tidy(&self) {
         self.registry.let_go();
         self.rates.forget_idle();
+        self.workers.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
@@ -177,20 +177,24 @@ impl App {
         self.creating[lock].lock().await
     }
 
-    /// Does work that keeps a core busy for milliseconds, off the async threads.
+    /// Does work that keeps a core busy for milliseconds, off the async threads, as its turn among that of
+    /// all parties comes.
     async fn render<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, ApiError> {
-        let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
-        else {
-            let detail =
-                "too many prompts and boards are asked for; ask again later, or without `prompt`";
-            return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
-                .retry_after(Duration::from_secs(1)));
+        let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
+        let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
+            let detail = "too much heavy work waits; ask again later, or without `prompt`";
+            return Err(ApiError::limit(
+                Code::Overloaded,
+                "heavy_jobs_max",
+                JOBS_WAITING_MAX,
+                detail,
+            )
+            .retry_after(Duration::from_secs(1)));
         };
-        let done = tokio::task::spawn_blocking(work).await;
-        done.map_err(|error| ApiError::new(Code::Internal, error.to_string()))
+        Ok(done?)
     }
 
     /// What a token stands for, if it is known.

@@ -593,6 +593,12 @@ pub trait Journal: Send + Sync + 'static {
     /// the creator simply holds all.
     fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>>;
 
+    /// The competition and the entrant whose attempt a run is, where it is one.
+    fn entrant(
+        &self,
+        run: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>>;
+
     /// The public id of a key.
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;
 

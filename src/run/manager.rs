@@ -363,7 +363,11 @@ impl Runs {
             match registry.create(creation).await {
                 Ok(_) => {}
                 // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
-                Err(registry::CreateError::Full(_) | registry::CreateError::Closed(_)) => break,
+                Err(
+                    registry::CreateError::Full(_)
+                    | registry::CreateError::Closed(_)
+                    | registry::CreateError::Work(_),
+                ) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }

@@ -11,8 +11,8 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Committed, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
-    StoredRound, Unfinished,
+    Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, RunKey,
+    StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use crate::keys::OwnerKey;
 
@@ -61,6 +61,22 @@ impl Store {
         .await
         .map_err(failure)?;
         row.map(|row| act(&row)).transpose().map_err(failure)
+    }
+
+    async fn read_entrant(
+        &self,
+        run: RunKey,
+    ) -> Result<Option<(CompetitionKey, OwnerKey)>, JournalError> {
+        let row = sqlx::query(
+            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
+        )
+        .bind(run.0)
+        .fetch_optional(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read =
+            |row: SqliteRow| Ok((CompetitionKey(row.try_get(0)?), OwnerKey(row.try_get(1)?)));
+        row.map(read).transpose().map_err(failure)
     }
 
     async fn read_rounds(
@@ -117,6 +133,13 @@ impl Journal for Store {
 
     fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
         self.read_holders(episode).boxed()
+    }
+
+    fn entrant(
+        &self,
+        run: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+        self.read_entrant(run).boxed()
     }
 
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {

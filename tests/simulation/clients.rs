@@ -168,7 +168,7 @@ pub(crate) async fn serve(
         Request::Start => Answer::Started(handle.start().await),
         Request::Abort => Answer::Aborted(handle.abort().await),
         Request::State(round) => {
-            let state = state_at(registry.journal(), &handle, round, None).await;
+            let state = state_at(registry.host(), &handle, round, None).await;
             Answer::State(round, state.map(|world| world.digest().0))
         }
     };

@@ -9,8 +9,9 @@ use swarmbench::episode::Status;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench::journal::{
-    ActRow, ClaimRow, Committed, EndRow, Entry, EpisodeKey, Held, Journal, JournalError,
-    OpeningRow, RoundActs, RoundRow, SeatingRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
+    ActRow, ClaimRow, Committed, CompetitionKey, EndRow, Entry, EpisodeKey, Held, Journal,
+    JournalError, OpeningRow, RoundActs, RoundRow, RunKey, SeatingRow, StoredAct, StoredEpisode,
+    StoredRound, Unfinished,
 };
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
@@ -321,6 +322,13 @@ impl Journal for MemoryJournal {
             }
             Ok(found)
         }))
+    }
+
+    fn entrant(
+        &self,
+        _: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+        Box::pin(std::future::ready(Ok(None)))
     }
 
     fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {

@@ -105,7 +105,7 @@ async fn tell(
             let world = if told == snapshot.world.round() {
                 snapshot.world.clone()
             } else {
-                match state_at(app.registry.journal(), handle, told, last.as_ref()).await {
+                match state_at(app.registry.host(), handle, told, last.as_ref()).await {
                     Ok(world) => world,
                     Err(error) => {
                         tracing::error!(%error, "events cannot be told");

@@ -56,7 +56,7 @@ pub(in super::super) async fn show_state(
     let world = if round == now.round() {
         now
     } else {
-        state_at(app.registry.journal(), &handle, round, None).await?
+        state_at(app.registry.host(), &handle, round, None).await?
     };
     Ok(Json(world.spectacle().into()))
 }
