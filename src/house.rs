@@ -19,11 +19,12 @@ use tokio_util::sync::CancellationToken;
 use crate::episode::Status;
 use crate::episode::actor::{ActError, Handle, Host};
 use crate::episode::lockstep::Submission;
-use crate::episode::recovery::{RecoveryError, state_at};
+use crate::episode::recovery::RecoveryError;
+use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
-use crate::journal::record::{ActRecord, Source};
 use crate::fair::{Party, Rank};
 use crate::journal::JournalError;
+use crate::journal::record::{ActRecord, Source};
 use crate::work::{Cancelled, WorkError};
 
 /// The name of the player that plays a task under this name, which may be that of each task's own.

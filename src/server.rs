@@ -115,8 +115,14 @@ impl Server {
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
-        let registry =
-            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), workers.clone(), spawn, last_key);
+        let registry = Registry::new(
+            journal,
+            Arc::clone(&clock),
+            Arc::new(quotas),
+            workers.clone(),
+            spawn,
+            last_key,
+        );
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {

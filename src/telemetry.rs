@@ -78,6 +78,12 @@ fn describe() {
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
     describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
     describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");
+    describe_gauge!("swarmbench_heavy_running", "Pieces of heavy work that are being done.");
+    describe_gauge!("swarmbench_heavy_waiting", "Pieces of heavy work that wait for their turn.");
+    describe_histogram!(
+        "swarmbench_heavy_seconds",
+        "How long a piece of heavy work takes, by kind."
+    );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(
         "swarmbench_rate_limited_total",

@@ -334,7 +334,8 @@ mod tests {
         let workers = Workers::new(2);
         let (release, blocking) = block(&workers).await;
         let normal = workers.clone();
-        let normal = tokio::spawn(async move { normal.run("test", owner(1), Rank::Normal, |_| 1).await });
+        let normal =
+            tokio::spawn(async move { normal.run("test", owner(1), Rank::Normal, |_| 1).await });
         assert_eq!(workers.run("test", owner(2), Rank::Urgent, |_| 2).await, Ok(2));
         assert!(!normal.is_finished(), "there is one thread for it, and that is busy");
         drop(release);
@@ -354,7 +355,10 @@ mod tests {
                 tokio::spawn(async move {
                     while !stop.load(std::sync::atomic::Ordering::Relaxed) {
                         let spin = |_: &Cancelled<'_>| std::thread::yield_now();
-                        workers.run_always("test", owner(number), Rank::Urgent, spin).await.expect("it ends");
+                        workers
+                            .run_always("test", owner(number), Rank::Urgent, spin)
+                            .await
+                            .expect("it ends");
                     }
                 })
             })
@@ -424,7 +428,8 @@ mod tests {
     async fn a_panic_costs_no_thread() {
         let workers = Workers::new(2);
         for _ in 0..4 {
-            let panics = workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
+            let panics =
+                workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
             assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
         }
         assert_eq!(workers.run("test", owner(1), Rank::Normal, |_| 3).await, Ok(3));

@@ -14,10 +14,11 @@ use swarmbench_engine::{AgentId, World};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use super::heavy::{is_heavy, off_thread};
+use super::heavy::{self, off_thread, state_bytes, step_micros};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
+use super::replay::Replays;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
@@ -25,7 +26,7 @@ use crate::clock::Clock;
 use crate::fair::{Group, Party, Rank};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
-use crate::journal::record::{End, RawRecord, Record, Source, round_record};
+use crate::journal::record::{ActRecord, End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
 use crate::journal::{
     ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
@@ -36,6 +37,12 @@ use crate::work::{Cancelled, Workers};
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 const COMMANDS_WAITING_MAX: usize = 64;
+
+/// Bytes of text that are written to a round's record, and hashed, in a microsecond.
+const TEXT_BYTES_PER_MICRO: u64 = 100;
+
+/// Bytes of records that an actor writes in one piece, before others have their turn on its thread.
+const PIECE_BYTES: u64 = 256 * 1024;
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -162,6 +169,8 @@ pub struct Host {
     pub quotas: Arc<Quotas>,
     /// What does heavy work.
     pub workers: Workers,
+    /// States of earlier rounds that are being made again.
+    pub replays: Arc<Replays>,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
     /// Told of every episode that is taken up and of which the server may play seats.
@@ -397,17 +406,31 @@ fn gone() -> JournalError {
 /// second one is dropped.
 pub(super) struct Keyframes {
     stride: u32,
+    most: usize,
     worlds: Vec<Arc<World>>,
 }
 
 impl Keyframes {
-    const MAX: usize = 32;
+    /// Microseconds of steps between two states, as long as there is room for all of them.
+    const STRIDE_MICROS: u64 = 200_000;
+    /// Rounds between two states, where rounds are light: playing some hundreds again costs less than
+    /// keeping states of every short game.
+    const STRIDE_MAX: u64 = 512;
+    /// Bytes of all states; a game takes as long to fill it as the steps between them.
+    const BYTES_MAX: u64 = 64 * 1024 * 1024;
+    const COUNT: std::ops::RangeInclusive<u64> = 16..=1024;
 
-    /// Starts with the layout. Few rounds lie between two states where rounds are heavy; where they
-    /// are light, playing some hundreds again costs less than keeping states of every short game.
+    /// Starts with the layout.
     pub(super) fn new(layout: Arc<World>) -> Self {
-        let stride = if is_heavy(layout.config()) { 32 } else { 512 };
-        Self { stride, worlds: vec![layout] }
+        let config = layout.config();
+        let stride = (Self::STRIDE_MICROS / step_micros(config)).clamp(1, Self::STRIDE_MAX);
+        let most = Self::BYTES_MAX / state_bytes(config);
+        let most = most.clamp(*Self::COUNT.start(), *Self::COUNT.end());
+        Self {
+            stride: u32::try_from(stride).expect("at most STRIDE_MAX"),
+            most: usize::try_from(most).expect("at most COUNT"),
+            worlds: vec![layout],
+        }
     }
 
     pub(super) fn offer(&mut self, world: &Arc<World>) {
@@ -415,7 +438,7 @@ impl Keyframes {
             return;
         }
         self.worlds.push(Arc::clone(world));
-        if self.worlds.len() > Self::MAX {
+        if self.worlds.len() > self.most {
             self.stride *= 2;
             self.worlds.retain(|world| world.round().is_multiple_of(self.stride));
         }
@@ -820,7 +843,12 @@ impl Actor {
         let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
         let mut opens = false;
+        let mut paused_at = self.bytes;
         for effect in effects {
+            if self.bytes - paused_at > PIECE_BYTES {
+                paused_at = self.bytes;
+                tokio::task::yield_now().await;
+            }
             match effect {
                 Effect::KeepStart => {
                     entries.extend(self.seating_entry());
@@ -905,20 +933,23 @@ impl Actor {
         let acts = acts_of(&config, self.lockstep.records())
             .map_err(|problem| JournalError(problem.into()))?;
         let before = Arc::clone(&self.world);
+        let given: Vec<ActRecord> = self.lockstep.records().cloned().collect();
+        let text: u64 = given.iter().map(ActRecord::text_bytes).sum();
+        let head = self.head;
         let step = move |_: &Cancelled<'_>| {
             let mut world = World::clone(&before);
             world.step(&acts);
             let digest = world.digest();
-            (Arc::new(world), digest)
+            let records: Vec<RawRecord> = given.iter().map(RawRecord::write).collect();
+            let record = round_record(round, records.iter(), &digest.to_string(), world.score());
+            (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
         };
+        let is_heavy = heavy::is_long(step_micros(&config) + text / TEXT_BYTES_PER_MICRO);
         let urgent = (self.party, Rank::Urgent);
-        let stepped =
-            off_thread(&self.host.workers, "step", urgent, is_heavy(&config), step).await;
-        let (world, digest) =
+        let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
+        let (world, digest, head) =
             stepped.map_err(|error| JournalError(error.to_string().into()))?;
-        let records: Vec<RawRecord> = self.lockstep.records().map(RawRecord::write).collect();
-        let record = round_record(round, records.iter(), &digest.to_string(), world.score());
-        self.head = self.head.link(record.as_str().as_bytes());
+        self.head = head;
         self.world = world;
         self.keyframes.lock().expect("nothing panics while it holds this").offer(&self.world);
         let now = self.host.clock.now();

@@ -7,22 +7,20 @@ use std::time::Duration;
 use swarmbench_engine::World;
 
 use super::actor::{Fresh, Host, Keyframes};
-use super::heavy::{is_heavy, off_thread};
+use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::replay::rounds_at_once;
 use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
-use crate::fair::{Party, Rank};
+use crate::fair::Rank;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
 use crate::work::{Cancelled, WorkError};
 
-/// Rounds that are read and played at once.
-const CHUNK: u32 = 64;
-
 /// Why an episode cannot be taken up.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum RecoveryError {
     /// Its journal cannot be read.
     #[error(transparent)]
@@ -41,19 +39,16 @@ pub enum RecoveryError {
 }
 
 /// Takes a stored episode up. Its open round begins when that is done, however long it took.
-pub(super) async fn recover(
-    host: &Host,
-    stored: StoredEpisode,
-) -> Result<Fresh, RecoveryError> {
+pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let spec = Arc::new(described(&stored)?);
     let config = Arc::clone(&spec.config);
-    let heavy = is_heavy(&config);
+    let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
     let Host { journal, clock, workers, .. } = host;
     let party = host.party(stored.owner, stored.run, &spec).await?;
     let share = (party, Rank::Normal);
     let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
-    let layout = off_thread(workers, "layout", share, heavy, lay_out).await?;
+    let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {
         keyframes: Keyframes::new(Arc::clone(&layout)),
         world: layout,
@@ -63,11 +58,12 @@ pub(super) async fn recover(
     };
     while track.world.round() < stored.rounds {
         let from = track.world.round();
-        let to = stored.rounds.min(from + CHUNK);
+        let to = stored.rounds.min(from + at_once);
         let acts = journal.acts(stored.episode, from, to).await?;
         let rounds = journal.rounds(stored.episode, from, to).await?;
         let play = move |cancelled: &Cancelled<'_>| track.play(&acts, &rounds, cancelled);
-        let played = off_thread(workers, "recovery", share, heavy, play).await?;
+        let is_heavy = heavy::is_long(micros * u64::from(to - from));
+        let played = off_thread(workers, "recovery", share, is_heavy, play).await?;
         track = played.map_err(broken)?;
     }
     let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
@@ -199,53 +195,4 @@ fn outcome(
     };
     let ending = Ending::parse(&reason).ok_or_else(|| format!("it ended by {reason:?}"))?;
     Ok(Outcome { ending, at })
-}
-
-/// The state after `round` rounds, from a kept state before it, or from `near` where that is nearer,
-/// and the stored acts.
-///
-/// # Errors
-/// Where the journal cannot be read or does not play again.
-pub async fn state_at(
-    host: &Host,
-    handle: &super::actor::Handle,
-    round: u32,
-    near: Option<&Arc<World>>,
-) -> Result<Arc<World>, RecoveryError> {
-    let mut world = handle.keyframe(round);
-    if let Some(near) = near.filter(|near| (world.round()..=round).contains(&near.round())) {
-        world = Arc::clone(near);
-    }
-    while world.round() < round {
-        let from = world.round();
-        let to = round.min(from + CHUNK);
-        let acts = host.journal.acts(handle.key, from, to).await?;
-        let heavy = is_heavy(world.config());
-        let share = (Party::current(), Rank::Normal);
-        let play = move |cancelled: &Cancelled<'_>| replay(&world, &acts, to, cancelled);
-        world = off_thread(&host.workers, "replay", share, heavy, play)
-            .await?
-            .map_err(|problem| RecoveryError::Broken { episode: handle.id.to_string(), problem })?;
-    }
-    Ok(world)
-}
-
-fn replay(
-    world: &World,
-    acts: &[(u32, RoundActs)],
-    to: u32,
-    cancelled: &Cancelled<'_>,
-) -> Result<Arc<World>, String> {
-    let mut world = world.clone();
-    let mut acts = acts.iter().peekable();
-    while world.round() < to {
-        if cancelled.is_cancelled() {
-            return Err("nobody waits for it any more".to_owned());
-        }
-        let given = acts.next_if(|(round, _)| *round == world.round());
-        let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.record);
-        let acts = acts_of(world.config(), records)?;
-        world.step(&acts);
-    }
-    Ok(Arc::new(world))
 }

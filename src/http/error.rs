@@ -20,10 +20,10 @@ use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::CreateError;
 use crate::journal::JournalError;
-use crate::work::{JOBS_WAITING_MAX, WorkError};
 use crate::prompt::TemplateError;
 use crate::run::manager;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
+use crate::work::{JOBS_WAITING_MAX, WorkError};
 
 /// The kind of an error, stable on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -38,8 +38,8 @@ pub(super) async fn show_health() -> Json<Health> {
     Json(OK)
 }
 
-/// Whether the server can be used: the database answers, no commit has failed, and all episodes
-/// that were running before a restart run again.
+/// Whether the server can be used: the database answers, no commit has failed, and the episodes
+/// that were running before a restart run again, but for those that take long to play again.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -83,6 +83,9 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
         metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);
         metrics::gauge!("swarmbench_episodes_in_memory").set(app.registry.in_memory() as f64);
         metrics::gauge!("swarmbench_backlog_jobs").set(app.store.writer().backlog() as f64);
+        let (running, waiting) = app.workers.load();
+        metrics::gauge!("swarmbench_heavy_running").set(running as f64);
+        metrics::gauge!("swarmbench_heavy_waiting").set(waiting as f64);
     }
     if let Some(free) = app.disk.free_percent() {
         metrics::gauge!("swarmbench_disk_free_percent").set(free);

@@ -79,6 +79,10 @@ pub struct Limits {
     pub journals_max: usize,
     /// Exports that are made at once.
     pub exports_max: usize,
+    /// States of earlier rounds that are made at once.
+    pub replays_max: usize,
+    /// Requests for states of earlier rounds that wait for their turn.
+    pub replays_waiting_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
     /// Entrants of a competition.
@@ -124,6 +128,8 @@ impl Default for Limits {
             idempotency_key_chars_max: 200,
             journals_max: 32,
             exports_max: 2,
+            replays_max: 16,
+            replays_waiting_max: 1024,
             events_pending_max: 64,
             entrants_max: 10_000,
         }
@@ -144,7 +150,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 38] {
+    pub fn table(&self) -> [(&'static str, u64); 40] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -182,6 +188,8 @@ impl Limits {
             ("idempotency_key_chars_max", self.idempotency_key_chars_max as u64),
             ("journals_max", self.journals_max as u64),
             ("exports_max", self.exports_max as u64),
+            ("replays_max", self.replays_max as u64),
+            ("replays_waiting_max", self.replays_waiting_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
             ("entrants_max", self.entrants_max as u64),
         ]

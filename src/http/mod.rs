@@ -32,6 +32,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use quick_cache::sync::Cache;
+use swarmbench_engine::World;
 use tokio::sync::{Mutex, MutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
 
@@ -39,7 +40,8 @@ use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
-use crate::fair::{Party, Rank};
+use crate::episode::replay::state_at;
+use crate::fair::{Busy, FairLimit, Party, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::run::manager::Runs;
@@ -64,6 +66,12 @@ const INTERVALS_CACHED: usize = 100_000;
 
 /// How long a request waits until a prompt or a board is made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// How long a request waits for an episode that is being taken up.
+const TAKE_UP_PATIENCE: Duration = Duration::from_secs(20);
+
+/// How long a request waits until a state of an earlier round can be made.
+const REPLAY_PATIENCE: Duration = Duration::from_secs(10);
 
 /// What all handlers share. Cloning shares it.
 #[derive(Clone)]
@@ -117,6 +125,8 @@ pub struct Shared {
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
     exports: Arc<Semaphore>,
+    /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
+    replays: FairLimit,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -134,6 +144,7 @@ impl App {
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
+            replays: replays(&foundation.limits),
             exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
@@ -160,6 +171,7 @@ impl App {
         self.registry.let_go();
         self.rates.forget_idle();
         self.workers.prune();
+        self.replays.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
@@ -224,11 +236,51 @@ impl App {
         self.tokens.retain(|_, grant| !is_old(grant));
     }
 
-    /// The episode with this id.
+    /// The episode with this id. One that is being taken up is waited for, but not for ever.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
-        let found = self.registry.find(id).await?;
-        found.ok_or_else(|| ApiError::not_found("the episode"))
+        let Ok(found) = tokio::time::timeout(TAKE_UP_PATIENCE, self.registry.find(id)).await else {
+            let detail =
+                "the episode is still being played again from its journal; its clock does not run";
+            return Err(
+                ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
+            );
+        };
+        found?.ok_or_else(|| ApiError::not_found("the episode"))
     }
+
+    /// The state after `round` rounds, which must be resolved; `near` is a state on the way to it.
+    async fn state_at(
+        &self,
+        handle: &Handle,
+        round: u32,
+        near: Option<&Arc<World>>,
+    ) -> Result<Arc<World>, ApiError> {
+        let kept = handle.keyframe(round);
+        if kept.round() == round {
+            return Ok(kept);
+        }
+        let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
+        let _turn = turn.map_err(|Busy { name, slots }| {
+            let detail = "too many states of earlier rounds are asked for; ask again later";
+            ApiError::limit(Code::Overloaded, name, slots, detail)
+                .retry_after(Duration::from_secs(1))
+        })?;
+        Ok(state_at(self.registry.host(), handle, round, near).await?)
+    }
+}
+
+/// Turns to have a state made. A group has no more than half of them.
+fn replays(limits: &Limits) -> FairLimit {
+    let slots = limits.replays_max;
+    let shares = Shares {
+        slots,
+        reserve: 0,
+        slots_per_group: slots.div_ceil(2),
+        slots_per_member: slots.div_ceil(2),
+        waiting: limits.replays_waiting_max,
+        waiting_per_group: limits.replays_waiting_max.div_ceil(8),
+    };
+    FairLimit::new("replays_max", shares, REPLAY_PATIENCE)
 }
 
 impl Deref for App {

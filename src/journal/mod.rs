@@ -19,7 +19,7 @@ use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
 pub use import::{ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport};
-use record::{ActRecord, RawRecord, Source};
+use record::{ActRecord, RawRecord, RecordedConfig, Source};
 
 /// The number of an episode in its journal; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -516,6 +516,8 @@ pub struct Unfinished {
     pub owner: Option<OwnerKey>,
     /// Whether its rounds have a deadline.
     pub clocked: bool,
+    /// Of an episode with deadlines, its settings and how many rounds are resolved: what it costs to take up.
+    pub played: Option<(RecordedConfig, u32)>,
 }
 
 /// Acts of one round, in order of their seats.

@@ -16,6 +16,9 @@ use crate::journal::{
 };
 use crate::keys::OwnerKey;
 
+/// Bytes of records that are read in one piece, before others have their turn on the thread.
+const PIECE_BYTES: usize = 128 * 1024;
+
 impl Store {
     async fn read_acts(
         &self,
@@ -34,9 +37,15 @@ impl Store {
         .await
         .map_err(failure)?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
+        let mut unpaused = 0;
         for row in &rows {
+            if unpaused > PIECE_BYTES {
+                unpaused = 0;
+                tokio::task::yield_now().await;
+            }
             let (round, agent) = position(row).map_err(failure)?;
             let act = act(row).map_err(failure)?;
+            unpaused += act.raw.as_str().len();
             match rounds.last_mut() {
                 Some((last, acts)) if *last == round => acts.push((agent, act)),
                 _ => rounds.push((round, vec![(agent, act)])),

@@ -339,6 +339,7 @@ impl Journal for MemoryJournal {
                 id: row.id.clone(),
                 owner: row.owner,
                 clocked: row.clocked,
+                played: None,
             };
             let running = state.openings().filter(|row| state.end(row.episode).is_none());
             let mut all: Vec<_> = running.map(unfinished).collect();
@@ -348,6 +349,7 @@ impl Journal for MemoryJournal {
                     id: EpisodeId::from_text("ep_ghost".to_owned()),
                     owner: None,
                     clocked: true,
+                    played: None,
                 });
             }
             all.sort_by_key(|episode| (!episode.clocked, episode.episode));
