@@ -31,6 +31,7 @@ use swarmbench::run::manager::{self, Runs};
 use swarmbench::run::new_id;
 use swarmbench::run::suite::Suite;
 use swarmbench::store::Store;
+use swarmbench::work::Workers;
 use swarmbench_engine::{Config, Settings, World};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -128,7 +129,8 @@ async fn start(store: Store) -> (SocketAddr, CancellationToken) {
     let journal = Arc::new(store.clone());
     let spawn = Arc::new(|task| drop(tokio::spawn(task)));
     let stop = CancellationToken::new();
-    let registry = Registry::new(journal, Arc::clone(&clock), quotas, spawn, 0);
+    let workers = Workers::of_this_host();
+    let registry = Registry::new(journal, Arc::clone(&clock), quotas, workers.clone(), spawn, 0);
     let runs = Runs::new(manager::Parts {
         store: store.clone(),
         registry: registry.clone(),
@@ -146,6 +148,7 @@ async fn start(store: Store) -> (SocketAddr, CancellationToken) {
         clock,
         entropy,
         disk,
+        workers,
         limits,
         access: Access::default(),
         has_keys: false,

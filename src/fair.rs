@@ -97,10 +97,30 @@ pub struct Shares {
     pub slots_per_group: usize,
     /// Slots of one member of a group at once.
     pub slots_per_member: usize,
-    /// Requests that wait at once.
+    /// Requests of each rank that wait at once.
     pub waiting: usize,
-    /// Requests of one group that wait at once.
+    /// Requests of one group and rank that wait at once.
     pub waiting_per_group: usize,
+}
+
+/// How many requests of each rank wait.
+#[derive(Clone, Copy, Debug, Default)]
+struct Waiting {
+    urgent: usize,
+    normal: usize,
+}
+
+impl Waiting {
+    const fn of(&mut self, rank: Rank) -> &mut usize {
+        match rank {
+            Rank::Urgent => &mut self.urgent,
+            Rank::Normal => &mut self.normal,
+        }
+    }
+
+    const fn all(self) -> usize {
+        self.urgent + self.normal
+    }
 }
 
 /// Requests that wait for a slot, and who is next.
@@ -113,7 +133,7 @@ pub struct FairQueue<T> {
     shares: Shares,
     running: usize,
     running_normal: usize,
-    waiting: usize,
+    waiting: Waiting,
     groups: HashMap<Group, Account<Option<OwnerKey>, T>>,
     /// The usage of the group that was served last: where new groups begin.
     floor: Duration,
@@ -123,7 +143,7 @@ pub struct FairQueue<T> {
 #[derive(Debug)]
 struct Account<K, T> {
     running: usize,
-    waiting: usize,
+    waiting: Waiting,
     used: Duration,
     floor: Duration,
     members: HashMap<K, Line<T>>,
@@ -170,7 +190,7 @@ impl<T> FairQueue<T> {
             shares,
             running: 0,
             running_normal: 0,
-            waiting: 0,
+            waiting: Waiting::default(),
             groups: HashMap::new(),
             floor: Duration::ZERO,
         }
@@ -179,7 +199,7 @@ impl<T> FairQueue<T> {
     /// Requests that wait.
     #[must_use]
     pub const fn waiting(&self) -> usize {
-        self.waiting
+        self.waiting.all()
     }
 
     /// Slots in use.
@@ -191,21 +211,30 @@ impl<T> FairQueue<T> {
     /// Adds a request to the queue of its party.
     ///
     /// # Errors
-    /// Where too many wait, in all or of this group; the request comes back.
+    /// Where too many of this rank wait, in all or of this group; the request comes back.
     pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), (QueueFull, T)> {
-        let group_waits = self.groups.get(&party.group).map_or(0, |group| group.waiting);
-        if self.waiting >= self.shares.waiting || group_waits >= self.shares.waiting_per_group {
+        let group = self.groups.get(&party.group).map(|group| group.waiting);
+        if *self.waiting.of(rank) >= self.shares.waiting
+            || *group.unwrap_or_default().of(rank) >= self.shares.waiting_per_group
+        {
             return Err((QueueFull, request));
         }
+        self.add(party, rank, request);
+        Ok(())
+    }
+
+    /// Adds a request to the queue of its party, also where too many wait: whoever adds it bounds how many
+    /// of its kind there are.
+    pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let floor = self.floor;
         let group = self.groups.entry(party.group).or_insert_with(|| Account {
             running: 0,
-            waiting: 0,
+            waiting: Waiting::default(),
             used: floor,
             floor: Duration::ZERO,
             members: HashMap::new(),
         });
-        if group.running == 0 && group.waiting == 0 {
+        if group.running == 0 && group.waiting.all() == 0 {
             group.used = group.used.max(floor);
         }
         let floor = group.floor;
@@ -214,9 +243,8 @@ impl<T> FairQueue<T> {
             line.used = line.used.max(floor);
         }
         line.queue(rank).push_back(request);
-        group.waiting += 1;
-        self.waiting += 1;
-        Ok(())
+        *group.waiting.of(rank) += 1;
+        *self.waiting.of(rank) += 1;
     }
 
     /// Takes the next request that may have a slot. The slot is in use until [`FairQueue::done`].
@@ -224,7 +252,8 @@ impl<T> FairQueue<T> {
         [Rank::Urgent, Rank::Normal].into_iter().find_map(|rank| self.pop_of(rank))
     }
 
-    fn pop_of(&mut self, rank: Rank) -> Option<(Party, Rank, T)> {
+    /// Takes the next request of this rank that may have a slot, as [`FairQueue::pop`] does.
+    pub fn pop_of(&mut self, rank: Rank) -> Option<(Party, Rank, T)> {
         let Shares { slots, reserve, slots_per_group, slots_per_member, .. } = self.shares;
         let is_free = match rank {
             Rank::Urgent => self.running < slots,
@@ -237,7 +266,7 @@ impl<T> FairQueue<T> {
         }
         let may = |line: &Line<T>| line.is_waiting(rank) && line.running < slots_per_member;
         let (name, group) = (self.groups.iter_mut())
-            .filter(|(_, group)| group.waiting > 0 && group.running < slots_per_group)
+            .filter(|(_, group)| group.waiting.all() > 0 && group.running < slots_per_group)
             .filter(|(_, group)| group.members.values().any(may))
             .min_by_key(|(name, group)| (group.running, group.used, **name))?;
         let (member, line) = (group.members.iter_mut())
@@ -248,9 +277,9 @@ impl<T> FairQueue<T> {
         line.running += 1;
         group.floor = group.floor.max(line.used);
         group.running += 1;
-        group.waiting -= 1;
+        *group.waiting.of(rank) -= 1;
         self.floor = self.floor.max(group.used);
-        self.waiting -= 1;
+        *self.waiting.of(rank) -= 1;
         self.running += 1;
         self.running_normal += usize::from(rank == Rank::Normal);
         Some((party, rank, request))
@@ -276,7 +305,7 @@ impl<T> FairQueue<T> {
                 || !line.normal.is_empty()
                 || line.used > own_floor
         });
-        if group.running == 0 && group.waiting == 0 && group.used <= floor {
+        if group.running == 0 && group.waiting.all() == 0 && group.used <= floor {
             entry.remove();
         }
     }
@@ -285,11 +314,13 @@ impl<T> FairQueue<T> {
     pub fn retain(&mut self, mut is_wanted: impl FnMut(&T) -> bool) {
         for group in self.groups.values_mut() {
             for line in group.members.values_mut() {
-                for queue in [&mut line.urgent, &mut line.normal] {
+                for rank in [Rank::Urgent, Rank::Normal] {
+                    let queue = line.queue(rank);
                     let before = queue.len();
                     queue.retain(&mut is_wanted);
-                    group.waiting -= before - queue.len();
-                    self.waiting -= before - queue.len();
+                    let dropped = before - queue.len();
+                    *group.waiting.of(rank) -= dropped;
+                    *self.waiting.of(rank) -= dropped;
                 }
             }
         }
@@ -297,7 +328,7 @@ impl<T> FairQueue<T> {
 
     /// Forgets parties that use nothing and wait for nothing, and their usage; to be called now and then.
     pub fn prune(&mut self) {
-        self.groups.retain(|_, group| group.running > 0 || group.waiting > 0);
+        self.groups.retain(|_, group| group.running > 0 || group.waiting.all() > 0);
     }
 }
 
@@ -510,6 +541,10 @@ mod tests {
         }
         assert!(queue.push(owner(1), Rank::Normal, 0).is_err());
         queue.push(owner(2), Rank::Normal, 0).expect("another group has room");
+        queue.push(owner(1), Rank::Urgent, 0).expect("each rank has room of its own");
+        queue.retain(|_| true);
+        assert_eq!(queue.pop_of(Rank::Urgent).map(|(party, ..)| party), Some(owner(1)));
+        queue.done(owner(1), Rank::Urgent, Duration::ZERO);
         assert!(queue.pop().is_some() && queue.pop().is_some());
         let third = queue.pop().map(|(party, ..)| party);
         assert_eq!(third, Some(owner(1)), "the second slot was the other group's");

@@ -13,21 +13,19 @@ use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, TaskName, World};
 pub use swarmbench_players::EACH_TASKS_OWN;
 use swarmbench_players::{Player, Seat, find};
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use crate::episode::Status;
-use crate::episode::actor::{ActError, Handle};
-use crate::episode::heavy::{is_heavy, off_thread};
+use crate::episode::actor::{ActError, Handle, Host};
 use crate::episode::lockstep::Submission;
-use crate::episode::recovery::{RecoveryError, state_at};
+use crate::episode::recovery::RecoveryError;
+use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
+use crate::fair::{Party, Rank};
+use crate::journal::JournalError;
 use crate::journal::record::{ActRecord, Source};
-use crate::journal::{Journal, JournalError};
-
-/// Episodes of which players decide at once. The others wait for their turn, so that hosted games,
-/// which would play as fast as the disk goes, leave most of the processors to everybody else.
-const DECIDING_MAX: usize = 1;
+use crate::work::{Cancelled, WorkError};
 
 /// The name of the player that plays a task under this name, which may be that of each task's own.
 ///
@@ -38,30 +36,20 @@ pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     Ok(found.name.to_owned())
 }
 
-/// Turns to decide, shared by all hosted episodes of a server.
-#[derive(Clone, Debug)]
-pub struct Turns(Arc<Semaphore>);
-
-impl Default for Turns {
-    fn default() -> Self {
-        Self(Arc::new(Semaphore::new(DECIDING_MAX)))
-    }
-}
-
 /// Plays the server's seats of all episodes that come, until it is told to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
-    journal: Arc<dyn Journal>,
+    host: Host,
     stop: CancellationToken,
 ) {
-    let turns = Turns::default();
     while let Either::Left((Some(handle), _)) =
         select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
     {
-        let (journal, stop, turns) = (Arc::clone(&journal), stop.clone(), turns.clone());
+        let (host, stop) = (host.clone(), stop.clone());
         tokio::spawn(async move {
             let id = handle.id.clone();
-            let playing = Box::pin(play(handle, &journal, &turns));
+            let party = handle.party;
+            let playing = Box::pin(party.scope(play(handle, &host)));
             match select(playing, Box::pin(stop.cancelled())).await {
                 Either::Left((Err(error), _)) => {
                     tracing::error!(episode = %id, %error, "the server plays its seats no more");
@@ -81,6 +69,9 @@ pub enum HouseError {
     /// What was shown before cannot be shown again.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
+    /// A player failed.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// An act could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -90,11 +81,7 @@ pub enum HouseError {
 ///
 /// # Errors
 /// Where players or their memory cannot be had, or the journal keeps nothing.
-pub async fn play(
-    handle: Handle,
-    journal: &Arc<dyn Journal>,
-    turns: &Turns,
-) -> Result<(), HouseError> {
+pub async fn play(handle: Handle, host: &Host) -> Result<(), HouseError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -113,13 +100,13 @@ pub async fn play(
                 let round = snapshot.world.round();
                 let mut last = None;
                 while all.shown < round {
-                    let world = state_at(journal, &handle, all.shown, last.as_ref()).await?;
-                    (all, _) = all.take_turn(&world, turns).await?;
+                    let world = state_at(host, &handle, all.shown, last.as_ref()).await?;
+                    (all, _) = all.take_turn(&world, host, handle.party).await?;
                     last = Some(world);
                 }
                 if all.shown == round {
                     let decided;
-                    (all, decided) = all.take_turn(&snapshot.world, turns).await?;
+                    (all, decided) = all.take_turn(&snapshot.world, host, handle.party).await?;
                     // After a restart some of them may have acted before it.
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
@@ -145,7 +132,6 @@ pub struct Players {
     seats: Vec<(AgentId, Box<dyn Player>)>,
     /// The first round that they were not shown.
     shown: u32,
-    is_heavy: bool,
 }
 
 impl Players {
@@ -160,7 +146,7 @@ impl Players {
             Ok((*agent, built_in.make(&seat(spec, *agent))))
         });
         let seats = made.collect::<Result<_, HouseError>>()?;
-        Ok(Self { seats, shown: 0, is_heavy: is_heavy(&spec.config) })
+        Ok(Self { seats, shown: 0 })
     }
 
     /// Shows all that live their observations of the next round, and asks what they do.
@@ -172,20 +158,21 @@ impl Players {
         decided
     }
 
-    /// Has them decide when it is their turn.
+    /// Has them decide when it is their turn, always off the async threads: hosted games would play as fast
+    /// as the disk goes, and so they leave the processors to everybody else. However many games there are,
+    /// each waits for its turn: it has one decision at a time.
     async fn take_turn(
         mut self,
         world: &Arc<World>,
-        turns: &Turns,
+        host: &Host,
+        party: Party,
     ) -> Result<(Self, Vec<(AgentId, Submission)>), HouseError> {
-        // The semaphore is never closed.
-        let _turn = turns.0.acquire().await;
-        let (world, is_heavy) = (Arc::clone(world), self.is_heavy);
-        let work = move || {
+        let world = Arc::clone(world);
+        let work = move |_: &Cancelled<'_>| {
             let decided = self.decide(&world);
             (self, decided)
         };
-        Ok(off_thread(is_heavy, work).await?)
+        Ok(host.workers.run_always("decision", party, Rank::Normal, work).await?)
     }
 }
 

@@ -23,6 +23,7 @@ use crate::journal::{Journal, JournalError};
 use crate::run::manager::{self, Runs};
 use crate::store::{OpenError, Store};
 use crate::telemetry;
+use crate::work::Workers;
 
 /// How often the server looks after what nobody asks for.
 const SWEEP: Duration = Duration::from_mins(1);
@@ -119,10 +120,17 @@ impl Server {
             quotas.note(episode, Account::within(competition, owner));
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
+        let workers = Workers::of_this_host();
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
-        let registry =
-            Registry::new(journal, Arc::clone(&clock), Arc::new(quotas), spawn, last_key)
-                .with_budget(Budget::new(limits.memory_bytes_max));
+        let registry = Registry::new(
+            journal,
+            Arc::clone(&clock),
+            Arc::new(quotas),
+            workers.clone(),
+            spawn,
+            last_key,
+        )
+        .with_budget(Budget::new(limits.memory_bytes_max));
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {
@@ -142,6 +150,7 @@ impl Server {
             clock,
             entropy,
             disk,
+            workers,
             limits,
             access,
             has_keys,
@@ -174,8 +183,7 @@ impl Server {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            let journal = std::sync::Arc::clone(app.registry.journal());
-            tokio::spawn(house::run(hosted, journal, stop.clone()));
+            tokio::spawn(house::run(hosted, app.registry.host().clone(), stop.clone()));
         }
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));

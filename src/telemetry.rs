@@ -98,7 +98,10 @@ fn describe() {
         "swarmbench_database_lost",
         "1 once a file of the database was removed, renamed or replaced under the server."
     );
-    describe_gauge!("swarmbench_backlog_bytes", "Bytes of the jobs that are queued for the writer.");
+    describe_gauge!(
+        "swarmbench_backlog_bytes",
+        "Bytes of the jobs that are queued for the writer."
+    );
     describe_counter!(
         "swarmbench_jobs_refused_total",
         "Jobs that the database refused; all others were kept."
@@ -106,6 +109,12 @@ fn describe() {
     describe_counter!(
         "swarmbench_begin_retries_total",
         "Tries to begin a transaction while another program held the lock of the database."
+    );
+    describe_gauge!("swarmbench_heavy_running", "Pieces of heavy work that are being done.");
+    describe_gauge!("swarmbench_heavy_waiting", "Pieces of heavy work that wait for their turn.");
+    describe_histogram!(
+        "swarmbench_heavy_seconds",
+        "How long a piece of heavy work takes, by kind."
     );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(

@@ -3,8 +3,9 @@
 //! Work of more than a few milliseconds leaves the async threads: steps of large worlds, replays, prompts,
 //! boards, decisions of built-in players. It runs on [`Workers`], one thread a core. Their priority is lower
 //! than that of the async threads (on Linux), so that a light request never waits for a core; who is next is
-//! decided by a [`FairQueue`], so that nobody's heavy work keeps others from theirs; and one thread is
-//! reserved for work that a running game waits for.
+//! decided by a [`FairQueue`], so that nobody's heavy work keeps others from theirs; one thread is
+//! reserved for work that a running game waits for, and another does that only when nothing else waits, so
+//! that neither kind keeps the other from all threads.
 
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -41,6 +42,9 @@ pub enum WorkError {
 pub struct Cancelled<'a>(&'a (dyn Fn() -> bool + 'a));
 
 impl Cancelled<'_> {
+    /// Somebody waits for sure.
+    pub const NEVER: Cancelled<'static> = Cancelled(&|| false);
+
     /// Whether nobody waits any more: work that goes on is wasted.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
@@ -51,10 +55,12 @@ impl Cancelled<'_> {
 /// Something to do. It says itself whether it is still wanted.
 trait Job: Send {
     fn is_wanted(&self) -> bool;
+    fn kind(&self) -> &'static str;
     fn run(self: Box<Self>);
 }
 
 struct Task<T, F> {
+    kind: &'static str,
     work: F,
     done: oneshot::Sender<T>,
 }
@@ -64,8 +70,12 @@ impl<T: Send, F: FnOnce(&Cancelled<'_>) -> T + Send> Job for Task<T, F> {
         !self.done.is_closed()
     }
 
+    fn kind(&self) -> &'static str {
+        self.kind
+    }
+
     fn run(self: Box<Self>) {
-        let Self { work, done } = *self;
+        let Self { work, done, .. } = *self;
         let result = {
             let is_closed = || done.is_closed();
             catch_unwind(AssertUnwindSafe(|| work(&Cancelled(&is_closed))))
@@ -93,13 +103,56 @@ impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
         self.jobs.lock().expect("nothing panics while it holds this")
     }
+
+    fn push(&self, party: Party, rank: Rank, job: Box<dyn Job>) -> Result<(), WorkError> {
+        {
+            let queue = &mut self.state().queue;
+            if let Err((_, job)) = queue.push(party, rank, job) {
+                queue.retain(|job| job.is_wanted());
+                queue.push(party, rank, job).map_err(|_| WorkError::Busy)?;
+            }
+        }
+        // Not all threads may do what comes next: each looks for itself.
+        self.wake.notify_all();
+        Ok(())
+    }
 }
 
 /// Threads for heavy work. Cloning shares them; they end with the last clone.
 #[derive(Clone)]
-pub struct Workers(Arc<Owner>);
+pub struct Workers(Option<Arc<Owner>>);
 
-struct Owner(Arc<Shared>);
+/// What ends the threads, and how many there are.
+struct Owner(Arc<Shared>, usize);
+
+/// What a thread does first.
+#[derive(Clone, Copy)]
+enum Duty {
+    /// Only what a running game waits for.
+    Urgent,
+    /// What no game waits for; what games wait for when there is nothing else.
+    Normal,
+    /// What comes first.
+    Any,
+}
+
+impl Duty {
+    const fn of(thread: usize) -> Self {
+        match thread {
+            0 => Self::Urgent,
+            1 => Self::Normal,
+            _ => Self::Any,
+        }
+    }
+
+    fn next(self, queue: &mut Jobs) -> Option<(Party, Rank, Box<dyn Job>)> {
+        match self {
+            Self::Urgent => queue.pop_of(Rank::Urgent),
+            Self::Normal => queue.pop_of(Rank::Normal).or_else(|| queue.pop_of(Rank::Urgent)),
+            Self::Any => queue.pop(),
+        }
+    }
+}
 
 impl Drop for Owner {
     fn drop(&mut self) {
@@ -133,78 +186,104 @@ impl Workers {
         for number in 0..threads {
             let shared = Arc::clone(&shared);
             let thread = std::thread::Builder::new().name(format!("worker-{number}"));
-            if let Err(error) = thread.spawn(move || work(&shared)) {
+            if let Err(error) = thread.spawn(move || work(&shared, Duty::of(number))) {
                 tracing::error!(%error, "a worker thread could not be started");
             }
         }
-        Self(Arc::new(Owner(shared)))
+        Self(Some(Arc::new(Owner(shared, threads))))
+    }
+
+    /// No threads: all work is done at once, where it is asked for. Then what comes of it does not depend on
+    /// the host, for tests that have to go the same way again.
+    #[must_use]
+    pub const fn inline() -> Self {
+        Self(None)
     }
 
     /// Does work for a party, once it is its turn. Work that nobody waits for any more is not begun, and can
-    /// stop early by asking [`Cancelled`].
+    /// stop early by asking [`Cancelled`]. The time that it took is counted under the name of its kind.
     ///
     /// # Errors
     /// Where too much waits, or the work panicked.
     pub async fn run<T: Send + 'static>(
         &self,
+        kind: &'static str,
         party: Party,
         rank: Rank,
         work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
     ) -> Result<T, WorkError> {
+        let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
         let (done, result) = oneshot::channel();
-        self.push(party, rank, Box::new(Task { work, done }))?;
+        shared.push(party, rank, Box::new(Task { kind, work, done }))?;
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
-    fn push(&self, party: Party, rank: Rank, job: Box<dyn Job>) -> Result<(), WorkError> {
-        let shared = &self.0.0;
-        {
-            let queue = &mut shared.state().queue;
-            if let Err((_, job)) = queue.push(party, rank, job) {
-                queue.retain(|job| job.is_wanted());
-                queue.push(party, rank, job).map_err(|_| WorkError::Busy)?;
-            }
-        }
-        // Not all threads may do what comes next: each looks for itself.
+    /// Does work that has to be done, however much waits: the caller bounds how much of it there is, as an
+    /// actor does, which resolves one round at a time.
+    ///
+    /// # Errors
+    /// Where the work panicked.
+    pub async fn run_always<T: Send + 'static>(
+        &self,
+        kind: &'static str,
+        party: Party,
+        rank: Rank,
+        work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
+    ) -> Result<T, WorkError> {
+        let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
+        let (done, result) = oneshot::channel();
+        shared.state().queue.add(party, rank, Box::new(Task { kind, work, done }));
         shared.wake.notify_all();
-        Ok(())
+        result.await.map_err(|_| WorkError::BrokeOff)
+    }
+
+    /// How many threads there are.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        self.0.as_deref().map_or(1, |Owner(_, threads)| *threads)
     }
 
     /// Forgets parties that have gone; to be called now and then.
     pub fn prune(&self) {
-        self.0.0.state().queue.prune();
+        if let Some(Owner(shared, _)) = self.0.as_deref() {
+            shared.state().queue.prune();
+        }
     }
 
     /// Jobs that run, and jobs that wait.
     #[must_use]
     pub fn load(&self) -> (usize, usize) {
-        let state = self.0.0.state();
+        let Some(Owner(shared, _)) = self.0.as_deref() else { return (0, 0) };
+        let state = shared.state();
         (state.queue.running(), state.queue.waiting())
     }
 }
 
 /// What a worker thread does.
-fn work(shared: &Shared) {
+fn work(shared: &Shared, duty: Duty) {
     lower_priority();
     let mut state = shared.state();
     loop {
         if state.stopped {
             return;
         }
-        let Some((party, rank, job)) = state.queue.pop() else {
+        let Some((party, rank, job)) = duty.next(&mut state.queue) else {
             state = shared.wake.wait(state).expect("nothing panics while it holds this");
             continue;
         };
         drop(state);
         let started = Instant::now();
         if job.is_wanted() {
+            let kind = job.kind();
             job.run();
+            metrics::histogram!("swarmbench_heavy_seconds", "kind" => kind)
+                .record(started.elapsed());
         }
         state = shared.state();
         state.queue.done(party, rank, started.elapsed());
         // The slot that is free now may be what another thread needs for what waits.
         if state.queue.waiting() > 0 {
-            shared.wake.notify_one();
+            shared.wake.notify_all();
         }
     }
 }
@@ -244,7 +323,7 @@ mod tests {
                 let _ = started.send(());
                 let _ = held.recv();
             };
-            workers.run(owner(99), Rank::Normal, work).await.expect("it ends");
+            workers.run("test", owner(99), Rank::Normal, work).await.expect("it ends");
         });
         is_started.await.expect("it starts");
         (release, task)
@@ -255,8 +334,9 @@ mod tests {
         let workers = Workers::new(2);
         let (release, blocking) = block(&workers).await;
         let normal = workers.clone();
-        let normal = tokio::spawn(async move { normal.run(owner(1), Rank::Normal, |_| 1).await });
-        assert_eq!(workers.run(owner(2), Rank::Urgent, |_| 2).await, Ok(2));
+        let normal =
+            tokio::spawn(async move { normal.run("test", owner(1), Rank::Normal, |_| 1).await });
+        assert_eq!(workers.run("test", owner(2), Rank::Urgent, |_| 2).await, Ok(2));
         assert!(!normal.is_finished(), "there is one thread for it, and that is busy");
         drop(release);
         assert_eq!(normal.await.expect("no panic"), Ok(1));
@@ -265,11 +345,63 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread")]
+    async fn what_games_wait_for_does_not_keep_everything_else_from_all_threads() {
+        let workers = Workers::new(2);
+        let stop = Arc::new(std::sync::atomic::AtomicBool::new(false));
+        // As many games as can be that always have something to do.
+        let games: Vec<_> = (0..4)
+            .map(|number| {
+                let (workers, stop) = (workers.clone(), Arc::clone(&stop));
+                tokio::spawn(async move {
+                    while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                        let spin = |_: &Cancelled<'_>| std::thread::yield_now();
+                        workers
+                            .run_always("test", owner(number), Rank::Urgent, spin)
+                            .await
+                            .expect("it ends");
+                    }
+                })
+            })
+            .collect();
+        for _ in 0..20 {
+            assert_eq!(workers.run("test", owner(9), Rank::Normal, |_| 1).await, Ok(1));
+        }
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        for game in games {
+            game.await.expect("no panic");
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn too_much_work_is_refused_but_for_what_has_to_be_done() {
+        let workers = Workers::new(2);
+        let (release, blocking) = block(&workers).await;
+        let (mut waiting, mut refused) = (Vec::new(), 0);
+        for _ in 0..=JOBS_WAITING_PER_GROUP_MAX {
+            let mut job = Box::pin(workers.run("test", owner(1), Rank::Normal, |_| 1));
+            match futures::poll!(&mut job) {
+                std::task::Poll::Ready(result) => {
+                    assert_eq!(result, Err(WorkError::Busy));
+                    refused += 1;
+                }
+                std::task::Poll::Pending => waiting.push(job),
+            }
+        }
+        assert_eq!(refused, 1);
+        let mut owed = Box::pin(workers.run_always("test", owner(1), Rank::Normal, |_| 2));
+        assert!(futures::poll!(&mut owed).is_pending());
+        waiting.clear();
+        drop(release);
+        assert_eq!(owed.await, Ok(2));
+        blocking.await.expect("no panic");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
     async fn work_that_nobody_waits_for_is_not_begun_and_ends_early() {
         let workers = Workers::new(2);
         let (release, blocking) = block(&workers).await;
         let (ran, has_run) = mpsc::channel();
-        let waits = workers.run(owner(1), Rank::Normal, move |_| ran.send(()));
+        let waits = workers.run("test", owner(1), Rank::Normal, move |_| ran.send(()));
         let mut waits = Box::pin(waits);
         assert!(futures::poll!(&mut waits).is_pending());
         drop(waits);
@@ -284,7 +416,7 @@ mod tests {
             }
             let _ = ended.send(());
         };
-        let mut running = Box::pin(workers.run(owner(1), Rank::Normal, work));
+        let mut running = Box::pin(workers.run("test", owner(1), Rank::Normal, work));
         assert!(futures::poll!(&mut running).is_pending());
         is_started.await.expect("it starts");
         drop(running);
@@ -296,9 +428,10 @@ mod tests {
     async fn a_panic_costs_no_thread() {
         let workers = Workers::new(2);
         for _ in 0..4 {
-            let panics = workers.run(owner(1), Rank::Normal, |_| panic!("on purpose")).await;
+            let panics =
+                workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
             assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
         }
-        assert_eq!(workers.run(owner(1), Rank::Normal, |_| 3).await, Ok(3));
+        assert_eq!(workers.run("test", owner(1), Rank::Normal, |_| 3).await, Ok(3));
     }
 }

@@ -113,7 +113,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("hyper", &["http"]),
     ("sqlx", &["store", "loadtest"]),
     ("governor", &["http"]),
-    ("rustix", &["host", "store"]),
+    ("rustix", &["host", "store", "work"]),
     ("minijinja", &["prompt"]),
     ("reqwest", &["llm", "players", "loadtest"]),
     ("secrecy", &["llm"]),

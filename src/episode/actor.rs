@@ -14,28 +14,37 @@ use swarmbench_engine::{AgentId, World};
 use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use super::heavy::{is_heavy, off_thread};
+use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::memory;
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::{Account, Quotas};
+use super::replay::Replays;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::budget::{Budget, Reservation};
 use crate::clock::Clock;
+use crate::fair::{Group, Party, Rank};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
-use crate::journal::record::{End, RawRecord, Record, Source, round_record};
+use crate::journal::record::{ActRecord, End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
 use crate::journal::{
     ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
     SeatingRow, Tally, TokenRow,
 };
 use crate::keys::OwnerKey;
+use crate::work::{Cancelled, Workers};
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 const COMMANDS_WAITING_MAX: usize = 64;
+
+/// Bytes of text that are written to a round's record, and hashed, in a microsecond.
+const TEXT_BYTES_PER_MICRO: u64 = 100;
+
+/// Bytes of records that an actor writes in one piece, before others have their turn on its thread.
+const PIECE_BYTES: u64 = 256 * 1024;
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -162,10 +171,33 @@ pub struct Host {
     pub quotas: Arc<Quotas>,
     /// The memory that worlds and answers may take together.
     pub budget: Arc<Budget>,
+    /// What does heavy work.
+    pub workers: Workers,
+    /// States of earlier rounds that are being made again.
+    pub replays: Arc<Replays>,
     /// Told of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
     /// Told of every episode that is taken up and of which the server may play seats.
     pub hosted: mpsc::UnboundedSender<Handle>,
+}
+
+impl Host {
+    /// For whom the work of an episode is done: for the entrant of a competition, else for the holder of the
+    /// key with which it was created.
+    pub(super) async fn party(
+        &self,
+        owner: Option<OwnerKey>,
+        run: Option<RunKey>,
+        spec: &Spec,
+    ) -> Result<Party, JournalError> {
+        // The games of competitions, and no others, are sealed.
+        if let Some(run) = run.filter(|_| spec.visibility == Visibility::Sealed)
+            && let Some((competition, owner)) = self.journal.entrant(run).await?
+        {
+            return Ok(Party::entrant(competition, owner));
+        }
+        Ok(owner.map_or(Party::SERVER, |owner| Party::of(Group::Owner(owner))))
+    }
 }
 
 /// An episode as others see it. Cloning shares it.
@@ -182,6 +214,8 @@ pub struct Running {
     pub owner: Option<OwnerKey>,
     /// The run to which it belongs, if any.
     pub run: Option<RunKey>,
+    /// For whom its work is done.
+    pub party: Party,
     /// What it is.
     pub spec: Arc<Spec>,
     /// When it was created.
@@ -388,15 +422,20 @@ pub(super) struct Keyframes {
 }
 
 impl Keyframes {
-    const MAX: usize = 32;
+    /// Microseconds of steps between two states, as long as there is room for all of them.
+    const STRIDE_MICROS: u64 = 200_000;
+    /// Rounds between two states, where rounds are light: playing some hundreds again costs less than
+    /// keeping states of every short game.
+    const STRIDE_MAX: u64 = 512;
+    /// Bytes of all states; a game takes as long to fill it as the steps between them.
+    const BYTES_MAX: usize = 64 * 1024 * 1024;
+    /// States, however small they are.
+    const COUNT_MAX: usize = 1024;
 
-    /// Bytes that they may take in one game; the layout is kept whatever it takes.
-    const BYTES_MAX: usize = 8 * 1024 * 1024;
-
-    /// Starts with the layout. Few rounds lie between two states where rounds are heavy; where they
-    /// are light, playing some hundreds again costs less than keeping states of every short game.
+    /// Starts with the layout, which is kept whatever it takes.
     pub(super) fn new(layout: Arc<World>) -> Self {
-        let stride = if is_heavy(layout.config()) { 32 } else { 512 };
+        let stride = Self::STRIDE_MICROS / step_micros(layout.config());
+        let stride = u32::try_from(stride.clamp(1, Self::STRIDE_MAX)).expect("at most STRIDE_MAX");
         let bytes = memory::of_world(layout.config(), 0);
         Self { stride, worlds: vec![layout], bytes }
     }
@@ -408,7 +447,7 @@ impl Keyframes {
         self.worlds.push(Arc::clone(world));
         self.bytes += memory::of_world(world.config(), world.round());
         while self.worlds.len() > 1
-            && (self.worlds.len() > Self::MAX || self.bytes > Self::BYTES_MAX)
+            && (self.worlds.len() > Self::COUNT_MAX || self.bytes > Self::BYTES_MAX)
         {
             self.stride *= 2;
             self.worlds.retain(|world| world.round().is_multiple_of(self.stride));
@@ -435,6 +474,7 @@ pub(super) struct Fresh {
     pub(super) key: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
+    pub(super) party: Party,
     pub(super) spec: Arc<Spec>,
     pub(super) created_at: Timestamp,
     pub(super) world: Arc<World>,
@@ -476,6 +516,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
         key: fresh.key,
         owner: fresh.owner,
         run: fresh.run,
+        party: fresh.party,
         spec: Arc::clone(&fresh.spec),
         created_at: fresh.created_at,
         clock: Arc::clone(&host.clock),
@@ -501,6 +542,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
         id: fresh.id,
         key: fresh.key,
         run: fresh.run,
+        party: fresh.party,
         spec: fresh.spec,
         world: fresh.world,
         head: fresh.head,
@@ -546,6 +588,7 @@ struct Actor {
     id: EpisodeId,
     key: EpisodeKey,
     run: Option<RunKey>,
+    party: Party,
     spec: Arc<Spec>,
     world: Arc<World>,
     head: Head,
@@ -823,7 +866,12 @@ impl Actor {
         let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
         let mut opens = false;
+        let mut paused_at = self.bytes;
         for effect in effects {
+            if self.bytes - paused_at > PIECE_BYTES {
+                paused_at = self.bytes;
+                tokio::task::yield_now().await;
+            }
             match effect {
                 Effect::KeepStart => {
                     entries.extend(self.seating_entry());
@@ -911,16 +959,23 @@ impl Actor {
         let acts = acts_of(&config, self.lockstep.records())
             .map_err(|problem| JournalError(problem.into()))?;
         let before = Arc::clone(&self.world);
-        let step = move || {
+        let given: Vec<ActRecord> = self.lockstep.records().cloned().collect();
+        let text: u64 = given.iter().map(ActRecord::text_bytes).sum();
+        let head = self.head;
+        let step = move |_: &Cancelled<'_>| {
             let mut world = World::clone(&before);
             world.step(&acts);
             let digest = world.digest();
-            (Arc::new(world), digest)
+            let records: Vec<RawRecord> = given.iter().map(RawRecord::write).collect();
+            let record = round_record(round, records.iter(), &digest.to_string(), world.score());
+            (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
         };
-        let (world, digest) = off_thread(is_heavy(&config), step).await?;
-        let records: Vec<RawRecord> = self.lockstep.records().map(RawRecord::write).collect();
-        let record = round_record(round, records.iter(), &digest.to_string(), world.score());
-        self.head = self.head.link(record.as_str().as_bytes());
+        let is_heavy = heavy::is_long(step_micros(&config) + text / TEXT_BYTES_PER_MICRO);
+        let urgent = (self.party, Rank::Urgent);
+        let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
+        let (world, digest, head) =
+            stepped.map_err(|error| JournalError(error.to_string().into()))?;
+        self.head = head;
         self.world = world;
         self.keep_state();
         let now = self.host.clock.now();

@@ -2,8 +2,9 @@
 //!
 //! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
 //! performs what it says, one task an episode. [`seating`] says who holds which seat. [`registry`] finds and starts them, and lets go of those
-//! that nobody asks for; [`recovery`] makes a running episode of a journal; [`quota`] counts what
-//! everybody holds, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
+//! that nobody asks for; [`recovery`] makes a running episode of a journal; [`replay`] makes states of
+//! earlier rounds again; [`heavy`] says what leaves the async threads; [`quota`] counts what everybody
+//! holds, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
 
 pub mod actor;
 pub mod heavy;
@@ -13,6 +14,7 @@ pub mod places;
 pub mod quota;
 pub mod recovery;
 pub mod registry;
+pub mod replay;
 pub mod seating;
 pub mod spec;
 

@@ -429,11 +429,11 @@ impl Held {
 
     /// Whether another large act may be written now.
     fn check_pace(&self, caps: &Caps, account: Account, now: Timestamp) -> Result<(), Full> {
-        let check = |share: Option<&Share>, whose, most| {
-            match share.map_or(0, |share| share.pace.wait_ms(now)) {
-                0 => Ok(()),
-                after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
-            }
+        let check = |share: Option<&Share>, whose, most| match share
+            .map_or(0, |share| share.pace.wait_ms(now))
+        {
+            0 => Ok(()),
+            after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
         };
         let group = self.by_group.get(&account.group);
         match account.group {

@@ -6,26 +6,28 @@ use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Keyframes};
-use super::heavy::{is_heavy, off_thread};
+use super::actor::{Fresh, Host, Keyframes};
+use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::replay::rounds_at_once;
 use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
-use crate::clock::Clock;
+use crate::fair::Rank;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
-use crate::journal::{Journal, JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
-
-/// Rounds that are read and played at once.
-const CHUNK: u32 = 64;
+use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
+use crate::work::{Cancelled, WorkError};
 
 /// Why an episode cannot be taken up.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum RecoveryError {
     /// Its journal cannot be read.
     #[error(transparent)]
     Journal(#[from] JournalError),
+    /// Too much heavy work waits.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// Its journal does not play again as it was played.
     #[error("the journal of episode {episode} does not play again: {problem}")]
     Broken {
@@ -37,16 +39,16 @@ pub enum RecoveryError {
 }
 
 /// Takes a stored episode up. Its open round begins when that is done, however long it took.
-pub(super) async fn recover(
-    journal: &Arc<dyn Journal>,
-    stored: StoredEpisode,
-    clock: &dyn Clock,
-) -> Result<Fresh, RecoveryError> {
+pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let spec = Arc::new(described(&stored)?);
     let config = Arc::clone(&spec.config);
-    let heavy = is_heavy(&config);
-    let layout = off_thread(heavy, move || Arc::new(World::new(config))).await?;
+    let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
+    let Host { journal, clock, workers, .. } = host;
+    let party = host.party(stored.owner, stored.run, &spec).await?;
+    let share = (party, Rank::Normal);
+    let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
+    let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {
         keyframes: Keyframes::new(Arc::clone(&layout)),
         world: layout,
@@ -56,10 +58,12 @@ pub(super) async fn recover(
     };
     while track.world.round() < stored.rounds {
         let from = track.world.round();
-        let to = stored.rounds.min(from + CHUNK);
+        let to = stored.rounds.min(from + at_once);
         let acts = journal.acts(stored.episode, from, to).await?;
         let rounds = journal.rounds(stored.episode, from, to).await?;
-        let played = off_thread(heavy, move || track.play(&acts, &rounds)).await?;
+        let play = move |cancelled: &Cancelled<'_>| track.play(&acts, &rounds, cancelled);
+        let is_heavy = heavy::is_long(micros * u64::from(to - from));
+        let played = off_thread(workers, "recovery", share, is_heavy, play).await?;
         track = played.map_err(broken)?;
     }
     let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
@@ -90,6 +94,7 @@ pub(super) async fn recover(
         key: stored.episode,
         owner: stored.owner,
         run: stored.run,
+        party,
         spec,
         created_at: stored.created_at,
         world: track.world,
@@ -136,9 +141,17 @@ impl Track {
         }
     }
 
-    fn play(mut self, acts: &[(u32, RoundActs)], rounds: &[StoredRound]) -> Result<Self, String> {
+    fn play(
+        mut self,
+        acts: &[(u32, RoundActs)],
+        rounds: &[StoredRound],
+        cancelled: &Cancelled<'_>,
+    ) -> Result<Self, String> {
         self.count(acts);
         for round in rounds {
+            if cancelled.is_cancelled() {
+                return Err("nobody waits for it any more".to_owned());
+            }
             let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
                 Some((_, given)) => given,
                 None => &[],
@@ -182,43 +195,4 @@ fn outcome(
     };
     let ending = Ending::parse(&reason).ok_or_else(|| format!("it ended by {reason:?}"))?;
     Ok(Outcome { ending, at })
-}
-
-/// The state after `round` rounds, from a kept state before it, or from `near` where that is nearer,
-/// and the stored acts.
-///
-/// # Errors
-/// Where the journal cannot be read or does not play again.
-pub async fn state_at(
-    journal: &Arc<dyn Journal>,
-    handle: &super::actor::Handle,
-    round: u32,
-    near: Option<&Arc<World>>,
-) -> Result<Arc<World>, RecoveryError> {
-    let mut world = handle.keyframe(round);
-    if let Some(near) = near.filter(|near| (world.round()..=round).contains(&near.round())) {
-        world = Arc::clone(near);
-    }
-    while world.round() < round {
-        let from = world.round();
-        let to = round.min(from + CHUNK);
-        let acts = journal.acts(handle.key, from, to).await?;
-        let heavy = is_heavy(world.config());
-        world = off_thread(heavy, move || replay(&world, &acts, to))
-            .await?
-            .map_err(|problem| RecoveryError::Broken { episode: handle.id.to_string(), problem })?;
-    }
-    Ok(world)
-}
-
-fn replay(world: &World, acts: &[(u32, RoundActs)], to: u32) -> Result<Arc<World>, String> {
-    let mut world = world.clone();
-    let mut acts = acts.iter().peekable();
-    while world.round() < to {
-        let given = acts.next_if(|(round, _)| *round == world.round());
-        let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.record);
-        let acts = acts_of(world.config(), records)?;
-        world.step(&acts);
-    }
-    Ok(Arc::new(world))
 }

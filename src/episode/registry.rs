@@ -6,13 +6,14 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use futures::{StreamExt, stream};
 use jiff::Timestamp;
 use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
-use super::heavy::{is_heavy, off_thread};
+use super::heavy::{is_heavy, off_thread, step_micros};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
 use super::quota::{Account, Full, Purpose, Quotas};
@@ -21,6 +22,7 @@ use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
+use crate::fair::Rank;
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
@@ -29,6 +31,14 @@ use crate::journal::{
     StoredEpisode, Tally, TokenRow, Unfinished,
 };
 use crate::keys::OwnerKey;
+use crate::work::{Cancelled, WorkError, Workers};
+
+/// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
+/// is ready without it.
+const LIGHT_TO_TAKE_UP_MICROS: u64 = 250_000;
+
+/// Light episodes that are taken up at once after a start.
+const TAKEN_UP_AT_ONCE: usize = 8;
 
 /// How long an episode that nobody asks for stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
@@ -70,6 +80,9 @@ pub enum CreateError {
     /// The time in which its rounds may begin is over.
     #[error("no round begins here after {0}")]
     Closed(Timestamp),
+    /// Its map is large, and too much heavy work waits.
+    #[error(transparent)]
+    Work(#[from] WorkError),
     /// It could not be kept.
     #[error(transparent)]
     Journal(#[from] JournalError),
@@ -117,6 +130,8 @@ struct Slot {
     leaving: Option<CancellationToken>,
     /// When it was last emptied as its actor had ended by a fault.
     revived_at: Option<Timestamp>,
+    /// Whether it will be taken up as soon as those before it are.
+    in_line: bool,
 }
 
 impl Slot {
@@ -128,6 +143,7 @@ impl Slot {
             clocked: false,
             leaving: None,
             revived_at: None,
+            in_line: false,
         }
     }
 
@@ -185,6 +201,7 @@ impl Registry {
         journal: Arc<dyn Journal>,
         clock: Arc<dyn Clock>,
         quotas: Arc<Quotas>,
+        workers: Workers,
         spawn: Spawn,
         last_key: i64,
     ) -> Self {
@@ -197,6 +214,8 @@ impl Registry {
                 spawn,
                 quotas,
                 budget: Budget::unlimited(),
+                workers,
+                replays: Arc::default(),
                 ended: tell,
                 hosted: host,
             },
@@ -282,10 +301,16 @@ impl Registry {
         self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// The journal from which states of earlier rounds are recomputed.
+    /// The journal.
     #[must_use]
     pub fn journal(&self) -> &Arc<dyn Journal> {
         &self.host.journal
+    }
+
+    /// What all actors share: states of earlier rounds are recomputed with it.
+    #[must_use]
+    pub const fn host(&self) -> &Host {
+        &self.host
     }
 
     /// How many episodes have not ended.
@@ -351,7 +376,11 @@ impl Registry {
         let owner = account.owner;
         let config = Arc::clone(&spec.config);
         let room = self.room(memory::at_round(&config, 0))?;
-        let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
+        let party = self.host.party(owner, run.map(|(run, _)| run), &spec).await?;
+        let heavy = is_heavy(&config);
+        let lay_out = move |_: &Cancelled<'_>| World::new(config);
+        let share = (party, Rank::Normal);
+        let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
         let world = Arc::new(world);
         let now = self.host.clock.now();
         if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
@@ -402,6 +431,7 @@ impl Registry {
             key,
             owner,
             run: run.map(|(run, _)| run),
+            party,
             created_at: now,
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
@@ -463,10 +493,14 @@ impl Registry {
         let known = self.slots().get_mut(id).map(|slot| {
             slot.used_at = now;
             slot.empty_if_dead(now);
-            Arc::clone(&slot.handle)
+            (Arc::clone(&slot.handle), slot.ends_at.is_some())
         });
         let cell = match known {
-            Some(cell) => cell,
+            // It goes on, so it is taken up to the end, also where whoever asked has gone.
+            Some((cell, true)) if !cell.initialized() => {
+                return self.take_up_to_the_end(cell, id).await;
+            }
+            Some((cell, _)) => cell,
             // Only episodes that exist get a place.
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {
@@ -474,7 +508,30 @@ impl Registry {
                 Arc::clone(&slots.entry(id.clone()).or_insert_with(|| Slot::empty(now)).handle)
             }
         };
-        // Whoever comes first takes it up, the others wait for that.
+        self.fill(&cell, id).await
+    }
+
+    async fn take_up_to_the_end(
+        &self,
+        cell: Arc<OnceCell<Handle>>,
+        id: &EpisodeId,
+    ) -> Result<Option<Handle>, FindError> {
+        let (done, taken_up) = oneshot::channel();
+        let (registry, id) = (self.clone(), id.clone());
+        (self.host.spawn)(Box::pin(async move {
+            drop(done.send(registry.fill(&cell, &id).await));
+        }));
+        let stopping =
+            || Err(RecoveryError::from(JournalError("the server is stopping".into())).into());
+        taken_up.await.unwrap_or_else(|_| stopping())
+    }
+
+    /// Fills the place of an episode: whoever comes first takes it up, the others wait for that.
+    async fn fill(
+        &self,
+        cell: &OnceCell<Handle>,
+        id: &EpisodeId,
+    ) -> Result<Option<Handle>, FindError> {
         match cell.get_or_try_init(|| self.take_up(id)).await {
             Ok(handle) => Ok(Some(handle.clone())),
             Err(None) => Ok(None),
@@ -495,7 +552,7 @@ impl Registry {
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let room = self.room_for(&stored)?;
         self.host.journal.recovered(stored.episode);
-        let fresh = recover(&self.host.journal, stored, &*self.host.clock).await;
+        let fresh = recover(&self.host, stored).await;
         let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.
@@ -525,14 +582,15 @@ impl Registry {
     }
 
     /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
-    /// gives all others a place. Returns how many there are.
+    /// gives all others a place. Returns how many there are, once all are back that do not take long; the
+    /// others follow, those that take the least time first.
     ///
     /// # Errors
     /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
     pub async fn take_up_unfinished(&self) -> Result<usize, JournalError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
-        for Unfinished { episode, id, owner, clocked } in &all {
+        for Unfinished { episode, id, owner, clocked, .. } in &all {
             let mut slots = self.slots();
             // One that somebody has asked for meanwhile is counted where it is taken up, and may have
             // ended since it was listed.
@@ -542,11 +600,34 @@ impl Registry {
             let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
             slot.ends_at = Some(now);
             slot.clocked = *clocked;
+            slot.in_line = *clocked;
         }
-        for Unfinished { id, .. } in all.iter().filter(|episode| episode.clocked) {
-            self.look_after(id).await;
+        let count = all.len();
+        let (light, heavy) = in_line(all);
+        self.take_up_all(light, TAKEN_UP_AT_ONCE).await;
+        if !heavy.is_empty() {
+            tracing::info!(
+                count = heavy.len(),
+                "episodes that take long to play again are taken up later"
+            );
+            let registry = self.clone();
+            (self.host.spawn)(Box::pin(async move {
+                registry.take_up_all(heavy, registry.host.workers.threads()).await;
+                tracing::info!("all episodes with clocks are taken up");
+            }));
         }
-        Ok(all.len())
+        Ok(count)
+    }
+
+    /// Takes up episodes in this order, so many at once.
+    async fn take_up_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
+        let take_up = async |id: EpisodeId| {
+            self.look_after(&id).await;
+            if let Some(slot) = self.slots().get_mut(&id) {
+                slot.in_line = false;
+            }
+        };
+        stream::iter(ids).map(take_up).buffer_unordered(at_once).collect::<()>().await;
     }
 
     async fn look_after(&self, id: &EpisodeId) {
@@ -570,7 +651,7 @@ impl Registry {
             if slot.handle.initialized() {
                 // Its actor looks after it.
                 slot.ends_at = None;
-            } else if slot.ends_at.is_some_and(|at| at <= now) {
+            } else if slot.ends_at.is_some_and(|at| at <= now) && !slot.in_line {
                 due.push((id.clone(), slot.clocked));
             }
         }
@@ -604,5 +685,79 @@ impl Registry {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
         self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
+    }
+}
+
+/// The episodes that go on though nobody asks, in the order in which they are taken up: what takes the least
+/// time comes first; apart from them those that take long.
+fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
+    let mut in_line: Vec<_> = (all.into_iter().filter(|episode| episode.clocked))
+        .map(|episode| (micros_to_take_up(&episode), episode.episode, episode.id))
+        .collect();
+    in_line.sort_unstable();
+    let light = in_line.partition_point(|(micros, ..)| *micros <= LIGHT_TO_TAKE_UP_MICROS);
+    let heavy = in_line.split_off(light);
+    let ids =
+        |line: Vec<(u64, EpisodeKey, EpisodeId)>| line.into_iter().map(|(.., id)| id).collect();
+    (ids(in_line), ids(heavy))
+}
+
+/// About how long it takes at worst to play an episode again: its layout and all its rounds.
+fn micros_to_take_up(episode: &Unfinished) -> u64 {
+    let Some((config, rounds)) = &episode.played else { return 0 };
+    config.engine().map_or(0, |config| step_micros(&config) * (1 + u64::from(*rounds)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::journal::record::RecordedConfig;
+
+    fn unfinished(key: i64, clocked: bool, agents: u16, rounds: u32) -> Unfinished {
+        let config = RecordedConfig {
+            task: "Flocking".to_owned(),
+            rules: "paper".to_owned(),
+            control: "decentralized".to_owned(),
+            seed: 1,
+            num_agents: agents,
+            width: 64,
+            height: 64,
+            view_size: 5,
+            memory: 5,
+            max_round: 1000,
+            noise: 0.0,
+            max_delay: 0,
+            round_deadline_ms: Some(1000),
+            bank_ms: 0,
+            start: "immediate".to_owned(),
+            idle_timeout_ms: 1000,
+            visibility: "public".to_owned(),
+            model: "a model".to_owned(),
+            custom_template: false,
+            closes_at: None,
+            open_seats: Vec::new(),
+            fill_after_ms: None,
+            fill_with: None,
+            player: None,
+        };
+        let id = EpisodeId::from_text(key.to_string());
+        let played = Some((config, rounds));
+        Unfinished { episode: EpisodeKey(key), id, owner: None, clocked, played }
+    }
+
+    #[test]
+    fn what_is_played_again_soonest_is_taken_up_first_and_the_rest_later() {
+        let all = vec![
+            unfinished(1, true, 256, 30),
+            unfinished(2, true, 10, 500),
+            unfinished(3, true, 200, 20),
+            unfinished(4, true, 10, 3),
+            unfinished(5, false, 256, 30),
+            unfinished(6, true, 10, 3),
+        ];
+        let (light, heavy) = in_line(all);
+        let names = |ids: Vec<EpisodeId>| ids.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert_eq!(names(light), ["4", "6", "2"]);
+        assert_eq!(names(heavy), ["3", "1"]);
     }
 }

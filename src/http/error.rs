@@ -26,6 +26,7 @@ use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::run::manager;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
+use crate::work::{JOBS_WAITING_MAX, WorkError};
 
 /// The kind of an error, stable on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -295,10 +296,24 @@ impl From<FindError> for ApiError {
     }
 }
 
+impl From<WorkError> for ApiError {
+    fn from(error: WorkError) -> Self {
+        match error {
+            WorkError::Busy => {
+                let detail = format!("{error}; come again later");
+                Self::limit(Code::Overloaded, "heavy_jobs_max", JOBS_WAITING_MAX, detail)
+                    .retry_after(Duration::from_secs(1))
+            }
+            WorkError::BrokeOff => Self::new(Code::Internal, error.to_string()),
+        }
+    }
+}
+
 impl From<RecoveryError> for ApiError {
     fn from(error: RecoveryError) -> Self {
         match error {
             RecoveryError::Journal(error) => error.into(),
+            RecoveryError::Work(error) => error.into(),
             RecoveryError::Broken { .. } => {
                 tracing::error!(%error, "a request failed");
                 Self::new(Code::Internal, "the journal of this episode does not play again")
@@ -410,6 +425,7 @@ impl From<CreateError> for ApiError {
             CreateError::Full(full) => full.into(),
             CreateError::NoMemory(full) => full.into(),
             error @ CreateError::Closed(_) => Self::new(Code::Closed, error.to_string()),
+            CreateError::Work(error) => error.into(),
             CreateError::Journal(error) => error.into(),
         }
     }

@@ -40,8 +40,8 @@ pub(super) async fn show_health() -> Json<Health> {
 }
 
 /// Whether the server can be used: the database answers, its files are where they were, no commit has
-/// failed, and all episodes that were running before a restart run again. Where it cannot, the detail names
-/// every problem.
+/// failed, and the episodes that were running before a restart run again, but for those that take long to
+/// play again. Where it cannot, the detail names every problem.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -105,6 +105,9 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
         let writer = app.store.writer();
         metrics::gauge!("swarmbench_backlog_jobs").set(writer.backlog_jobs() as f64);
         metrics::gauge!("swarmbench_backlog_bytes").set(writer.backlog_bytes() as f64);
+        let (running, waiting) = app.workers.load();
+        metrics::gauge!("swarmbench_heavy_running").set(running as f64);
+        metrics::gauge!("swarmbench_heavy_waiting").set(waiting as f64);
     }
     if let Some(free) = app.disk.free_percent() {
         metrics::gauge!("swarmbench_disk_free_percent").set(free);

@@ -95,6 +95,10 @@ pub struct Limits {
     pub journals_max: usize,
     /// Exports that are made at once.
     pub exports_max: usize,
+    /// States of earlier rounds that are made at once.
+    pub replays_max: usize,
+    /// Requests for states of earlier rounds that wait for their turn.
+    pub replays_waiting_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
     /// Entrants of a competition.
@@ -148,6 +152,8 @@ impl Default for Limits {
             stream_part_bytes_max: 256 * 1024,
             journals_max: 2,
             exports_max: 2,
+            replays_max: 16,
+            replays_waiting_max: 1024,
             events_pending_max: 64,
             entrants_max: 10_000,
         }
@@ -219,6 +225,8 @@ impl Limits {
             ("stream_part_bytes_max", self.stream_part_bytes_max as u64),
             ("journals_max", self.journals_max as u64),
             ("exports_max", self.exports_max as u64),
+            ("replays_max", self.replays_max as u64),
+            ("replays_waiting_max", self.replays_waiting_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
             ("entrants_max", self.entrants_max as u64),
         ]

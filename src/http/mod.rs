@@ -33,6 +33,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use quick_cache::sync::Cache;
+use swarmbench_engine::World;
 use tokio::sync::{Mutex, MutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
 
@@ -40,12 +41,15 @@ use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
+use crate::episode::replay::state_at;
+use crate::fair::{Busy, FairLimit, Party, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use crate::work::{JOBS_WAITING_MAX, Workers};
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -58,14 +62,17 @@ const TOKENS_CACHED: usize = 100_000;
 /// Locks of creations that may be repeated: those with the same key have the same one.
 const CREATION_LOCKS: usize = 64;
 
-/// Texts for language models, and boards, that are made at once; each keeps a core busy.
-const RENDERS_MAX: usize = 8;
-
 /// Differences between rows of boards that are remembered.
 const INTERVALS_CACHED: usize = 100_000;
 
-/// How long a request waits for its turn to have a text or a board made.
+/// How long a request waits until a prompt or a board is made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// How long a request waits for an episode that is being taken up.
+const TAKE_UP_PATIENCE: Duration = Duration::from_secs(20);
+
+/// How long a request waits until a state of an earlier round can be made.
+const REPLAY_PATIENCE: Duration = Duration::from_secs(10);
 
 /// What all handlers share. Cloning shares it.
 #[derive(Clone)]
@@ -85,6 +92,8 @@ pub struct Foundation {
     pub entropy: Arc<dyn Entropy>,
     /// Where the database lies.
     pub disk: Arc<dyn Disk>,
+    /// What does heavy work.
+    pub workers: Workers,
     /// What is taken at most.
     pub limits: Limits,
     /// To whom the server opens.
@@ -113,11 +122,12 @@ pub struct Shared {
     rounds_seen: std::sync::Mutex<u64>,
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
-    renders: Semaphore,
     /// Turns to read a part of a journal.
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
     exports: Arc<Semaphore>,
+    /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
+    replays: FairLimit,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -135,6 +145,7 @@ impl App {
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
+            replays: replays(&foundation.limits),
             exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
@@ -144,7 +155,6 @@ impl App {
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
-            renders: Semaphore::new(RENDERS_MAX),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
@@ -161,6 +171,8 @@ impl App {
     pub fn tidy(&self) {
         self.registry.let_go();
         self.rates.forget_idle();
+        self.workers.prune();
+        self.replays.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
@@ -178,20 +190,24 @@ impl App {
         self.creating[lock].lock().await
     }
 
-    /// Does work that keeps a core busy for milliseconds, off the async threads.
+    /// Does work that keeps a core busy for milliseconds, off the async threads, as its turn among that of
+    /// all parties comes.
     async fn render<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, ApiError> {
-        let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
-        else {
-            let detail =
-                "too many prompts and boards are asked for; ask again later, or without `prompt`";
-            return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
-                .retry_after(Duration::from_secs(1)));
+        let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
+        let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
+            let detail = "too much heavy work waits; ask again later, or without `prompt`";
+            return Err(ApiError::limit(
+                Code::Overloaded,
+                "heavy_jobs_max",
+                JOBS_WAITING_MAX,
+                detail,
+            )
+            .retry_after(Duration::from_secs(1)));
         };
-        let done = tokio::task::spawn_blocking(work).await;
-        done.map_err(|error| ApiError::new(Code::Internal, error.to_string()))
+        Ok(done?)
     }
 
     /// What a token stands for, if it is known.
@@ -221,11 +237,51 @@ impl App {
         self.tokens.retain(|_, grant| !is_old(grant));
     }
 
-    /// The episode with this id.
+    /// The episode with this id. One that is being taken up is waited for, but not for ever.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
-        let found = self.registry.find(id).await?;
-        found.ok_or_else(|| ApiError::not_found("the episode"))
+        let Ok(found) = tokio::time::timeout(TAKE_UP_PATIENCE, self.registry.find(id)).await else {
+            let detail =
+                "the episode is still being played again from its journal; its clock does not run";
+            return Err(
+                ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
+            );
+        };
+        found?.ok_or_else(|| ApiError::not_found("the episode"))
     }
+
+    /// The state after `round` rounds, which must be resolved; `near` is a state on the way to it.
+    async fn state_at(
+        &self,
+        handle: &Handle,
+        round: u32,
+        near: Option<&Arc<World>>,
+    ) -> Result<Arc<World>, ApiError> {
+        let kept = handle.keyframe(round);
+        if kept.round() == round {
+            return Ok(kept);
+        }
+        let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
+        let _turn = turn.map_err(|Busy { name, slots }| {
+            let detail = "too many states of earlier rounds are asked for; ask again later";
+            ApiError::limit(Code::Overloaded, name, slots, detail)
+                .retry_after(Duration::from_secs(1))
+        })?;
+        Ok(state_at(self.registry.host(), handle, round, near).await?)
+    }
+}
+
+/// Turns to have a state made. A group has no more than half of them.
+fn replays(limits: &Limits) -> FairLimit {
+    let slots = limits.replays_max;
+    let shares = Shares {
+        slots,
+        reserve: 0,
+        slots_per_group: slots.div_ceil(2),
+        slots_per_member: slots.div_ceil(2),
+        waiting: limits.replays_waiting_max,
+        waiting_per_group: limits.replays_waiting_max.div_ceil(8),
+    };
+    FairLimit::new("replays_max", shares, REPLAY_PATIENCE)
 }
 
 impl Deref for App {

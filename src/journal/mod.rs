@@ -19,7 +19,7 @@ use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
 pub use import::{ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport};
-use record::{ActRecord, RawRecord, Source};
+use record::{ActRecord, RawRecord, RecordedConfig, Source};
 
 /// The number of an episode in its journal; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -182,9 +182,11 @@ impl Entry {
             Self::OpenRun(row) => row.definition.len(),
             Self::AddCompetition(row) => row.definition.len() + row.seeds.0.len(),
             Self::AddEntrant(row) => row.declaration.len(),
-            Self::Import { game, .. } => {
-                game.rounds.iter().map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len)).sum()
-            }
+            Self::Import { game, .. } => game
+                .rounds
+                .iter()
+                .map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len))
+                .sum(),
             Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
             _ => 0,
         };
@@ -553,6 +555,8 @@ pub struct Unfinished {
     pub owner: Option<OwnerKey>,
     /// Whether its rounds have a deadline.
     pub clocked: bool,
+    /// Of an episode with deadlines, its settings and how many rounds are resolved: what it costs to take up.
+    pub played: Option<(RecordedConfig, u32)>,
 }
 
 /// Acts of one round, in order of their seats.
@@ -633,6 +637,12 @@ pub trait Journal: Send + Sync + 'static {
     /// Everybody who holds seats of an episode, in order of their numbers, with the seats; nobody where
     /// the creator simply holds all.
     fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>>;
+
+    /// The competition and the entrant whose attempt a run is, where it is one.
+    fn entrant(
+        &self,
+        run: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>>;
 
     /// The public id of a key.
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;

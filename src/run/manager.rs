@@ -406,7 +406,11 @@ impl Runs {
                     self.waiting().insert(stored.run, full);
                     break;
                 }
-                Err(registry::CreateError::NoMemory(_) | registry::CreateError::Closed(_)) => break,
+                Err(
+                    registry::CreateError::NoMemory(_)
+                    | registry::CreateError::Closed(_)
+                    | registry::CreateError::Work(_),
+                ) => break,
                 Err(registry::CreateError::Journal(error)) => return Err(error),
             }
         }

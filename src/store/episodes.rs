@@ -191,8 +191,9 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, JournalError> {
         let rows = sqlx::query(
-            "SELECT key, id, owner, clocked FROM episodes WHERE status IN ('waiting', 'running')
-             ORDER BY clocked DESC, key",
+            "SELECT key, id, owner, clocked, iif(clocked, json_extract(opening, '$.config'), NULL),
+                    iif(clocked, (SELECT max(round) + 1 FROM rounds WHERE episode = key), NULL)
+             FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
         )
         .fetch_all(&self.readers)
         .await
@@ -203,6 +204,10 @@ impl Store {
                 id: EpisodeId::from_text(row.try_get(1)?),
                 owner: row.try_get::<Option<i64>, _>(2)?.map(OwnerKey),
                 clocked: row.try_get(3)?,
+                // Settings that cannot be read are reported where the episode is taken up.
+                played: (row.try_get::<Option<String>, _>(4)?)
+                    .and_then(|config| serde_json::from_str(&config).ok())
+                    .zip(Some(row.try_get::<Option<u32>, _>(5)?.unwrap_or(0))),
             })
         };
         rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)

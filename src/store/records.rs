@@ -11,10 +11,13 @@ use super::{Store, failure};
 use crate::ids::EpisodeId;
 use crate::journal::record::RawRecord;
 use crate::journal::{
-    Committed, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, StoredAct, StoredEpisode,
-    StoredRound, Unfinished,
+    Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, RunKey,
+    StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use crate::keys::OwnerKey;
+
+/// Bytes of records that are read in one piece, before others have their turn on the thread.
+const PIECE_BYTES: usize = 128 * 1024;
 
 /// Acts of which the lengths are looked at for one part.
 const ACTS_OF_A_PART_MAX: u32 = 4096;
@@ -155,9 +158,15 @@ impl Store {
         .await
         .map_err(failure)?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
+        let mut unpaused = 0;
         for row in &rows {
+            if unpaused > PIECE_BYTES {
+                unpaused = 0;
+                tokio::task::yield_now().await;
+            }
             let (round, agent) = position(row).map_err(failure)?;
             let act = act(row).map_err(failure)?;
+            unpaused += act.raw.as_str().len();
             match rounds.last_mut() {
                 Some((last, acts)) if *last == round => acts.push((agent, act)),
                 _ => rounds.push((round, vec![(agent, act)])),
@@ -182,6 +191,22 @@ impl Store {
         .await
         .map_err(failure)?;
         row.map(|row| act(&row)).transpose().map_err(failure)
+    }
+
+    async fn read_entrant(
+        &self,
+        run: RunKey,
+    ) -> Result<Option<(CompetitionKey, OwnerKey)>, JournalError> {
+        let row = sqlx::query(
+            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
+        )
+        .bind(run.0)
+        .fetch_optional(&self.readers)
+        .await
+        .map_err(failure)?;
+        let read =
+            |row: SqliteRow| Ok((CompetitionKey(row.try_get(0)?), OwnerKey(row.try_get(1)?)));
+        row.map(read).transpose().map_err(failure)
     }
 
     async fn read_rounds(
@@ -242,6 +267,13 @@ impl Journal for Store {
 
     fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
         self.read_holders(episode).boxed()
+    }
+
+    fn entrant(
+        &self,
+        run: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+        self.read_entrant(run).boxed()
     }
 
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {

@@ -207,7 +207,9 @@ async fn run(
     stop: tokio_util::sync::CancellationToken,
 ) {
     let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
-    if let Err(error) = sqlx::query(sqlx::AssertSqlSafe(busy_timeout)).execute(&mut connection).await {
+    if let Err(error) =
+        sqlx::query(sqlx::AssertSqlSafe(busy_timeout)).execute(&mut connection).await
+    {
         tracing::warn!(%error, "a locked database is noticed late");
     }
     let mut jobs = Vec::with_capacity(GROUP_MAX);
@@ -372,7 +374,10 @@ async fn write_one(connection: &mut SqliteConnection, entries: &[Entry]) -> Resu
 }
 
 /// Runs a statement without which the transaction cannot go on.
-async fn execute(connection: &mut SqliteConnection, statement: &'static str) -> Result<(), Failure> {
+async fn execute(
+    connection: &mut SqliteConnection,
+    statement: &'static str,
+) -> Result<(), Failure> {
     sqlx::query(statement).execute(connection).await.map(|_| ()).map_err(Failure::Fatal)
 }
 

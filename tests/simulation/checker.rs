@@ -830,6 +830,11 @@ impl Checker {
             | Answer::Aborted(Err(error)) => {
                 return self.failure(&id, failed, &error);
             }
+            Answer::Created(Err(CreateError::Work(error)))
+            | Answer::NotTakenUp(RecoveryError::Work(error))
+            | Answer::State(_, Err(RecoveryError::Work(error))) => {
+                unreachable!("work is done at once: {error}")
+            }
             Answer::Started(Err(StartError::SeatsOpen(_))) => {
                 self.stats.count("refused: seats_open", 1);
                 let mixed = self.episode(&id).is_some_and(|episode| episode.spec.is_mixed());

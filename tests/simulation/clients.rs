@@ -11,8 +11,9 @@ use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::quota::{Account, Purpose};
-use swarmbench::episode::recovery::{RecoveryError, state_at};
+use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::{CreateError, Creation, Registry};
+use swarmbench::episode::replay::state_at;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::ids::{EpisodeId, TokenHash};
@@ -176,7 +177,7 @@ pub(crate) async fn serve(
         Request::Start => Answer::Started(handle.start().await),
         Request::Abort => Answer::Aborted(handle.abort().await),
         Request::State(round) => {
-            let state = state_at(registry.journal(), &handle, round, None).await;
+            let state = state_at(registry.host(), &handle, round, None).await;
             Answer::State(round, state.map(|world| world.digest().0))
         }
     };

@@ -9,8 +9,9 @@ use swarmbench::episode::Status;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench::journal::{
-    ActRow, ClaimRow, Committed, EndRow, Entry, EpisodeKey, Held, Journal, JournalError,
-    OpeningRow, RoundActs, RoundRow, SeatingRow, StoredAct, StoredEpisode, StoredRound, Unfinished,
+    ActRow, ClaimRow, Committed, CompetitionKey, EndRow, Entry, EpisodeKey, Held, Journal,
+    JournalError, OpeningRow, RoundActs, RoundRow, RunKey, SeatingRow, StoredAct, StoredEpisode,
+    StoredRound, Unfinished,
 };
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
@@ -323,6 +324,13 @@ impl Journal for MemoryJournal {
         }))
     }
 
+    fn entrant(
+        &self,
+        _: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+        Box::pin(std::future::ready(Ok(None)))
+    }
+
     fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
         let haunted = self.flaw == Some(Flaw::ListsAGhost);
         Box::pin(self.read(move |state| {
@@ -331,6 +339,7 @@ impl Journal for MemoryJournal {
                 id: row.id.clone(),
                 owner: row.owner,
                 clocked: row.clocked,
+                played: None,
             };
             let running = state.openings().filter(|row| state.end(row.episode).is_none());
             let mut all: Vec<_> = running.map(unfinished).collect();
@@ -340,6 +349,7 @@ impl Journal for MemoryJournal {
                     id: EpisodeId::from_text("ep_ghost".to_owned()),
                     owner: None,
                     clocked: true,
+                    played: None,
                 });
             }
             all.sort_by_key(|episode| (!episode.clocked, episode.episode));

@@ -14,10 +14,11 @@ use swarmbench::episode::actor::Handle;
 use swarmbench::episode::quota::{Account, Caps, Purpose, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::seating::Wanted;
-use swarmbench::house::{self, Turns};
+use swarmbench::house;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::{Entry, EpisodeKey, Journal};
+use swarmbench::journal::{Entry, EpisodeKey};
 use swarmbench::keys::OwnerKey;
+use swarmbench::work::Workers;
 use swarmbench_engine::AgentId;
 use tokio::sync::mpsc::UnboundedReceiver;
 
@@ -200,7 +201,6 @@ struct Server {
     registry: Registry,
     /// Episodes of which the server plays seats.
     hosted: UnboundedReceiver<Handle>,
-    turns: Turns,
     quotas: Arc<Quotas>,
     sweep: Option<TaskId>,
 }
@@ -274,13 +274,14 @@ impl Run {
             Arc::clone(&self.journal) as _,
             Arc::new(clock),
             Arc::clone(&quotas),
+            Workers::inline(),
             self.executor.spawner(),
             self.journal.last_key() + keys,
         );
         let recovery = registry.clone();
         self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
         let hosted = registry.take_hosted().expect("nobody else plays");
-        Server { registry, hosted, turns: Turns::default(), quotas, sweep: None }
+        Server { registry, hosted, quotas, sweep: None }
     }
 
     /// All steps that are drawn.
@@ -477,9 +478,8 @@ impl Run {
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let journal: Arc<dyn Journal> = Arc::clone(&self.journal) as _;
-                let turns = server.turns.clone();
-                let playing = async move { drop(house::play(handle, &journal, &turns).await) };
+                let host = server.registry.host().clone();
+                let playing = async move { drop(house::play(handle, &host).await) };
                 self.executor.spawn(playing.boxed());
             }
         }

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
 use axum::Extension;
+use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use sha2::{Digest, Sha256};
@@ -19,9 +19,9 @@ use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::config;
 use crate::episode::actor::Handle;
+use crate::episode::quota::{Account, Purpose};
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
-use crate::episode::quota::{Account, Purpose};
 use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
@@ -65,8 +65,10 @@ pub(in super::super) async fn create_episode(
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
     let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await })
-        .await
+    App::to_its_end(
+        async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await },
+    )
+    .await
 }
 
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.

@@ -22,7 +22,6 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
-use crate::episode::recovery::state_at;
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -105,12 +104,10 @@ async fn tell(
             let world = if told == snapshot.world.round() {
                 snapshot.world.clone()
             } else {
-                match state_at(app.registry.journal(), handle, told, last.as_ref()).await {
+                match app.state_at(handle, told, last.as_ref()).await {
                     Ok(world) => world,
-                    Err(error) => {
-                        tracing::error!(%error, "events cannot be told");
-                        return;
-                    }
+                    // What is the server's fault was logged. The reader may resume.
+                    Err(_) => return,
                 }
             };
             if !send(events, round(&world)).await {

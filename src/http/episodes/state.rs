@@ -10,7 +10,6 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
-use crate::episode::recovery::state_at;
 use crate::wire::episode::State as StateBody;
 use crate::wire::problem::Problem;
 
@@ -37,6 +36,7 @@ pub(in super::super) struct StateParams {
         TokenRefusals,
         (status = 403, description = "`forbidden`: only the creator may read it before the end", body = Problem, content_type = "application/problem+json"),
         (status = 404, description = "`not_found`: no such episode, or the round has not come yet", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`overloaded`: too many states of earlier rounds are asked for", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn show_state(
@@ -53,10 +53,6 @@ pub(in super::super) async fn show_state(
             format!("the episode stands at round {}; round {round} is not resolved", now.round());
         return Err(ApiError::new(Code::NotFound, detail).at_round(now.round()));
     }
-    let world = if round == now.round() {
-        now
-    } else {
-        state_at(app.registry.journal(), &handle, round, None).await?
-    };
+    let world = if round == now.round() { now } else { app.state_at(&handle, round, None).await? };
     Ok(Json(world.spectacle().into()))
 }

@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 
-use axum::extract::State;
 use axum::Extension;
+use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use sha2::{Digest, Sha256};

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
+use axum::body::Bytes;
 use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
 use futures::future::join_all;
@@ -19,6 +20,7 @@ use super::super::extract::{Named, Nothing, Params, json_bytes, read};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
+use crate::fair::{Party, Rank};
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 use crate::wire::problem::Problem;
 
@@ -50,8 +52,7 @@ pub(in super::super) async fn post_swarm_act(
     let limit = app.limits.swarm_body_bytes_max;
     let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
-    let Envelope { acts: Acts { acts, count } } = read(&bytes)?;
-    drop(bytes);
+    let Envelope { acts: Acts { acts, count } } = envelope(&app, bytes).await?;
     let most = app.limits.acts_max;
     if count > most {
         let detail = format!("{count} acts came, at most {most} are taken at once");
@@ -60,7 +61,13 @@ pub(in super::super) async fn post_swarm_act(
     let mut source = Source::of(&app, swarm).await?;
     let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
     let mut groups: BTreeMap<String, Result<Group, ApiError>> = BTreeMap::new();
+    let mut unpaused = 0;
     for (place, act) in acts.into_iter().enumerate() {
+        unpaused += act.get().len();
+        if unpaused > PIECE_BYTES {
+            unpaused = 0;
+            tokio::task::yield_now().await;
+        }
         if let Err(error) = take(&app, &mut source, &mut groups, place, &act).await {
             receipts[place] = Some(SwarmReceipt::Problem(error.problem()));
         }
@@ -73,6 +80,18 @@ pub(in super::super) async fn post_swarm_act(
     let receipts =
         receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))?;
     Ok(axum::Json(SwarmActResponse { receipts }).into_response())
+}
+
+/// Bytes that are read in one piece, before others have their turn on the thread.
+const PIECE_BYTES: usize = 128 * 1024;
+
+/// Reads a body as far as its acts are told apart. That is for the workers where it is large: a round may wait
+/// for it.
+async fn envelope(app: &App, bytes: Bytes) -> Result<Envelope, ApiError> {
+    if bytes.len() <= PIECE_BYTES {
+        return read(&bytes);
+    }
+    app.workers.run("acts", Party::current(), Rank::Urgent, move |_| read(&bytes)).await?
 }
 
 /// The acts of a body, each still to be read for itself.

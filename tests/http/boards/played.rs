@@ -23,6 +23,7 @@ use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
+use swarmbench::work::Workers;
 use swarmbench_engine::{AgentId, Config, Settings};
 
 use crate::app::TestApp;
@@ -115,7 +116,8 @@ impl Offline {
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
         let quotas = Arc::new(Quotas::new(Limits::default().caps()));
         let journal = Arc::new(store.clone());
-        let registry = Registry::new(journal, Arc::clone(&clock) as _, quotas, spawn, last);
+        let registry =
+            Registry::new(journal, Arc::clone(&clock) as _, quotas, Workers::inline(), spawn, last);
         let entropy = SeededEntropy::new(u64::try_from(last).expect("a count") + 5);
         // The runs of a test that opens the database twice must not have the same numbers.
         Self {
