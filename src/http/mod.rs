@@ -51,6 +51,7 @@ use client::Rates;
 use error::{ApiError, Code};
 use limits::Limits;
 pub use router::router;
+use stream::Streams;
 
 /// Tokens that are remembered, so that most requests ask no database.
 const TOKENS_CACHED: usize = 100_000;
@@ -114,10 +115,7 @@ pub struct Shared {
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
-    /// Turns to read a part of a journal.
-    journals: Arc<Semaphore>,
-    /// Turns to make an export; each keeps a thread busy.
-    exports: Arc<Semaphore>,
+    streams: Streams,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -132,10 +130,9 @@ impl App {
         foundation.entropy.fill(&mut boot);
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
-            journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
+            streams: Streams::new(&foundation.limits),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
-            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
@@ -161,6 +158,7 @@ impl App {
     pub fn tidy(&self) {
         self.registry.let_go();
         self.rates.forget_idle();
+        self.streams.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
