@@ -47,38 +47,69 @@ pub(super) struct Streams {
     /// Turns to make a piece of an export.
     pub(super) exports: FairLimit,
     /// Exports that are made or wait for their readers.
-    pub(super) exports_open: FairLimit,
+    pub(super) exports_open: Places,
     /// Event streams that are open.
-    pub(super) events: FairLimit,
+    pub(super) events: Places,
+}
+
+/// Places that are held for long: so many in all, and so many of one party.
+#[derive(Debug)]
+pub(super) struct Places {
+    limit: FairLimit,
+    /// What they are taken by, for whoever finds none.
+    what: &'static str,
+    of_a_party: (&'static str, usize),
+}
+
+impl Places {
+    fn new(
+        name: &'static str,
+        most: usize,
+        what: &'static str,
+        of_a_party: (&'static str, usize),
+    ) -> Self {
+        // Whoever finds no place comes again later: none may get free for long.
+        let patience = Duration::from_millis(100);
+        let limit = FairLimit::new(name, shares(most, of_a_party.1), patience);
+        Self { limit, what, of_a_party }
+    }
+
+    /// A place for the party.
+    pub(super) async fn take(&self, party: Party) -> Result<Permit, ApiError> {
+        let place = self.limit.acquire(party, Rank::Normal).await;
+        place.map_err(|busy| {
+            let (name, slots) = self.of_a_party;
+            let is_full = self.limit.load().0 >= busy.slots;
+            refused(if is_full { busy } else { Busy { name, slots } }, self.what)
+        })
+    }
 }
 
 impl Streams {
     pub(super) fn new(limits: &Limits) -> Self {
         let turns = |name, slots| FairLimit::new(name, shares(slots, slots), PATIENCE);
-        let places = |name, slots, of_a_group| {
-            // Whoever finds no place comes again later: none may get free for long.
-            FairLimit::new(name, shares(slots, of_a_group), Duration::from_millis(100))
-        };
-        let Limits { exports_open_max, event_streams_max, .. } = *limits;
         Self {
             journals: turns("journals_max", limits.journals_max),
             exports: turns("exports_max", limits.exports_max),
-            exports_open: places(
+            exports_open: Places::new(
                 "exports_open_max",
-                exports_open_max,
-                limits.exports_open_per_party_max,
+                limits.exports_open_max,
+                "exports are open",
+                ("exports_open_per_party_max", limits.exports_open_per_party_max),
             ),
-            events: places(
+            events: Places::new(
                 "event_streams_max",
-                event_streams_max,
-                limits.event_streams_per_party_max,
+                limits.event_streams_max,
+                "event streams are open",
+                ("event_streams_per_party_max", limits.event_streams_per_party_max),
             ),
         }
     }
 
     /// Forgets parties that have gone.
     pub(super) fn prune(&self) {
-        for limit in [&self.journals, &self.exports, &self.exports_open, &self.events] {
+        let places = [&self.exports_open.limit, &self.events.limit];
+        for limit in [&self.journals, &self.exports].into_iter().chain(places) {
             limit.prune();
         }
     }
@@ -106,9 +137,10 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
 }
 
 /// The answer to a request for which no turn or place is free.
-pub(super) fn refused(busy: Busy, what: &str, after: Duration) -> ApiError {
-    let detail = format!("as many {what} as may, in all or by one party; come again later");
-    ApiError::limit(Code::Overloaded, busy.name, busy.slots, detail).retry_after(after)
+pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
+    let Busy { name, slots } = busy;
+    let detail = format!("as many {what} as may ({name} is {slots}); come again later");
+    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PATIENCE)
 }
 
 /// Bytes with the memory that is reserved for them; both go when the bytes are sent.
@@ -128,8 +160,7 @@ impl App {
     pub(super) async fn in_parts(&self, mut parts: impl Parts) -> Result<Body, ApiError> {
         let party = Party::current();
         let turn = self.streams.journals.acquire(party, Rank::Normal).await;
-        let turn =
-            turn.map_err(|busy| refused(busy, "journals are being read", Duration::from_secs(1)))?;
+        let turn = turn.map_err(|busy| refused(busy, "journals are being read"))?;
         let first = self.part(turn, &mut parts).await?;
         let app = self.clone();
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {

@@ -22,12 +22,11 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use super::super::stream::refused;
 use crate::budget::{NoMemory, Reservation};
 use crate::episode::actor::Handle;
 use crate::episode::memory;
 use crate::episode::recovery::state_at;
-use crate::fair::{Party, Permit, Rank};
+use crate::fair::{Party, Permit};
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -175,9 +174,7 @@ pub(in super::super) type Events =
 impl App {
     /// A new event stream, where there is a place for one.
     pub(in super::super) async fn feed(&self) -> Result<(Feed, Events), ApiError> {
-        let place = self.streams.events.acquire(Party::current(), Rank::Normal).await;
-        let place = place
-            .map_err(|busy| refused(busy, "event streams are open", Duration::from_secs(5)))?;
+        let place = self.streams.events.take(Party::current()).await?;
         let (events, pending) = mpsc::channel(self.limits.events_pending_max);
         let bytes = Arc::new(Semaphore::new(self.limits.events_pending_bytes_max));
         let feed = Feed { app: self.clone(), events, bytes, _place: place };

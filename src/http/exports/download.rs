@@ -1,7 +1,6 @@
 //! `GET /api/v1/exports/{file}`: the toolkit's data format, and tables, written while they are sent.
 
 use std::io::{self, Write};
-use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::State;
@@ -133,12 +132,10 @@ pub(in super::super) async fn download_export(
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
     let selection = selection(&app, &caller, params).await?;
     let party = Party::current();
-    let place = app.streams.exports_open.acquire(party, Rank::Normal).await;
-    let place = place.map_err(|busy| refused(busy, "exports are open", Duration::from_secs(5)))?;
+    let place = app.streams.exports_open.take(party).await?;
     let room = app.registry.room(EXPORT_BYTES)?;
     let turn = app.streams.exports.acquire(party, Rank::Normal).await;
-    let turn =
-        turn.map_err(|busy| refused(busy, "exports are being made", Duration::from_secs(5)))?;
+    let turn = turn.map_err(|busy| refused(busy, "exports are being made"))?;
     // Organizers find sealed games in it, too.
     let deed = caller.deed(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
     app.store.keep(deed.into_iter().collect()).await?;
