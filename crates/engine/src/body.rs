@@ -197,6 +197,16 @@ impl Board {
         }
     }
 
+    /// About how much memory it takes that `other` does not share.
+    pub(crate) fn bytes_beside(&self, other: &Self) -> usize {
+        size_of_val(&*self.bodies) + self.grid.bytes_beside(&other.grid)
+    }
+
+    /// About how much memory it takes.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&*self.bodies) + self.grid.bytes()
+    }
+
     fn cover(&mut self, id: BodyId, by: Option<BodyId>) {
         let Self { grid, bodies, .. } = self;
         for cell in bodies[id.index()].cells() {

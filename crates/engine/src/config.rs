@@ -139,6 +139,16 @@ pub mod limits {
     pub const REMEMBERED_CELLS_OF_ALL_MAX: i64 = 1 << 22;
     /// Agents × rounds.
     pub const ACTS_MAX: i64 = 10_000_000;
+    /// Cells of a window × agents, whatever they remember; of new episodes.
+    pub const CELLS_OF_A_ROUND_MAX: i64 = 1 << 20;
+    /// Agents × agents that each of them reaches, at most as many as a window has cells; of new
+    /// episodes.
+    pub const MESSAGES_OF_A_ROUND_MAX: i64 = 1 << 17;
+    /// The same × rounds for which a message can be under way; of new episodes.
+    pub const MESSAGES_UNDER_WAY_MAX: i64 = 1 << 22;
+    /// Agents × (remembered rounds + rounds by which a message can be late): the messages of which
+    /// the text is kept; of new episodes.
+    pub const TEXTS_KEPT_MAX: i64 = 1 << 16;
 }
 
 /// Checked settings: an episode that can be laid out and played to its end.
@@ -159,7 +169,61 @@ pub struct Config {
 }
 
 impl Config {
-    /// Checks settings.
+    /// Checks the settings of a new episode. They are limited further than those of episodes that
+    /// were created or announced before, which go on by [`Config::check`].
+    ///
+    /// # Errors
+    /// As [`Config::check`]; where that finds nothing, what a new episode may not have.
+    pub fn admit(settings: &Settings) -> Result<Self, SettingErrors> {
+        let config = Self::check(settings)?;
+        config.check_new()?;
+        Ok(config)
+    }
+
+    /// What a new episode may not have, though it could be played: more cells to be seen or more
+    /// messages to be delivered in a round, or more to be kept.
+    ///
+    /// # Errors
+    /// Every limit that is exceeded.
+    pub fn check_new(&self) -> Result<(), SettingErrors> {
+        let mut check = Check(Vec::new());
+        let agents = i64::from(self.num_agents);
+        let window = self.window_cells();
+        let delay = i64::from(self.max_delay);
+        let reached = match self.control {
+            Control::Decentralized => window.min(agents),
+            // All speak to the commander, and the commander speaks to all.
+            Control::Centralized => 2,
+        };
+        let messages = agents * reached;
+        check.most(
+            "num_agents",
+            "× cells of a window",
+            agents * window,
+            limits::CELLS_OF_A_ROUND_MAX,
+        );
+        check.most(
+            "num_agents",
+            "× agents that one of them reaches (at most the cells of a window)",
+            messages,
+            limits::MESSAGES_OF_A_ROUND_MAX,
+        );
+        check.most(
+            "max_delay",
+            "(+ 1) × num_agents × agents that one of them reaches (at most the cells of a window)",
+            (delay + 1) * messages,
+            limits::MESSAGES_UNDER_WAY_MAX,
+        );
+        check.most(
+            "memory",
+            "(+ max_delay) × num_agents",
+            (cast::<_, i64>(self.memory) + delay) * agents,
+            limits::TEXTS_KEPT_MAX,
+        );
+        check.done()
+    }
+
+    /// Checks settings, of a new episode or an old one.
     ///
     /// # Errors
     /// Every setting that is out of its range, with the range; where all are in range, every
@@ -224,11 +288,7 @@ impl Config {
             let most = limits::FLOCKING_AGENTS_MAX;
             check.fail("num_agents", format!("must be from 1 to {most} in Flocking, is {agents}"));
         }
-        let window = match self.control {
-            Control::Decentralized => i64::from(self.view_size) * i64::from(self.view_size),
-            Control::Centralized => i64::from(self.width) * i64::from(self.height),
-        };
-        let remembered = window * cast::<_, i64>(self.memory);
+        let remembered = self.window_cells() * cast::<_, i64>(self.memory);
         let (one, all) = (limits::REMEMBERED_CELLS_MAX, limits::REMEMBERED_CELLS_OF_ALL_MAX);
         if remembered > one {
             check.fail(
@@ -255,6 +315,20 @@ impl Config {
             );
         }
         check.done()
+    }
+
+    /// The cells that one agent sees.
+    fn window_cells(&self) -> i64 {
+        match self.control {
+            Control::Decentralized => i64::from(self.view_size) * i64::from(self.view_size),
+            Control::Centralized => i64::from(self.width) * i64::from(self.height),
+        }
+    }
+
+    /// The most cells that one observation has: the window now, and those that are remembered.
+    #[must_use]
+    pub fn observed_cells_max(&self) -> usize {
+        cast::<_, usize>(self.window_cells()) * self.memory.max(1)
     }
 
     /// The settings that give this configuration.
@@ -333,6 +407,12 @@ struct Check(Vec<SettingError>);
 impl Check {
     fn fail(&mut self, field: &'static str, problem: String) {
         self.0.push(SettingError { field, problem });
+    }
+
+    fn most(&mut self, field: &'static str, product: &str, is: i64, most: i64) {
+        if is > most {
+            self.fail(field, format!("{product} must be at most {most}, is {is}"));
+        }
     }
 
     fn range(&mut self, field: &'static str, value: i64, range: &std::ops::RangeInclusive<i64>) {

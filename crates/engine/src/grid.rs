@@ -1,5 +1,7 @@
 //! Cells, positions and directions, and the grid that says which body lies on which cell.
 
+use std::sync::Arc;
+
 use crate::body::BodyId;
 
 /// A cell by row and column: `i` grows downward, `j` to the right. May lie outside the map.
@@ -79,12 +81,18 @@ impl Direction {
 }
 
 /// Which body occupies each cell of the map.
+///
+/// The cells lie in pieces that clones share until one of them changes: the remembered boards of a
+/// large map with few agents take little more memory than one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Grid {
     height: i32,
     width: i32,
-    cells: Vec<u16>,
+    pieces: Vec<Arc<[u16]>>,
 }
+
+/// Cells of a piece of a grid; the last piece may have fewer.
+const PIECE_CELLS: usize = 1024;
 
 /// The stored value of an empty cell; no body has this id.
 const EMPTY: u16 = u16::MAX;
@@ -93,7 +101,8 @@ impl Grid {
     /// An empty map of `height` rows and `width` columns.
     pub(crate) fn new(height: i32, width: i32) -> Self {
         let area = usize::try_from(height * width).expect("a map has a positive size");
-        Self { height, width, cells: vec![EMPTY; area] }
+        let pieces = vec![EMPTY; area].chunks(PIECE_CELLS).map(Arc::from).collect();
+        Self { height, width, pieces }
     }
 
     /// The number of rows.
@@ -120,22 +129,48 @@ impl Grid {
         if !self.contains(at) {
             return None;
         }
-        let id = self.cells[self.index(at)];
+        let id = self.cell(at);
         (id != EMPTY).then_some(BodyId(id))
     }
 
     /// Whether the cell lies on the map and nothing lies on it.
     #[must_use]
     pub fn is_free(&self, at: Pos) -> bool {
-        self.contains(at) && self.cells[self.index(at)] == EMPTY
+        self.contains(at) && self.cell(at) == EMPTY
     }
 
     /// Puts a body on a cell, or clears it; a cell outside the map is left alone.
     pub(crate) fn set(&mut self, at: Pos, body: Option<BodyId>) {
         if self.contains(at) {
             let index = self.index(at);
-            self.cells[index] = body.map_or(EMPTY, |id| id.0);
+            let value = body.map_or(EMPTY, |id| id.0);
+            // A piece that others share is copied where it changes only.
+            if self.cell(at) != value {
+                let piece = Arc::make_mut(&mut self.pieces[index / PIECE_CELLS]);
+                piece[index % PIECE_CELLS] = value;
+            }
         }
+    }
+
+    /// Bytes of the cells that it does not share with `other`.
+    pub(crate) fn bytes_beside(&self, other: &Self) -> usize {
+        let pieces = self.pieces.iter().zip(&other.pieces);
+        let own: usize = pieces
+            .filter(|(piece, other)| !Arc::ptr_eq(piece, other))
+            .map(|(piece, _)| size_of_val(&**piece))
+            .sum();
+        own + size_of_val(&*self.pieces)
+    }
+
+    /// Bytes of all its cells.
+    pub(crate) fn bytes(&self) -> usize {
+        let cells: usize = self.pieces.iter().map(|piece| size_of_val(&**piece)).sum();
+        cells + size_of_val(&*self.pieces)
+    }
+
+    fn cell(&self, at: Pos) -> u16 {
+        let index = self.index(at);
+        self.pieces[index / PIECE_CELLS][index % PIECE_CELLS]
     }
 
     fn index(&self, at: Pos) -> usize {

@@ -65,6 +65,11 @@ impl Message {
     pub fn as_str(&self) -> &str {
         &self.0
     }
+
+    /// About how much memory its text takes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.0.len() + 2 * size_of::<usize>()
+    }
 }
 
 impl std::fmt::Display for Message {
@@ -105,6 +110,23 @@ pub(crate) struct Mail {
 impl Mail {
     pub(crate) fn new(agents: usize) -> Self {
         Self { letters: Vec::new(), inbox: vec![Vec::new(); agents] }
+    }
+
+    /// About how much memory it takes. Copies of a message share its text, unless there is noise.
+    pub(crate) fn bytes(&self, config: &Config) -> usize {
+        let letters = self.letters.iter().map(|letter| {
+            let receivers = match &letter.audience {
+                Audience::Decided(receivers) => size_of_val(&**receivers),
+                Audience::Open { .. } => 0,
+            };
+            size_of::<Letter>() + letter.text.bytes() + receivers
+        });
+        let received: usize = self.inbox.iter().map(Vec::len).sum();
+        let texts = if config.noise > 0.0 { received } else { received.min(self.inbox.len()) };
+        letters.sum::<usize>()
+            + size_of_val(&*self.inbox)
+            + received * size_of::<Message>()
+            + texts * 2 * Message::CHARS_MAX
     }
 
     /// Takes the messages of round `round`, sent from the positions on `board`.

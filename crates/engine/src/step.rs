@@ -37,7 +37,7 @@ impl World {
         let flags = self.task.flags().to_vec();
         let stage = Stage { config: &self.config, round: self.round, before: &before, acts: &acts };
         self.score = self.task.update(&stage, &mut self.board, self.score);
-        self.remember(Moment { round: self.round, board: before, flags, acts });
+        self.remember(Moment::new(self.round, before, &self.board, flags, acts));
         self.round += 1;
         self.mail.deliver(&self.config, &self.board, self.round);
         Ok(())

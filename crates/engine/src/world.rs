@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::act::{Act, AgentId};
 use crate::body::Board;
 use crate::config::Config;
-use crate::message::Mail;
+use crate::message::{Mail, Message};
 use crate::tasks::{self, Task};
 
 /// Everything that decides what happens next, and what every agent sees.
@@ -33,6 +33,28 @@ pub(crate) struct Moment {
     pub(crate) flags: Vec<bool>,
     /// What was decided, by agent.
     pub(crate) acts: Vec<Act>,
+    /// About how much memory this takes that no newer board shares.
+    pub(crate) bytes: usize,
+}
+
+impl Moment {
+    /// Remembers a round: the board from which it was decided, and the one that came of it.
+    pub(crate) fn new(
+        round: u32,
+        board: Board,
+        after: &Board,
+        flags: Vec<bool>,
+        acts: Vec<Act>,
+    ) -> Self {
+        let texts: usize =
+            acts.iter().filter_map(|act| act.message.as_ref()).map(Message::bytes).sum();
+        let bytes = size_of::<Self>()
+            + board.bytes_beside(after)
+            + size_of_val(&*flags)
+            + size_of_val(&*acts)
+            + texts;
+        Self { round, board, flags, acts, bytes }
+    }
 }
 
 impl World {
@@ -78,6 +100,17 @@ impl World {
     #[must_use]
     pub fn is_alive(&self, agent: AgentId) -> bool {
         self.board.agents().get(agent.index()).is_some_and(|body| !body.gone)
+    }
+
+    /// About how many bytes of memory this state takes, what is remembered included. Clones and later
+    /// states share a part of that, so the sum over several states is too large.
+    ///
+    /// Costs about as much as reading the numbers of the messages that are under way.
+    #[must_use]
+    pub fn approximate_bytes(&self) -> usize {
+        let past: usize = self.past.iter().map(|moment| moment.bytes).sum();
+        let layout = 4096;
+        layout + size_of::<Self>() + self.board.bytes() + self.mail.bytes(&self.config) + past
     }
 
     /// All agents in order of their numbers.

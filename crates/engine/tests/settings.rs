@@ -89,6 +89,46 @@ const REFUSED: &[Row] = &[
     ),
 ];
 
+/// What an episode that was created before may have, and a new one may not.
+const REFUSED_WHEN_NEW: &[Row] = &[
+    (
+        |s| (s.width, s.height, s.view_size, s.memory, s.num_agents) = (256, 256, 513, 0, 1024),
+        "num_agents × cells of a window must be at most 1048576, is 269485056; num_agents × agents that one of \
+         them reaches (at most the cells of a window) must be at most 131072, is 1048576",
+    ),
+    (
+        |s| (s.width, s.view_size, s.memory, s.num_agents) = (256, 513, 0, 4),
+        "num_agents × cells of a window must be at most 1048576, is 1052676",
+    ),
+    (
+        |s| {
+            (s.width, s.height, s.control, s.memory) = (256, 256, "centralized".into(), 0);
+            s.num_agents = 17;
+        },
+        "num_agents × cells of a window must be at most 1048576, is 1114112",
+    ),
+    (
+        |s| (s.width, s.height, s.view_size, s.memory, s.num_agents) = (64, 64, 21, 1, 363),
+        "num_agents × agents that one of them reaches (at most the cells of a window) must be at most 131072, \
+         is 131769",
+    ),
+    (
+        |s| {
+            (s.width, s.height, s.view_size, s.memory) = (64, 64, 21, 1);
+            (s.num_agents, s.max_delay) = (204, 100);
+        },
+        "max_delay (+ 1) × num_agents × agents that one of them reaches (at most the cells of a window) must be \
+         at most 4194304, is 4203216",
+    ),
+    (
+        |s| {
+            (s.width, s.height, s.view_size, s.memory) = (64, 64, 3, 50);
+            (s.num_agents, s.max_delay) = (1024, 15);
+        },
+        "memory (+ max_delay) × num_agents must be at most 65536, is 66560",
+    ),
+];
+
 const ACCEPTED: &[fn(&mut Settings)] = &[
     |s| (s.width, s.height) = (8, 8),
     |s| (s.width, s.height) = (256, 8),
@@ -102,12 +142,14 @@ const ACCEPTED: &[fn(&mut Settings)] = &[
     |s| s.max_round = 1,
     |s| (s.num_agents, s.max_round) = (50, 100_000),
     |s| s.memory = 0,
-    |s| (s.width, s.view_size, s.memory) = (256, 513, 0),
+    |s| (s.width, s.view_size, s.memory, s.num_agents) = (256, 513, 0, 3),
     |s| s.memory = 50,
     |s| {
         (s.width, s.height, s.control, s.memory) = (256, 256, "centralized".into(), 1);
-        s.num_agents = 64;
+        s.num_agents = 16;
     },
+    |s| (s.width, s.height, s.view_size, s.memory, s.num_agents) = (64, 64, 11, 1, 1024),
+    |s| (s.width, s.height, s.view_size, s.num_agents, s.max_delay) = (64, 64, 3, 455, 100),
     |s| s.noise = 1.0,
     |s| s.max_delay = 100,
     |s| s.seed = 0,
@@ -126,11 +168,40 @@ fn each_setting_that_cannot_be_played_is_named_with_its_range() {
 }
 
 #[test]
+fn what_a_new_episode_may_not_have_is_played_on_where_it_was_created_before() {
+    for (change, says) in REFUSED_WHEN_NEW {
+        let mut settings = Settings::standard(TaskName::Transport, 1);
+        change(&mut settings);
+        let refused = Config::admit(&settings).expect_err(says);
+        assert_eq!(refused.to_string(), *says, "{settings:?}");
+        let mut world = world(&settings);
+        world.step(&Dice(1).acts(&world));
+        check_observation(&world, 0);
+    }
+}
+
+/// What is remembered of a large map with one agent is the pieces of it in which the agent was.
+#[test]
+fn remembered_boards_share_what_has_not_changed() {
+    let mut settings = Settings::standard(TaskName::Transport, 1);
+    (settings.width, settings.height, settings.view_size) = (256, 256, 3);
+    (settings.num_agents, settings.memory) = (1, 50);
+    let mut world = world(&settings);
+    let empty = world.approximate_bytes();
+    for _ in 0..60 {
+        world.step(&Dice(1).acts(&world));
+    }
+    let remembered = world.approximate_bytes() - empty;
+    assert!(empty > 128 * 1024 && empty < 160 * 1024, "a map has 2 bytes a cell: {empty}");
+    assert!(remembered < 50 * 8 * 1024, "{remembered} bytes");
+}
+
+#[test]
 fn the_ends_of_each_range_can_be_played() {
     for change in ACCEPTED {
         let mut settings = Settings::standard(TaskName::Transport, 1);
         change(&mut settings);
-        let config = Config::check(&settings).unwrap_or_else(|e| panic!("{settings:?}: {e}"));
+        let config = Config::admit(&settings).unwrap_or_else(|e| panic!("{settings:?}: {e}"));
         assert_eq!(config.settings(), settings);
         let mut world = world(&settings);
         if !world.is_over() {
