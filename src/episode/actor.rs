@@ -392,7 +392,7 @@ impl Keyframes {
     /// are light, playing some hundreds again costs less than keeping states of every short game.
     pub(super) fn new(layout: Arc<World>) -> Self {
         let stride = if is_heavy(layout.config()) { 32 } else { 512 };
-        let bytes = memory::of_world(layout.config(), 0);
+        let bytes = layout.approximate_bytes();
         Self { stride, worlds: vec![layout], bytes }
     }
 
@@ -401,15 +401,13 @@ impl Keyframes {
             return;
         }
         self.worlds.push(Arc::clone(world));
-        self.bytes += memory::of_world(world.config(), world.round());
+        self.bytes += world.approximate_bytes();
         while self.worlds.len() > 1
             && (self.worlds.len() > Self::MAX || self.bytes > Self::BYTES_MAX)
         {
             self.stride *= 2;
             self.worlds.retain(|world| world.round().is_multiple_of(self.stride));
-            let kept =
-                self.worlds.iter().map(|world| memory::of_world(world.config(), world.round()));
-            self.bytes = kept.sum();
+            self.bytes = self.worlds.iter().map(|world| world.approximate_bytes()).sum();
         }
     }
 

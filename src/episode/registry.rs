@@ -318,7 +318,7 @@ impl Registry {
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
         let Creation { id, owner, run, spec, tokens, idempotency } = creation;
         let config = Arc::clone(&spec.config);
-        let room = self.room(memory::at_round(&config, 0))?;
+        let room = self.room(memory::expected(&config, 0))?;
         let world = off_thread(is_heavy(&spec.config), move || World::new(config)).await?;
         let world = Arc::new(world);
         let now = self.host.clock.now();
@@ -481,7 +481,7 @@ impl Registry {
     /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
     fn room_for(&self, stored: &StoredEpisode) -> Result<Reservation, FindError> {
         let spec = described(stored)?;
-        let bytes = memory::at_round(&spec.config, stored.rounds);
+        let bytes = memory::expected(&spec.config, stored.rounds);
         match self.room(bytes) {
             Err(_) if spec.goes_on_alone() && stored.end.is_none() => {
                 Ok(self.host.budget.take(bytes))

@@ -161,7 +161,7 @@ impl App {
         let party = Party::current();
         let turn = self.streams.journals.acquire(party, Rank::Normal).await;
         let turn = turn.map_err(|busy| refused(busy, "journals are being read"))?;
-        let first = self.part(turn, &mut parts).await?;
+        let first = self.part((party, turn), &mut parts).await?;
         let app = self.clone();
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
             let app = app.clone();
@@ -170,7 +170,7 @@ impl App {
                     Some(ready) => Some(ready),
                     None => {
                         let turn = patiently(&app.streams.journals, party).await;
-                        app.part(turn, &mut parts).await?
+                        app.part((party, turn), &mut parts).await?
                     }
                 };
                 Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
@@ -182,13 +182,15 @@ impl App {
     /// Makes one part in its turn. Where no memory is free it is a small one.
     async fn part(
         &self,
-        _turn: Permit,
+        (party, _turn): (Party, Permit),
         parts: &mut impl Parts,
     ) -> Result<Option<Bytes>, JournalError> {
         let most = self.limits.stream_part_bytes_max;
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES));
         let room = self.registry.room(most).unwrap_or_else(small);
-        let Some(bytes) = parts.next(room.bytes()).await? else { return Ok(None) };
+        // The connection's own task does not know for whom it works.
+        let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
+        let Some(bytes) = next.await? else { return Ok(None) };
         room.resize(bytes.capacity());
         Ok(Some(Bytes::from_owner(Reserved { bytes, _room: room })))
     }

@@ -26,7 +26,7 @@ use crate::budget::{NoMemory, Reservation};
 use crate::episode::actor::Handle;
 use crate::episode::memory;
 use crate::episode::recovery::state_at;
-use crate::fair::{Party, Permit};
+use crate::fair::{self, Party, Permit};
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -83,13 +83,13 @@ pub(in super::super) async fn stream_events(
         }
     };
     let (feed, events) = app.feed().await?;
-    tokio::spawn(async move {
+    tokio::spawn(fair::inherit(async move {
         tokio::select! {
             () = tell(&app, &handle, last.unwrap_or(0), &feed) => {}
             () = feed.gone() => {}
             () = app.stop.cancelled() => {}
         }
-    });
+    }));
     Ok(events)
 }
 

@@ -26,7 +26,7 @@ use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
 use crate::dataset::files::Archive;
 use crate::episode::Status;
-use crate::fair::{FairLimit, Party, Permit, Rank};
+use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
 use crate::journal::Journal;
 use crate::store::episodes::{Filter, Readable};
@@ -141,7 +141,7 @@ pub(in super::super) async fn download_export(
     app.store.keep(deed.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
-    tokio::task::spawn_blocking(move || {
+    let export = move || {
         let may = |stored: &_| app.may_read_journal(&caller, stored);
         let select = Export::select(&app.store, &selection, may, |_, _| (), app.stop.clone());
         let export = match select {
@@ -159,7 +159,8 @@ pub(in super::super) async fn download_export(
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
-    });
+    };
+    tokio::task::spawn_blocking(move || fair::blocking(party, Rank::Normal, export));
     let stopped = |_| ApiError::new(Code::Internal, "the export ended before it began");
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),
