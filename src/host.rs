@@ -1,8 +1,8 @@
-//! What the host has to give beside time and randomness: room on a disk, and open files; and
+//! What the host has to give beside time and randomness: room on a disk, memory, and open files; and
 //! which addresses are its own.
 
 use std::net::IpAddr;
-use std::path::PathBuf;
+use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Lets this process open as many files as the host allows, and says how many that are; none means
@@ -18,6 +18,39 @@ pub fn raise_open_files() -> Option<u64> {
             current
         }
     }
+}
+
+/// How many bytes of memory this process may use: those of the machine, or fewer where its control groups or its
+/// address space are limited. None where the host does not tell.
+#[must_use]
+pub fn memory_bytes() -> Option<usize> {
+    let read = |path: &Path| std::fs::read_to_string(path).ok();
+    let machine = read(Path::new("/proc/meminfo")).and_then(|text| total_memory(&text));
+    let own_group = read(Path::new("/proc/self/cgroup")).and_then(|text| group_path(&text));
+    // In a container its own group stands at the root.
+    let groups = Path::new("/sys/fs/cgroup");
+    let own_group = groups.join(own_group.unwrap_or_default());
+    let own_groups = own_group.ancestors().take_while(|path| path.starts_with(groups));
+    let limited = own_groups.filter_map(|path| read(&path.join("memory.max"))?.trim().parse().ok());
+    let older = read(&groups.join("memory/memory.limit_in_bytes"));
+    let older = older.and_then(|text| text.trim().parse().ok());
+    let space = rustix::process::getrlimit(rustix::process::Resource::As).current;
+    let all = limited.chain(machine).chain(older).chain(space);
+    all.min().map(|bytes: u64| usize::try_from(bytes).unwrap_or(usize::MAX))
+}
+
+/// The memory of the machine, from `/proc/meminfo`.
+fn total_memory(text: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
+}
+
+/// The path of the control group (version 2), from `/proc/self/cgroup`.
+fn group_path(text: &str) -> Option<PathBuf> {
+    let path = text.lines().find_map(|line| line.strip_prefix("0::/"))?;
+    Some(PathBuf::from(path))
+        .filter(|path| path.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
 /// The disk on which the database lies.
@@ -81,4 +114,26 @@ pub fn is_loopback(name: &str) -> bool {
     let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
     name.eq_ignore_ascii_case("localhost")
         || bare.parse::<IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_host_tells_of_its_memory_is_read() {
+        let meminfo = "MemTotal:       16316412 kB\nMemFree:  1 kB\n";
+        assert_eq!(total_memory(meminfo), Some(16_316_412 * 1024));
+        assert_eq!(total_memory("MemFree: 1 kB\n"), None);
+        let group = |text: &str| group_path(text).map(|path| path.display().to_string());
+        assert_eq!(
+            group("0::/system.slice/a.service\n").as_deref(),
+            Some("system.slice/a.service")
+        );
+        assert_eq!(group("1:name=x:/a\n0::/\n").as_deref(), Some(""));
+        assert_eq!(group("0::/../../etc\n"), None);
+        if cfg!(target_os = "linux") {
+            assert!(memory_bytes() > Some(1024 * 1024));
+        }
+    }
 }

@@ -14,7 +14,7 @@ use crate::competition::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::{Account, Quotas};
 use crate::episode::registry::Registry;
-use crate::host::{Disk, HostDisk, raise_open_files};
+use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::house;
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
@@ -72,6 +72,14 @@ pub fn fit_open_files(limits: Limits) -> Limits {
         );
     }
     fitting
+}
+
+/// Takes `given` bytes of memory for all worlds and answers, or half of what this process may use.
+#[must_use]
+pub fn fit_memory(limits: Limits, given: Option<usize>) -> Limits {
+    let half = memory_bytes().map(|bytes| bytes / 2);
+    let memory_bytes_max = given.or(half).unwrap_or(limits.memory_bytes_max);
+    Limits { memory_bytes_max, ..limits }
 }
 
 /// The limits where so many files may be open; none means any number.

@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
-use crate::server::{Parts, Server, fit_open_files};
+use crate::server::{Parts, Server, fit_memory, fit_open_files};
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -42,6 +42,10 @@ pub(super) struct Args {
     /// Bytes that the acts of all episodes of one key may take.
     #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
     journal_bytes_per_key: u64,
+    /// Memory that all worlds and answers may take together, such as 6GiB; half of what the machine, or the control
+    /// group, has where it is left out. The process needs some more.
+    #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
+    memory_max: Option<usize>,
     /// How logs are written; `RUST_LOG` says which.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
@@ -54,6 +58,20 @@ fn network(text: &str) -> Result<IpNet, String> {
         .map_err(|_| "an address such as 127.0.0.1 or a network such as 10.0.0.0/8".to_owned())
 }
 
+/// Reads a number of bytes: 6GiB, 512MiB, 1000000.
+fn bytes(text: &str) -> Result<usize, String> {
+    let units = [("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30), ("TiB", 1 << 40)];
+    let unit = units.iter().find_map(|(name, size)| Some((text.strip_suffix(name)?, *size)));
+    let (number, size) = unit.unwrap_or((text, 1_usize));
+    let number = number.trim().parse::<usize>().ok().and_then(|number| number.checked_mul(size));
+    number
+        .filter(|bytes| *bytes >= MEMORY_LEAST)
+        .ok_or_else(|| "a number of bytes, at least 16MiB, such as 6GiB or 512MiB".to_owned())
+}
+
+/// With less than this nothing could be played.
+const MEMORY_LEAST: usize = 16 << 20;
+
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     start_logs(args.log_format);
     let stop = super::asked_to_stop();
@@ -64,6 +82,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         journal_bytes_per_key_max: args.journal_bytes_per_key,
         ..Limits::default()
     };
+    let limits = fit_memory(limits, args.memory_max);
     let access =
         Access { open: args.open, private: args.private, trusted_proxies: args.trusted_proxy };
     let server = Server::open(
@@ -94,4 +113,19 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     server.run(listener, stop).await?;
     tracing::info!("stopped");
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_have_units() {
+        assert_eq!(bytes("6GiB"), Ok(6 << 30));
+        assert_eq!(bytes("512 MiB"), Ok(512 << 20));
+        assert_eq!(bytes("20000000"), Ok(20_000_000));
+        for bad in ["", "GiB", "6GB", "-1", "1.5GiB", "99999999999999TiB", "1MiB"] {
+            assert!(bytes(bad).is_err(), "{bad}");
+        }
+    }
 }

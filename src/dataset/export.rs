@@ -1,6 +1,7 @@
 //! Writing: stored episodes, played again one after the other, one round at a time.
 //!
-//! An export reads a few rounds at once and keeps one episode's world in memory, however many there are.
+//! An export reads a few rounds at once and keeps one episode's world in memory, however many there are; the
+//! texts of acts are read part by part.
 //! It works on a thread of its own: it computes, it reads the store, and it waits for whoever takes what
 //! it writes.
 
@@ -14,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::columns::Table;
 use super::files::Files;
 use super::format::{self, AgentRow, GameRow, META, Meta};
-use super::game::{Game, Turn};
+use super::game::{Game, Given, Turn};
 use super::imported;
 use super::tables::{self, Cell, Column, Named};
 use crate::ids::EpisodeId;
@@ -24,12 +25,16 @@ use crate::journal::{
 use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::imports::ImportFilter;
+use crate::store::records::ActReader;
 
 /// Rounds that are read at once.
 const CHUNK: u32 = 8;
 
 /// Episodes of which is read at once what they are.
 const PAGE: u32 = 100;
+
+/// Bytes of acts that are read at once, with their texts.
+const ACTS_BYTES: usize = 256 * 1024;
 
 /// Bytes that are gathered before they are compressed or sent on.
 const BUFFER_BYTES: usize = 64 * 1024;
@@ -178,11 +183,8 @@ impl<'a> Export<'a> {
             }
             let mut game = lay_out(&stored)?;
             let mut list = List::begin(files.begin(&format::agent_file(run_id))?)?;
-            self.play(&stored, &mut game, |game, turn| {
-                for act in &turn.acts {
-                    list.add(&game.act(turn, act))?;
-                }
-                Ok(())
+            self.play_acts(&stored, &mut game, |game, turn, act| {
+                Ok(list.add(&game.act(turn, act))?)
             })?;
             list.end()?;
             written.push(key);
@@ -244,12 +246,14 @@ impl<'a> Export<'a> {
             if table == TableName::Rounds {
                 add(tables::round(&game, None, began_at))?;
             }
-            self.play(&stored, &mut game, |game, turn| match table {
-                TableName::Acts => {
-                    (turn.acts.iter()).try_for_each(|given| add(tables::act(game, turn, given)))
-                }
-                TableName::Rounds => add(tables::round(game, Some(turn), began_at)),
-            })?;
+            match table {
+                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, given| {
+                    add(tables::act(game, turn, given))
+                })?,
+                TableName::Rounds => self.play(&stored, &mut game, |game, turn| {
+                    add(tables::round(game, Some(turn), began_at))
+                })?,
+            }
         }
         Ok(self.told())
     }
@@ -306,6 +310,27 @@ impl<'a> Export<'a> {
         self.try_play(stored, game, each).map_err(|fault| match fault {
             Fault::Broken(problem) => changed(stored, &problem),
             Fault::Error(error) => error,
+        })
+    }
+
+    /// Plays an episode that was found sound, act by act with the texts of each.
+    fn play_acts(
+        &self,
+        stored: &StoredEpisode,
+        game: &mut Game,
+        mut each: impl FnMut(&Game, &Turn, &Given) -> Result<(), ExportError>,
+    ) -> Result<(), ExportError> {
+        let mut texts = ActReader::new(self.store.clone(), stored.episode, stored.rounds);
+        self.play(stored, game, |game, turn| {
+            for given in &turn.acts {
+                check(&self.stop)?;
+                let text = self.runtime.block_on(texts.next_of(turn.round, ACTS_BYTES))?;
+                let text = text.ok_or_else(|| changed(stored, "an act is missing"))?;
+                let record = serde_json::from_str(&text);
+                let record = record.map_err(|error| changed(stored, &error.to_string()))?;
+                each(game, turn, &given.with(record))?;
+            }
+            Ok(())
         })
     }
 

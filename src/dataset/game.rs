@@ -52,6 +52,15 @@ pub struct Given {
     pub tokens: Option<u64>,
 }
 
+impl Given {
+    /// The same act with all of its record.
+    #[must_use]
+    pub fn with(&self, record: ActRecord) -> Self {
+        let Self { agent, at, took_effect, tokens, .. } = *self;
+        Self { agent, at, record, took_effect, tokens }
+    }
+}
+
 impl Game {
     /// Lays the episode out.
     ///

@@ -436,7 +436,7 @@ impl Keyframes {
     pub(super) fn new(layout: Arc<World>) -> Self {
         let stride = Self::STRIDE_MICROS / step_micros(layout.config());
         let stride = u32::try_from(stride.clamp(1, Self::STRIDE_MAX)).expect("at most STRIDE_MAX");
-        let bytes = memory::of_world(layout.config(), 0);
+        let bytes = layout.approximate_bytes();
         Self { stride, worlds: vec![layout], bytes }
     }
 
@@ -445,15 +445,13 @@ impl Keyframes {
             return;
         }
         self.worlds.push(Arc::clone(world));
-        self.bytes += memory::of_world(world.config(), world.round());
+        self.bytes += world.approximate_bytes();
         while self.worlds.len() > 1
             && (self.worlds.len() > Self::COUNT_MAX || self.bytes > Self::BYTES_MAX)
         {
             self.stride *= 2;
             self.worlds.retain(|world| world.round().is_multiple_of(self.stride));
-            let kept =
-                self.worlds.iter().map(|world| memory::of_world(world.config(), world.round()));
-            self.bytes = kept.sum();
+            self.bytes = self.worlds.iter().map(|world| world.approximate_bytes()).sum();
         }
     }
 

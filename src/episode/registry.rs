@@ -375,7 +375,7 @@ impl Registry {
         let Creation { id, account, purpose: _, run, spec, tokens, idempotency } = creation;
         let owner = account.owner;
         let config = Arc::clone(&spec.config);
-        let room = self.room(memory::at_round(&config, 0))?;
+        let room = self.room(memory::expected(&config, 0))?;
         let party = self.host.party(owner, run.map(|(run, _)| run), &spec).await?;
         let heavy = is_heavy(&config);
         let lay_out = move |_: &Cancelled<'_>| World::new(config);
@@ -572,7 +572,7 @@ impl Registry {
     /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
     fn room_for(&self, stored: &StoredEpisode) -> Result<Reservation, FindError> {
         let spec = described(stored)?;
-        let bytes = memory::at_round(&spec.config, stored.rounds);
+        let bytes = memory::expected(&spec.config, stored.rounds);
         match self.room(bytes) {
             Err(_) if spec.goes_on_alone() && stored.end.is_none() => {
                 Ok(self.host.budget.take(bytes))

@@ -73,6 +73,8 @@ pub struct Limits {
     pub body_bytes_per_s_min: u64,
     /// Milliseconds in which a client has to take some more of an answer.
     pub write_ms_max: u64,
+    /// Bytes a second of an answer that a client has to take, on average of the time in which some wait for it.
+    pub write_bytes_per_s_min: u64,
     /// Milliseconds for which a connection is kept without a request.
     pub idle_ms_max: u64,
     /// Milliseconds that open requests get to end when the server is told to stop.
@@ -93,14 +95,24 @@ pub struct Limits {
     pub stream_part_bytes_max: usize,
     /// Parts of journals that are read at once.
     pub journals_max: usize,
-    /// Exports that are made at once.
+    /// Pieces of exports that are made at once.
     pub exports_max: usize,
+    /// Exports that are made, or of which a piece waits for its reader.
+    pub exports_open_max: usize,
+    /// Of these, those of one party.
+    pub exports_open_per_party_max: usize,
     /// States of earlier rounds that are made at once.
     pub replays_max: usize,
     /// Requests for states of earlier rounds that wait for their turn.
     pub replays_waiting_max: usize,
+    /// Event streams that are open.
+    pub event_streams_max: usize,
+    /// Of these, those of one party.
+    pub event_streams_per_party_max: usize,
     /// Events that wait for a slow reader before it is dropped.
     pub events_pending_max: usize,
+    /// Bytes of them.
+    pub events_pending_bytes_max: usize,
     /// Entrants of a competition.
     pub entrants_max: usize,
 }
@@ -141,6 +153,7 @@ impl Default for Limits {
             body_ms_max: 5000,
             body_bytes_per_s_min: 32 * 1024,
             write_ms_max: 10_000,
+            write_bytes_per_s_min: 4096,
             idle_ms_max: 75_000,
             drain_ms_max: 8000,
             model_chars_max: 200,
@@ -152,9 +165,14 @@ impl Default for Limits {
             stream_part_bytes_max: 256 * 1024,
             journals_max: 2,
             exports_max: 2,
+            exports_open_max: 16,
+            exports_open_per_party_max: 4,
             replays_max: 16,
             replays_waiting_max: 1024,
+            event_streams_max: 4096,
+            event_streams_per_party_max: 512,
             events_pending_max: 64,
+            events_pending_bytes_max: 1024 * 1024,
             entrants_max: 10_000,
         }
     }
@@ -214,6 +232,7 @@ impl Limits {
             ("body_ms_max", self.body_ms_max),
             ("body_bytes_per_s_min", self.body_bytes_per_s_min),
             ("write_ms_max", self.write_ms_max),
+            ("write_bytes_per_s_min", self.write_bytes_per_s_min),
             ("idle_ms_max", self.idle_ms_max),
             ("drain_ms_max", self.drain_ms_max),
             ("model_chars_max", self.model_chars_max as u64),
@@ -225,9 +244,14 @@ impl Limits {
             ("stream_part_bytes_max", self.stream_part_bytes_max as u64),
             ("journals_max", self.journals_max as u64),
             ("exports_max", self.exports_max as u64),
+            ("exports_open_max", self.exports_open_max as u64),
+            ("exports_open_per_party_max", self.exports_open_per_party_max as u64),
             ("replays_max", self.replays_max as u64),
             ("replays_waiting_max", self.replays_waiting_max as u64),
+            ("event_streams_max", self.event_streams_max as u64),
+            ("event_streams_per_party_max", self.event_streams_per_party_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
+            ("events_pending_bytes_max", self.events_pending_bytes_max as u64),
             ("entrants_max", self.entrants_max as u64),
         ]
     }

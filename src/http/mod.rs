@@ -55,6 +55,7 @@ use client::Rates;
 use error::{ApiError, Code};
 use limits::Limits;
 pub use router::router;
+use stream::Streams;
 
 /// Tokens that are remembered, so that most requests ask no database.
 const TOKENS_CACHED: usize = 100_000;
@@ -122,12 +123,9 @@ pub struct Shared {
     rounds_seen: std::sync::Mutex<u64>,
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
-    /// Turns to read a part of a journal.
-    journals: Arc<Semaphore>,
-    /// Turns to make an export; each keeps a thread busy.
-    exports: Arc<Semaphore>,
     /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
     replays: FairLimit,
+    streams: Streams,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
     standings: Standings,
@@ -142,11 +140,10 @@ impl App {
         foundation.entropy.fill(&mut boot);
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
-            journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
+            streams: Streams::new(&foundation.limits),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
-            exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
@@ -173,6 +170,7 @@ impl App {
         self.rates.forget_idle();
         self.workers.prune();
         self.replays.prune();
+        self.streams.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where

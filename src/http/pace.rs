@@ -28,7 +28,12 @@ pub(super) struct Patience {
     pub(super) idle: Duration,
     /// In which the client has to take some more of what is being written.
     pub(super) write: Duration,
+    /// Bytes a second that it has to take while some wait for it.
+    pub(super) bytes_per_s_min: u64,
 }
+
+/// Over how long a time of waiting the pace of a client is looked at.
+const WINDOW: Duration = Duration::from_secs(30);
 
 impl From<&Limits> for Patience {
     fn from(limits: &Limits) -> Self {
@@ -36,6 +41,7 @@ impl From<&Limits> for Patience {
             head: Duration::from_millis(limits.head_ms_max),
             idle: Duration::from_millis(limits.idle_ms_max),
             write: Duration::from_millis(limits.write_ms_max),
+            bytes_per_s_min: limits.write_bytes_per_s_min,
         }
     }
 }
@@ -138,8 +144,8 @@ pub(super) struct Paced<S> {
 
 impl<S> Paced<S> {
     fn noted(&self, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
-        match written {
-            Poll::Ready(Ok(_)) => self.pace.state().wrote(Instant::now()),
+        match &written {
+            Poll::Ready(Ok(count)) => self.pace.state().wrote(Instant::now(), *count),
             Poll::Ready(Err(_)) => {}
             Poll::Pending => self.pace.state().blocked(Instant::now()),
         }
@@ -214,11 +220,16 @@ struct State {
     since: Instant,
     /// Since when the client has taken nothing, though something waits to be written.
     blocked_since: Option<Instant>,
+    /// How long something has waited for the client in this window, until `blocked_since`.
+    waited: Duration,
+    /// Bytes that the client has taken in this window.
+    taken: u64,
 }
 
 impl State {
     const fn new(patience: Patience, now: Instant) -> Self {
-        Self { patience, phase: Phase::Head, since: now, blocked_since: None }
+        let (blocked_since, waited, taken) = (None, Duration::ZERO, 0);
+        Self { patience, phase: Phase::Head, since: now, blocked_since, waited, taken }
     }
 
     fn read(&mut self, now: Instant) {
@@ -228,8 +239,16 @@ impl State {
         }
     }
 
-    fn wrote(&mut self, now: Instant) {
-        self.blocked_since = None;
+    fn wrote(&mut self, now: Instant, bytes: usize) {
+        if let Some(since) = self.blocked_since.take() {
+            self.waited += now - since;
+        }
+        self.taken = self.taken.saturating_add(bytes as u64);
+        let least = self.patience.bytes_per_s_min.saturating_mul(WINDOW.as_secs());
+        if self.taken >= least {
+            // A client that keeps pace begins a new window, however long it has waited.
+            (self.waited, self.taken) = (Duration::ZERO, 0);
+        }
         if self.phase != Phase::Request {
             // The end of an answer that was handed over is still on its way.
             self.since = now;
@@ -258,7 +277,9 @@ impl State {
             Phase::Idle => Some((self.since + self.patience.idle, Late::Idle)),
         };
         let write = self.blocked_since.map(|since| (since + self.patience.write, Late::Write));
-        [read, write].into_iter().flatten().min_by_key(|&(at, _)| at)
+        let left = WINDOW.saturating_sub(self.waited);
+        let pace = self.blocked_since.map(|since| (since + left, Late::Write));
+        [read, write, pace].into_iter().flatten().min_by_key(|&(at, _)| at)
     }
 }
 
@@ -270,6 +291,7 @@ mod tests {
         head: Duration::from_secs(10),
         idle: Duration::from_secs(75),
         write: Duration::from_secs(20),
+        bytes_per_s_min: 100,
     };
 
     /// A connection that was accepted at second 0, and what its deadline is in seconds.
@@ -290,7 +312,11 @@ mod tests {
         }
 
         fn wrote(&mut self, second: u64) {
-            self.0.wrote(self.at(second));
+            self.took(second, 1);
+        }
+
+        fn took(&mut self, second: u64, bytes: usize) {
+            self.0.wrote(self.at(second), bytes);
         }
 
         fn blocked(&mut self, second: u64) {
@@ -346,6 +372,23 @@ mod tests {
         // Handed over is not taken.
         case.answered(30);
         case.expect(Some((44, Late::Write)));
+    }
+
+    #[test]
+    fn a_client_that_takes_a_little_now_and_then_is_too_slow() {
+        let mut case = Case::new();
+        case.0.asked();
+        for second in (0..25).step_by(5) {
+            case.blocked(second);
+            case.took(second + 5, 499);
+        }
+        // 25 of 30 seconds something waited, and 2,495 bytes were taken: 100 a second would be 3,000.
+        case.expect(None);
+        case.blocked(100);
+        case.expect(Some((105, Late::Write)));
+        case.took(104, 505);
+        case.blocked(104);
+        case.expect(Some((124, Late::Write)));
     }
 
     #[test]

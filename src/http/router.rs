@@ -24,7 +24,7 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 use super::error::{ApiError, Code};
 use super::{
     App, agent, audit, boards, claims, client, competitions, episodes, exports, host, imports,
-    keys, openapi, runs, swarm,
+    keys, openapi, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -94,6 +94,7 @@ pub fn router(app: App) -> Router {
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
+        .layer(middleware::from_fn_with_state(app.clone(), stream::reserve))
         .layer(middleware::from_fn_with_state(app.clone(), client::admit))
         .layer(middleware::from_fn(measure))
         .layer(layers)

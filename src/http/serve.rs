@@ -70,7 +70,8 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: 
                 metrics::counter!("swarmbench_connections_refused_total", "reason" => full.reason)
                     .increment(1);
                 if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
-                    let patience = Patience { head: REFUSAL, idle: REFUSAL, write: REFUSAL };
+                    let patience =
+                        Patience { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..patience };
                     let told = connection(stream, peer, full.router(), patience, ending.clone());
                     connections.spawn(async move {
                         told.await;

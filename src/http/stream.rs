@@ -1,24 +1,34 @@
-//! Answers of any length, made and sent part by part.
+//! Answers of any length, made and sent part by part; and the memory of large answers.
 //!
 //! A part is made in a turn (a permit, of which there are few) and in memory that is reserved. The turn ends before
 //! the part is sent, so a slow reader holds its own part and nothing that others wait for. No part is made for a
 //! client that is gone: the stream is dropped with the connection.
 
-use std::sync::Arc;
+use std::pin::Pin;
+use std::task::{Context, Poll};
 use std::time::Duration;
 
-use axum::body::Body;
+use axum::body::{Body, HttpBody};
+use axum::extract::{Request, State};
+use axum::http::Method;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures::stream;
-use tokio::sync::OwnedSemaphorePermit;
+use hyper::body::{Frame, SizeHint};
 
 use super::App;
 use super::error::{ApiError, Code};
+use super::limits::Limits;
 use crate::budget::{Reservation, SMALL_BYTES};
+use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
 
-/// How long a request waits for its first turn.
+/// How long a request waits for a turn.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// After how long a stream asks for its turn again, where too many wait.
+const AGAIN: Duration = Duration::from_millis(500);
 
 /// Where parts come from.
 pub(super) trait Parts: Send + 'static {
@@ -29,59 +39,209 @@ pub(super) trait Parts: Send + 'static {
     ) -> impl Future<Output = Result<Option<Vec<u8>>, JournalError>> + Send;
 }
 
+/// What streams share.
+#[derive(Debug)]
+pub(super) struct Streams {
+    /// Turns to read a part of a journal.
+    journals: FairLimit,
+    /// Turns to make a piece of an export.
+    pub(super) exports: FairLimit,
+    /// Exports that are made or wait for their readers.
+    pub(super) exports_open: Places,
+    /// Event streams that are open.
+    pub(super) events: Places,
+}
+
+/// Places that are held for long: so many in all, and so many of one party.
+#[derive(Debug)]
+pub(super) struct Places {
+    limit: FairLimit,
+    /// What they are taken by, for whoever finds none.
+    what: &'static str,
+    of_a_party: (&'static str, usize),
+}
+
+impl Places {
+    fn new(
+        name: &'static str,
+        most: usize,
+        what: &'static str,
+        of_a_party: (&'static str, usize),
+    ) -> Self {
+        // Whoever finds no place comes again later: none may get free for long.
+        let patience = Duration::from_millis(100);
+        let limit = FairLimit::new(name, shares(most, of_a_party.1), patience);
+        Self { limit, what, of_a_party }
+    }
+
+    /// A place for the party.
+    pub(super) async fn take(&self, party: Party) -> Result<Permit, ApiError> {
+        let place = self.limit.acquire(party, Rank::Normal).await;
+        place.map_err(|busy| {
+            let (name, slots) = self.of_a_party;
+            let is_full = self.limit.load().0 >= busy.slots;
+            refused(if is_full { busy } else { Busy { name, slots } }, self.what)
+        })
+    }
+}
+
+impl Streams {
+    pub(super) fn new(limits: &Limits) -> Self {
+        let turns = |name, slots| FairLimit::new(name, shares(slots, slots), PATIENCE);
+        Self {
+            journals: turns("journals_max", limits.journals_max),
+            exports: turns("exports_max", limits.exports_max),
+            exports_open: Places::new(
+                "exports_open_max",
+                limits.exports_open_max,
+                "exports are open",
+                ("exports_open_per_party_max", limits.exports_open_per_party_max),
+            ),
+            events: Places::new(
+                "event_streams_max",
+                limits.event_streams_max,
+                "event streams are open",
+                ("event_streams_per_party_max", limits.event_streams_per_party_max),
+            ),
+        }
+    }
+
+    /// Forgets parties that have gone.
+    pub(super) fn prune(&self) {
+        let places = [&self.exports_open.limit, &self.events.limit];
+        for limit in [&self.journals, &self.exports].into_iter().chain(places) {
+            limit.prune();
+        }
+    }
+}
+
+const fn shares(slots: usize, of_a_group: usize) -> Shares {
+    Shares {
+        slots,
+        reserve: 0,
+        slots_per_group: of_a_group,
+        slots_per_member: of_a_group,
+        waiting: 16_384,
+        waiting_per_group: 4096,
+    }
+}
+
+/// A permit, however long that takes.
+pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
+    loop {
+        match limit.acquire(party, Rank::Normal).await {
+            Ok(permit) => return permit,
+            Err(_) => tokio::time::sleep(AGAIN).await,
+        }
+    }
+}
+
+/// The answer to a request for which no turn or place is free.
+pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
+    let Busy { name, slots } = busy;
+    let detail = format!("as many {what} as may ({name} is {slots}); come again later");
+    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PATIENCE)
+}
+
 /// Bytes with the memory that is reserved for them; both go when the bytes are sent.
-struct Reserved {
-    bytes: Vec<u8>,
+struct Reserved<T> {
+    bytes: T,
     _room: Reservation,
 }
 
-impl AsRef<[u8]> for Reserved {
+impl<T: AsRef<[u8]>> AsRef<[u8]> for Reserved<T> {
     fn as_ref(&self) -> &[u8] {
-        &self.bytes
+        self.bytes.as_ref()
     }
 }
 
 impl App {
     /// Makes the first part of an answer, and each further one when the client has taken those before it.
     pub(super) async fn in_parts(&self, mut parts: impl Parts) -> Result<Body, ApiError> {
-        let turn = tokio::time::timeout(PATIENCE, self.journal_turn()).await;
-        let most = self.limits.journals_max;
-        let turn = turn.map_err(|_| {
-            let detail = format!("{most} journals are being read already; come again later");
-            ApiError::limit(Code::Overloaded, "journals_max", most, detail)
-                .retry_after(Duration::from_secs(1))
-        })?;
-        let first = self.part(turn, &mut parts).await?;
+        let party = Party::current();
+        let turn = self.streams.journals.acquire(party, Rank::Normal).await;
+        let turn = turn.map_err(|busy| refused(busy, "journals are being read"))?;
+        let first = self.part((party, turn), &mut parts).await?;
         let app = self.clone();
-        let rest = stream::try_unfold((app, parts, first), |(app, mut parts, ready)| async move {
-            let part = match ready {
-                Some(ready) => Some(ready),
-                None => app.part(app.journal_turn().await, &mut parts).await?,
-            };
-            Ok::<_, JournalError>(part.map(|part| (part, (app, parts, None))))
+        let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
+            let app = app.clone();
+            async move {
+                let part = match ready {
+                    Some(ready) => Some(ready),
+                    None => {
+                        let turn = patiently(&app.streams.journals, party).await;
+                        app.part((party, turn), &mut parts).await?
+                    }
+                };
+                Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
+            }
         });
         Ok(Body::from_stream(rest))
     }
 
-    /// A turn to read a part of a journal.
-    async fn journal_turn(&self) -> OwnedSemaphorePermit {
-        let turn = Arc::clone(&self.journals).acquire_owned().await;
-        turn.expect("nobody closes it")
-    }
-
-    /// Makes one part. Where no memory is free it is a small one.
+    /// Makes one part in its turn. Where no memory is free it is a small one.
     async fn part(
         &self,
-        _turn: OwnedSemaphorePermit,
+        (party, _turn): (Party, Permit),
         parts: &mut impl Parts,
     ) -> Result<Option<Bytes>, JournalError> {
         let most = self.limits.stream_part_bytes_max;
-        let room = self
-            .registry
-            .room(most)
-            .unwrap_or_else(|_| self.registry.budget().take(most.min(SMALL_BYTES)));
-        let Some(bytes) = parts.next(room.bytes()).await? else { return Ok(None) };
+        let small = |_| self.registry.budget().take(most.min(SMALL_BYTES));
+        let room = self.registry.room(most).unwrap_or_else(small);
+        // The connection's own task does not know for whom it works.
+        let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
+        let Some(bytes) = next.await? else { return Ok(None) };
         room.resize(bytes.capacity());
         Ok(Some(Bytes::from_owner(Reserved { bytes, _room: room })))
+    }
+}
+
+/// Reserves the memory of a large answer until it is sent. Where none is free, what was only read is refused.
+pub(super) async fn reserve(State(app): State<App>, request: Request, next: Next) -> Response {
+    let is_read = request.method() == Method::GET;
+    let response = next.run(request).await;
+    let Some(bytes) = response.body().size_hint().exact() else { return response };
+    let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+    if bytes <= SMALL_BYTES {
+        return response;
+    }
+    let room = match app.registry.room(bytes) {
+        Ok(room) => room,
+        Err(full) if is_read => return ApiError::from(full).into_response(),
+        Err(_) => app.registry.budget().take(bytes),
+    };
+    response.map(|body| Body::new(Large { body, room: Some(room) }))
+}
+
+/// A large body; its memory goes with its bytes.
+struct Large {
+    body: Body,
+    room: Option<Reservation>,
+}
+
+impl HttpBody for Large {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let polled = Pin::new(&mut self.body).poll_frame(context);
+        polled.map_ok(|frame| {
+            // It has one frame of data: only what was written out whole has an exact size.
+            frame.map_data(|bytes| match self.room.take() {
+                Some(room) => Bytes::from_owner(Reserved { bytes, _room: room }),
+                None => bytes,
+            })
+        })
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
     }
 }

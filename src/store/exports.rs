@@ -10,7 +10,8 @@ use crate::journal::record::RawRecord;
 use crate::journal::{EpisodeKey, JournalError, LoggedAct, LoggedRound};
 
 impl Store {
-    /// The resolved rounds `from..to` of an episode with their acts, in order.
+    /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
+    /// the reasoning of language models, which may be large.
     ///
     /// # Errors
     /// Where the database cannot be read.
@@ -41,7 +42,8 @@ impl Store {
         let rounds: Result<Vec<LoggedRound>, sqlx::Error> = rows.iter().map(round).collect();
         let mut rounds = rounds.map_err(failure)?;
         let acts = sqlx::query(
-            "SELECT round, agent, at, record FROM acts
+            "SELECT round, agent, at, json_remove(record, '$.response', '$.reasoning') AS record
+             FROM acts
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
         )
         .bind(episode.0)

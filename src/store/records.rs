@@ -1,5 +1,7 @@
 //! The tables `acts` and `rounds`, and the store as what keeps journals.
 
+use std::collections::VecDeque;
+
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use sqlx::Row;
@@ -32,6 +34,43 @@ pub struct ActsPart {
     pub acts: Vec<(u32, String)>,
     /// Where the next part begins, if there is one.
     pub next: Option<ActPlace>,
+}
+
+/// Reads the acts of an episode in their order, part by part: it keeps one part of them.
+pub struct ActReader {
+    store: Store,
+    episode: EpisodeKey,
+    end: u32,
+    read: VecDeque<(u32, String)>,
+    /// The first act that was not read, if there is one.
+    unread: Option<ActPlace>,
+}
+
+impl ActReader {
+    /// Reads the acts of the rounds before `end`.
+    #[must_use]
+    pub fn new(store: Store, episode: EpisodeKey, end: u32) -> Self {
+        let unread = Some((0, AgentId(0)));
+        Self { store, episode, end, read: VecDeque::new(), unread }
+    }
+
+    /// The record of the next act, if that is one of round `round`. At most about `bytes_max` bytes are read at
+    /// once.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn next_of(
+        &mut self,
+        round: u32,
+        bytes_max: usize,
+    ) -> Result<Option<String>, JournalError> {
+        if let Some(from) = self.unread.filter(|_| self.read.is_empty()) {
+            let part = self.store.acts_part(self.episode, from, self.end, bytes_max).await?;
+            self.read = part.acts.into();
+            self.unread = part.next;
+        }
+        Ok(self.read.pop_front_if(|(of, _)| *of <= round).map(|(_, record)| record))
+    }
 }
 
 impl Store {

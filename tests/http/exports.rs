@@ -495,9 +495,9 @@ async fn a_run_is_exported_by_its_id() {
 
 #[tokio::test]
 async fn only_so_many_exports_are_made_at_once() {
-    let app = TestApp::builder().limits(|limits| limits.exports_max = 0).start().await;
+    let app = TestApp::builder().limits(|limits| limits.exports_open_max = 0).start().await;
     let problem = app.get("/api/v1/exports/acts.jsonl").problem(503, "overloaded").await;
-    assert_eq!(problem["limit"]["name"], "exports_max");
+    assert_eq!(problem["limit"]["name"], "exports_open_max");
     // One turn, taken again and again: a turn ends with its export.
     let app = TestApp::builder().limits(|limits| limits.exports_max = 1).start().await;
     for _ in 0..20 {

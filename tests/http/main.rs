@@ -37,5 +37,6 @@ mod published;
 mod restart;
 mod runs;
 mod sealed;
+mod streams;
 mod swarm;
 mod vectors;

@@ -847,6 +847,9 @@ impl Checker {
                 self.check(Invariant::Durable, is_durable, || format!("{id} is created, not kept"));
                 true
             }
+            Answer::Created(Err(CreateError::NoMemory(full))) => {
+                unreachable!("memory has no bound here: {full}")
+            }
             Answer::Created(Err(CreateError::Full(full))) => {
                 self.full(full, &sent);
                 self.note_held();

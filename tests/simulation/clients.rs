@@ -12,7 +12,7 @@ use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, S
 use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::quota::{Account, Purpose};
 use swarmbench::episode::recovery::RecoveryError;
-use swarmbench::episode::registry::{CreateError, Creation, Registry};
+use swarmbench::episode::registry::{CreateError, Creation, FindError, Registry};
 use swarmbench::episode::replay::state_at;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
@@ -90,6 +90,13 @@ pub(crate) enum Answer {
     State(u32, Result<[u8; 32], RecoveryError>),
 }
 
+fn not_taken_up(error: FindError) -> Answer {
+    match error {
+        FindError::Recovery(error) => Answer::NotTakenUp(error),
+        FindError::NoMemory(full) => unreachable!("memory has no bound here: {full}"),
+    }
+}
+
 /// Where requests leave their news; the run takes them after each step.
 pub(crate) type Desk = Arc<Mutex<VecDeque<(RequestId, News)>>>;
 
@@ -120,7 +127,7 @@ pub(crate) async fn serve(
     let handle = match registry.find(&id).await {
         Ok(Some(handle)) => handle,
         Ok(None) => return say(News::Answered(Answer::Nothing)),
-        Err(error) => return say(News::Answered(Answer::NotTakenUp(error))),
+        Err(error) => return say(News::Answered(not_taken_up(error))),
     };
     let answer = match request {
         Request::Create(..) | Request::Look => {
@@ -155,7 +162,7 @@ pub(crate) async fn serve(
                 match registry.find(&id).await {
                     Ok(Some(handle)) => send(&handle, acts, say).await,
                     Ok(None) => Answer::Nothing,
-                    Err(error) => Answer::NotTakenUp(error),
+                    Err(error) => not_taken_up(error),
                 }
             }
         }

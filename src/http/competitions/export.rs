@@ -15,11 +15,13 @@ use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::super::stream::Parts;
 use super::Field;
+use crate::budget::Reservation;
+use crate::competition::entrant::Entrant;
 use crate::competition::export::{
     Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
 };
 use crate::ids::EpisodeId;
-use crate::journal::{Journal, JournalError};
+use crate::journal::{CompetitionKey, Journal, JournalError};
 use crate::store::competitions::{Declared, StoredCompetition};
 use crate::wire::problem::Problem;
 
@@ -57,7 +59,7 @@ pub(in super::super) async fn export_competition(
         };
         app.store.keep(vec![deed]).await?;
     }
-    let field = app.field(competition, Declared::Whole).await?;
+    let field = app.field(competition, Declared::Short).await?;
     let lines = app.in_parts(Reader::new(app.clone(), &field)?).await?;
     drop(field);
     let name = format!("attachment; filename=\"{id}.jsonl\"");
@@ -68,6 +70,9 @@ pub(in super::super) async fn export_competition(
     Ok((kind, lines).into_response())
 }
 
+/// Bytes that an entrant, an attempt or a game takes in memory until it is written.
+const RECORD_BYTES: usize = 512;
+
 /// Writes an export piece by piece: it keeps the results of all games, but only a few rounds of one.
 struct Reader {
     app: App,
@@ -76,11 +81,19 @@ struct Reader {
     pieces: VecDeque<Piece>,
     journal: Option<JournalReader>,
     episodes: usize,
+    competition: CompetitionKey,
+    /// The memory of the pieces.
+    _room: Reservation,
 }
 
 enum Piece {
     Record(Box<Line>),
-    Episode { slot: u32, id: EpisodeId },
+    /// What it declared is read when it is written.
+    Entrant(Box<Entrant>),
+    Episode {
+        slot: u32,
+        id: EpisodeId,
+    },
     End,
 }
 
@@ -107,7 +120,7 @@ impl Reader {
         };
         record(&mut pieces, Line::Competition(Box::new(competition)));
         for entrant in field.all_entrants() {
-            record(&mut pieces, Line::Entrant(entrant));
+            pieces.push_back(Piece::Entrant(Box::new(entrant)));
         }
         for (stored, games) in &field.attempts {
             let is_broken = stored.void_reason.is_some();
@@ -136,13 +149,30 @@ impl Reader {
         }
         record(&mut pieces, Line::Board(Board { rows: field.rows(None)? }));
         pieces.push_back(Piece::End);
-        Ok(Self { app, writer: Writer::default(), pieces, journal: None, episodes: 0 })
+        let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();
+        let records = field.entrants.len() + field.attempts.len() + games;
+        Ok(Self {
+            _room: app.registry.room(records * RECORD_BYTES)?,
+            competition: field.competition.key,
+            app,
+            writer: Writer::default(),
+            pieces,
+            journal: None,
+            episodes: 0,
+        })
     }
 
     /// The line of the next piece; the journal of a game is read after it.
     async fn line(&mut self, piece: Piece) -> Result<String, JournalError> {
         let line = match piece {
             Piece::Record(line) => *line,
+            Piece::Entrant(entrant) => {
+                let found = self.app.store.find_entrant(self.competition, &entrant.id).await?;
+                let missing =
+                    || JournalError(format!("{} is not there any more", entrant.id).into());
+                let declaration = found.ok_or_else(missing)?.entrant.declaration;
+                Line::Entrant(Entrant { declaration, ..*entrant })
+            }
             Piece::End => Line::End(End { episodes: self.episodes }),
             Piece::Episode { slot, id } => {
                 let stored = self.app.store.find_summary(&id).await?;

@@ -7,11 +7,12 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Sse;
-use axum::response::sse::{Event, KeepAlive};
-use futures::Stream;
-use serde::Deserialize;
+use axum::response::sse::{Event, KeepAlive, KeepAliveStream};
+use futures::StreamExt;
+use futures::stream::BoxStream;
+use serde::{Deserialize, Serialize};
 use swarmbench_engine::World;
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::IntoParams;
 
@@ -21,7 +22,10 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::budget::{NoMemory, Reservation};
 use crate::episode::actor::Handle;
+use crate::episode::memory;
+use crate::fair::{self, Party, Permit};
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -67,7 +71,7 @@ pub(in super::super) async fn stream_events(
     Id(id): Id,
     headers: HeaderMap,
     Params(params): Params<EventsParams>,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {
+) -> Result<Events, ApiError> {
     let handle = app.readable(&caller, id).await?;
     let last = match headers.get("last-event-id").map(|value| value.to_str().map(str::parse)) {
         None => params.after,
@@ -77,70 +81,145 @@ pub(in super::super) async fn stream_events(
             return Err(ApiError::new(Code::Malformed, detail));
         }
     };
-    let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
-        let stop = app.stop.clone();
+    let (feed, events) = app.feed().await?;
+    tokio::spawn(fair::inherit(async move {
         tokio::select! {
-            () = tell(&app, &handle, last.unwrap_or(0), &events) => {}
-            () = stop.cancelled() => {}
+            () = tell(&app, &handle, last.unwrap_or(0), &feed) => {}
+            () = feed.gone() => {}
+            () = app.stop.cancelled() => {}
         }
-    });
-    Ok(Sse::new(ReceiverStream::new(stream)).keep_alive(KeepAlive::default()))
+    }));
+    Ok(events)
 }
 
-/// Sends every round after `told`, then the end. Ends early where the reader is gone or too slow.
-async fn tell(
-    app: &App,
-    handle: &Handle,
-    mut told: u32,
-    events: &mpsc::Sender<Result<Event, Infallible>>,
-) {
+/// Sends every round after `told`, then the end. Ends early where the reader is too slow.
+async fn tell(app: &App, handle: &Handle, mut told: u32, feed: &Feed) {
     let mut published = handle.follow();
-    let mut last: Option<Arc<World>> = None;
     loop {
         let snapshot = published.borrow_and_update().clone();
+        let mut replay = Replay::default();
         while told < snapshot.world.round() {
             told += 1;
             let world = if told == snapshot.world.round() {
-                snapshot.world.clone()
+                Ok(Arc::clone(&snapshot.world))
             } else {
-                match app.state_at(handle, told, last.as_ref()).await {
-                    Ok(world) => world,
-                    // What is the server's fault was logged. The reader may resume.
-                    Err(_) => return,
+                replay.to(app, handle, told).await
+            };
+            let world = match world {
+                Ok(world) => world,
+                Err(error) => {
+                    if error.code() != Code::Overloaded {
+                        tracing::error!(?error, "events cannot be told");
+                    }
+                    return;
                 }
             };
-            if !send(events, round(&world)).await {
+            if !feed.send("round", Some(world.round()), &round(&world)).await {
                 return;
             }
-            last = Some(world);
         }
         if snapshot.status.is_over() {
-            let data = serde_json::to_string(&result(&snapshot)).expect("string keys");
-            send(events, Event::default().event("finished").data(data)).await;
+            feed.send("finished", None, &result(&snapshot)).await;
             return;
         }
-        tokio::select! {
-            changed = published.changed() => if changed.is_err() { return },
-            () = events.closed() => return,
+        // While nothing happens no state is held but the one that all share.
+        drop((snapshot, replay));
+        if published.changed().await.is_err() {
+            return;
         }
     }
 }
 
-/// Sends an event; false where the reader is gone or too slow.
-pub(in super::super) async fn send(
-    events: &mpsc::Sender<Result<Event, Infallible>>,
-    event: Event,
-) -> bool {
-    matches!(tokio::time::timeout(PATIENCE, events.send(Ok(event))).await, Ok(Ok(())))
+/// Earlier states for a reader that has to catch up, with the memory that they take.
+#[derive(Default)]
+struct Replay {
+    last: Option<Arc<World>>,
+    room: Option<Reservation>,
 }
 
-fn round(world: &World) -> Event {
-    let event = RoundEvent {
+impl Replay {
+    async fn to(&mut self, app: &App, handle: &Handle, round: u32) -> Result<Arc<World>, ApiError> {
+        let bytes = memory::of_world(&handle.spec.config, round);
+        match &self.room {
+            Some(room) => room.resize(bytes),
+            None => self.room = Some(app.registry.room(bytes)?),
+        }
+        let world = app.state_at(handle, round, self.last.as_ref()).await?;
+        self.last = Some(Arc::clone(&world));
+        Ok(world)
+    }
+}
+
+/// The sending side of an event stream. What waits for the reader is bounded by its number and its bytes.
+pub(in super::super) struct Feed {
+    app: App,
+    events: mpsc::Sender<Pending>,
+    /// Bytes that may wait.
+    bytes: Arc<Semaphore>,
+    _place: Permit,
+}
+
+/// An event that waits for the reader.
+struct Pending {
+    event: Event,
+    _bytes: OwnedSemaphorePermit,
+    _room: Reservation,
+}
+
+/// The receiving side of an event stream.
+pub(in super::super) type Events =
+    Sse<KeepAliveStream<BoxStream<'static, Result<Event, Infallible>>>>;
+
+impl App {
+    /// A new event stream, where there is a place for one.
+    pub(in super::super) async fn feed(&self) -> Result<(Feed, Events), ApiError> {
+        let place = self.streams.events.take(Party::current()).await?;
+        let (events, pending) = mpsc::channel(self.limits.events_pending_max);
+        let bytes = Arc::new(Semaphore::new(self.limits.events_pending_bytes_max));
+        let feed = Feed { app: self.clone(), events, bytes, _place: place };
+        let told = ReceiverStream::new(pending).map(|pending: Pending| Ok(pending.event));
+        Ok((feed, Sse::new(told.boxed()).keep_alive(KeepAlive::default())))
+    }
+}
+
+impl Feed {
+    /// Completes when the reader is gone.
+    pub(in super::super) async fn gone(&self) {
+        self.events.closed().await;
+    }
+
+    /// Sends an event; false where the reader is gone or too slow, or no memory is free.
+    pub(in super::super) async fn send(
+        &self,
+        name: &str,
+        id: Option<u32>,
+        data: &impl Serialize,
+    ) -> bool {
+        let data = serde_json::to_string(data).expect("string keys");
+        let event = Event::default().event(name).data(&data);
+        let event = match id {
+            Some(id) => event.id(id.to_string()),
+            None => event,
+        };
+        matches!(tokio::time::timeout(PATIENCE, self.push(event, data.len())).await, Ok(Ok(true)))
+    }
+
+    async fn push(&self, event: Event, bytes: usize) -> Result<bool, NoMemory> {
+        let room = self.app.registry.room(bytes)?;
+        // One that is larger than all that may wait waits alone.
+        let most = self.app.limits.events_pending_bytes_max;
+        let bytes = u32::try_from(bytes.min(most)).unwrap_or(u32::MAX);
+        let Ok(bytes) = Arc::clone(&self.bytes).acquire_many_owned(bytes).await else {
+            return Ok(false);
+        };
+        Ok(self.events.send(Pending { event, _bytes: bytes, _room: room }).await.is_ok())
+    }
+}
+
+fn round(world: &World) -> RoundEvent {
+    RoundEvent {
         round: world.round(),
         score: world.score(),
         agents: world.agent_states().map(Into::into).collect(),
-    };
-    let data = serde_json::to_string(&event).expect("string keys");
-    Event::default().event("round").id(world.round().to_string()).data(data)
+    }
 }

@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use swarmbench_engine::AgentId;
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -16,7 +15,7 @@ use super::super::stream::Parts;
 use crate::journal::record::{End, Frame, first_lines};
 use crate::journal::{JournalError, StoredEpisode, StoredRound};
 use crate::store::Store;
-use crate::store::records::ActPlace;
+use crate::store::records::ActReader;
 use crate::wire::problem::Problem;
 
 /// Rounds that are read at once, without their acts.
@@ -70,10 +69,7 @@ pub(in super::super) struct JournalReader {
     store: Store,
     stored: StoredEpisode,
     at: Place,
-    /// Acts that were read and not written yet, with their rounds.
-    acts: VecDeque<(u32, String)>,
-    /// The first act that was not read, if there is one.
-    unread: Option<ActPlace>,
+    acts: ActReader,
     /// Rounds that were read and not written yet.
     rounds: VecDeque<StoredRound>,
 }
@@ -100,14 +96,10 @@ struct OpenLine {
 impl JournalReader {
     /// Reads the journal of an episode as far as `stored` tells of it.
     pub(in super::super) fn new(store: Store, stored: StoredEpisode) -> Self {
-        Self {
-            store,
-            stored,
-            at: Place::Opening,
-            acts: VecDeque::new(),
-            unread: Some((0, AgentId(0))),
-            rounds: VecDeque::new(),
-        }
+        // Acts of the open round belong to the end.
+        let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
+        let acts = ActReader::new(store.clone(), stored.episode, end);
+        Self { store, stored, at: Place::Opening, acts, rounds: VecDeque::new() }
     }
 
     /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
@@ -146,8 +138,7 @@ impl JournalReader {
         out: &mut String,
         bytes_max: usize,
     ) -> Result<Place, JournalError> {
-        self.read_on(bytes_max).await?;
-        let Some((_, act)) = self.acts.pop_front_if(|(round, _)| *round <= line.round) else {
+        let Some(act) = self.acts.next_of(line.round, bytes_max).await? else {
             out.push_str(&line.after);
             return match line.left {
                 None => Ok(Place::Before(line.round + 1)),
@@ -161,18 +152,6 @@ impl JournalReader {
         out.push_str(comma);
         out.push_str(&act);
         Ok(Place::In(line))
-    }
-
-    /// Sees to it that the next act is there, if there is one.
-    async fn read_on(&mut self, bytes_max: usize) -> Result<(), JournalError> {
-        if let Some(from) = self.unread.filter(|_| self.acts.is_empty()) {
-            // Acts of the open round belong to the end.
-            let end = self.stored.rounds.saturating_add(u32::from(self.stored.ended_at.is_some()));
-            let part = self.store.acts_part(self.stored.episode, from, end, bytes_max).await?;
-            self.acts = part.acts.into();
-            self.unread = part.next;
-        }
-        Ok(())
     }
 
     /// Writes the end record: whole, or its beginning where it is large.

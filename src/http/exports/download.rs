@@ -1,8 +1,6 @@
 //! `GET /api/v1/exports/{file}`: the toolkit's data format, and tables, written while they are sent.
 
 use std::io::{self, Write};
-use std::sync::Arc;
-use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::State;
@@ -12,6 +10,8 @@ use bytes::Bytes;
 use serde::Deserialize;
 use serde_json::json;
 use swarmbench_engine::TaskName;
+use tokio::runtime::Handle;
+use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::IntoParams;
@@ -21,9 +21,12 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, one_of};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::stream::{patiently, refused};
+use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
 use crate::dataset::files::Archive;
 use crate::episode::Status;
+use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
 use crate::journal::Journal;
 use crate::store::episodes::{Filter, Readable};
@@ -33,6 +36,9 @@ const PIECE_BYTES: usize = 64 * 1024;
 
 /// Pieces that wait for a slow reader before the export waits for it.
 const PIECES_PENDING: usize = 4;
+
+/// Bytes that an export is taken to need: two states, a group of rows, and the pieces that wait.
+const EXPORT_BYTES: usize = 32 * 1024 * 1024;
 
 /// Which episodes are exported.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -125,18 +131,17 @@ pub(in super::super) async fn download_export(
 ) -> Result<Response, ApiError> {
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
     let selection = selection(&app, &caller, params).await?;
-    let most = app.limits.exports_max;
-    let Ok(turn) = Arc::clone(&app.exports).try_acquire_owned() else {
-        let detail = format!("{most} exports are being made already; come again later");
-        return Err(ApiError::limit(Code::Overloaded, "exports_max", most, detail)
-            .retry_after(Duration::from_secs(5)));
-    };
+    let party = Party::current();
+    let place = app.streams.exports_open.take(party).await?;
+    let room = app.registry.room(EXPORT_BYTES)?;
+    let turn = app.streams.exports.acquire(party, Rank::Normal).await;
+    let turn = turn.map_err(|busy| refused(busy, "exports are being made"))?;
     // Organizers find sealed games in it, too.
     let deed = caller.deed(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
     app.store.keep(deed.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
-    tokio::task::spawn_blocking(move || {
+    let export = move || {
         let may = |stored: &_| app.may_read_journal(&caller, stored);
         let select = Export::select(&app.store, &selection, may, |_, _| (), app.stop.clone());
         let export = match select {
@@ -146,16 +151,16 @@ pub(in super::super) async fn download_export(
         if selected.send(Ok(())).is_err() {
             return;
         }
-        let out = Pieces { gathered: Vec::new(), to: pieces.clone() };
-        let written = file.write(export, out);
-        // Whoever has the whole file finds the turn free.
-        drop(turn);
+        let turns = Turns { limit: app.streams.exports.clone(), party, turn: Some(turn) };
+        let (gathered, to) = (Vec::new(), pieces.clone());
+        let written = file.write(export, Pieces { gathered, to, turns, _held: (place, room) });
         if let Err(error) = written {
             // Whoever reads is to notice that this is not the whole file.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
-    });
+    };
+    tokio::task::spawn_blocking(move || fair::blocking(party, Rank::Normal, export));
     let stopped = |_| ApiError::new(Code::Internal, "the export ended before it began");
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),
@@ -196,13 +201,36 @@ async fn selection(
 struct Pieces {
     gathered: Vec<u8>,
     to: mpsc::Sender<io::Result<Bytes>>,
+    turns: Turns,
+    /// The place and the memory of the export.
+    _held: (Permit, Reservation),
+}
+
+/// The turn of an export: others have theirs while it waits for its reader.
+struct Turns {
+    limit: FairLimit,
+    party: Party,
+    turn: Option<Permit>,
 }
 
 impl Pieces {
     fn send(&mut self) -> io::Result<()> {
         let piece = Bytes::from(std::mem::take(&mut self.gathered));
-        let gone = |_| io::Error::from(io::ErrorKind::BrokenPipe);
-        if piece.is_empty() { Ok(()) } else { self.to.blocking_send(Ok(piece)).map_err(gone) }
+        let gone = || io::Error::from(io::ErrorKind::BrokenPipe);
+        if piece.is_empty() {
+            return Ok(());
+        }
+        match self.to.try_send(Ok(piece)) {
+            Ok(()) => Ok(()),
+            Err(TrySendError::Closed(_)) => Err(gone()),
+            Err(TrySendError::Full(piece)) => {
+                self.turns.turn = None;
+                self.to.blocking_send(piece).map_err(|_| gone())?;
+                let turn = patiently(&self.turns.limit, self.turns.party);
+                self.turns.turn = Some(Handle::current().block_on(turn));
+                Ok(())
+            }
+        }
     }
 }
 

@@ -1,22 +1,17 @@
 //! `GET /api/v1/runs/{id}/events`: what becomes of a run's games, as Server-Sent Events.
 
 use std::collections::HashMap;
-use std::convert::Infallible;
 
 use axum::extract::State;
-use axum::response::Sse;
-use axum::response::sse::{Event, KeepAlive};
-use futures::Stream;
-use serde::Serialize;
-use tokio::sync::{mpsc, watch};
-use tokio_stream::wrappers::ReceiverStream;
+use tokio::sync::watch;
 
 use super::super::App;
 use super::super::auth::Caller;
-use super::super::episodes::events::send;
+use super::super::episodes::events::{Events, Feed};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::fair;
 use crate::run::manager::Table;
 use crate::wire::run::StreamedRunEvent;
 
@@ -44,32 +39,32 @@ pub(in super::super) async fn stream_run_events(
     caller: Caller,
     Id(id): Id,
     _: Params<Nothing>,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {
+) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
     let table = app.runs.follow(known.stored.run).await?;
-    let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
-        let stop = app.stop.clone();
+    let (feed, events) = app.feed().await?;
+    tokio::spawn(fair::inherit(async move {
         tokio::select! {
-            told = tell(&app, &caller, &id, table, &events) => {
+            told = tell(&app, &caller, &id, table, &feed) => {
                 if let Err(error) = told {
                     tracing::warn!(?error, "events of a run cannot be told");
                 }
             }
-            () = stop.cancelled() => {}
+            () = feed.gone() => {}
+            () = app.stop.cancelled() => {}
         }
-    });
-    Ok(Sse::new(ReceiverStream::new(stream)).keep_alive(KeepAlive::default()))
+    }));
+    Ok(events)
 }
 
-/// Tells what every game has become, and what it becomes, until the run is over. Ends early where the
-/// reader is gone or too slow.
+/// Tells what every game has become, and what it becomes, until the run is over. Ends early where the reader is
+/// too slow.
 async fn tell(
     app: &App,
     caller: &Caller,
     id: &str,
     mut table: watch::Receiver<Table>,
-    events: &mpsc::Sender<Result<Event, Infallible>>,
+    feed: &Feed,
 ) -> Result<(), ApiError> {
     let mut told: HashMap<String, (String, bool)> = HashMap::new();
     loop {
@@ -83,22 +78,18 @@ async fn tell(
             if told.get(episode) == Some(&stands) {
                 continue;
             }
-            if !send(events, event("game", game)).await {
+            if !feed.send("game", None, game).await {
                 return Ok(());
             }
             told.insert(episode.clone(), stands);
         }
         if is_over {
-            send(events, event("finished", &shown)).await;
+            feed.send("finished", None, &shown).await;
             return Ok(());
         }
-        tokio::select! {
-            changed = table.changed() => if changed.is_err() { return Ok(()) },
-            () = events.closed() => return Ok(()),
+        drop((known, shown));
+        if table.changed().await.is_err() {
+            return Ok(());
         }
     }
-}
-
-fn event(name: &str, data: &impl Serialize) -> Event {
-    Event::default().event(name).data(serde_json::to_string(data).expect("string keys"))
 }
