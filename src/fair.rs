@@ -41,6 +41,7 @@ pub struct Party {
 
 tokio::task_local! {
     static CURRENT: Cell<Party>;
+    static RANK: Rank;
 }
 
 impl Party {
@@ -84,6 +85,25 @@ pub enum Rank {
     Urgent,
     /// Everything else.
     Normal,
+}
+
+impl Rank {
+    /// The rank of the request that this task handles. What the server does of its own accord, games wait for.
+    #[must_use]
+    pub fn current() -> Self {
+        RANK.try_with(|rank| *rank).unwrap_or(Self::Urgent)
+    }
+
+    /// Runs a future with this rank.
+    pub async fn scope<F: Future>(self, future: F) -> F::Output {
+        RANK.scope(self, future).await
+    }
+}
+
+/// Runs a future for the party of this task and with its rank, wherever it is spawned.
+pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
+    let (party, rank) = (Party::current(), Rank::current());
+    rank.scope(party.scope(future))
 }
 
 /// How much there is, and how much of it one party may use.

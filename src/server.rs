@@ -11,8 +11,9 @@ use tokio_util::sync::CancellationToken;
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
 use crate::competition::closing;
 use crate::episode::actor::Spawn;
-use crate::episode::quota::{Account, Quotas};
+use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
+use crate::fair::Party;
 use crate::host::{Disk, HostDisk, raise_open_files};
 use crate::house;
 use crate::http::auth::Access;
@@ -115,7 +116,7 @@ impl Server {
             quotas.note_competition(competition, bytes);
         }
         for (episode, owner, competition) in store.accounts().await? {
-            quotas.note(episode, Account::within(competition, owner));
+            quotas.note(episode, Party::within(competition, owner));
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));

@@ -25,8 +25,8 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "run",
         &[
-            "board", "clock", "episode", "host", "house", "ids", "journal", "keys", "prompt",
-            "store",
+            "board", "clock", "episode", "fair", "host", "house", "ids", "journal", "keys",
+            "prompt", "store",
         ],
     ),
     ("competition", &["board", "clock", "episode", "ids", "journal", "run", "store"]),
@@ -60,6 +60,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "clock",
             "competition",
             "episode",
+            "fair",
             "host",
             "house",
             "http",

@@ -17,11 +17,12 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use super::heavy::{is_heavy, off_thread};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
-use super::quota::{Account, Quotas};
+use super::quota::Quotas;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::clock::Clock;
+use crate::fair::Party;
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Record, Source, round_record};
@@ -426,7 +427,7 @@ pub(super) struct Fresh {
 pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
     let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
-        None => host.quotas.note(fresh.key, Account::of(fresh.owner)),
+        None => host.quotas.note(fresh.key, Party::of_key(fresh.owner)),
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }
@@ -469,7 +470,6 @@ pub(super) fn spawn(host: Host, fresh: Fresh) -> Handle {
         host,
         id: fresh.id,
         key: fresh.key,
-        owner: fresh.owner,
         run: fresh.run,
         spec: fresh.spec,
         world: fresh.world,
@@ -514,7 +514,6 @@ struct Actor {
     host: Host,
     id: EpisodeId,
     key: EpisodeKey,
-    owner: Option<OwnerKey>,
     run: Option<RunKey>,
     spec: Arc<Spec>,
     world: Arc<World>,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderName, Uri, header};
+use axum::http::{HeaderMap, HeaderName, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use governor::clock::Clock as _;
@@ -23,6 +23,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::clock::Clock;
+use crate::fair::{Group, Party, Rank};
 use crate::host::is_loopback;
 use crate::keys::OwnerKey;
 
@@ -38,6 +39,13 @@ pub(super) struct Client {
     /// Whether it is a program on this machine: not a proxy that forwards others, and no page of
     /// another site in a browser.
     pub(super) is_local: bool,
+}
+
+impl Client {
+    /// For whom something is done as long as nobody showed a key or a token.
+    pub(super) fn party(self) -> Party {
+        Party::of(Group::Address(network(self.address)))
+    }
 }
 
 /// The headers by which proxies say that they are some.
@@ -125,6 +133,7 @@ pub(super) struct Rates {
     clock: RateClock,
     by_address: Option<Keyed<IpAddr>>,
     by_key: Option<Keyed<OwnerKey>>,
+    entries: Option<Keyed<IpAddr>>,
 }
 
 impl Rates {
@@ -139,7 +148,12 @@ impl Rates {
             Some(RateLimiter::new(quota, DashMapStateStore::default(), clock.clone()))
         }
         let clock = RateClock(clock);
+        let entries = NonZeroU32::new(limits.entries_per_address_h_max).map(|most| {
+            let quota = Quota::per_hour(most);
+            RateLimiter::new(quota, DashMapStateStore::default(), clock.clone())
+        });
         Self {
+            entries,
             by_address: keyed(limits.address_requests_per_s_max, &clock),
             by_key: keyed(limits.key_requests_per_s_max, &clock),
             clock,
@@ -168,9 +182,26 @@ impl Rates {
         })
     }
 
+    /// Counts an entry in a competition from an address. Those of this machine itself are not limited.
+    pub(super) fn check_entry(&self, address: IpAddr, limits: &Limits) -> Result<(), ApiError> {
+        let Some(rates) = self.entries.as_ref().filter(|_| !address.is_loopback()) else {
+            return Ok(());
+        };
+        let most = limits.entries_per_address_h_max;
+        rates.check_key(&network(address)).map_err(|until| {
+            let wait = until.wait_time_from(self.clock.now());
+            let name = "entries_per_address_h_max";
+            metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
+            let detail = format!(
+                "{most} entries an hour come from this address, as many as may; come again later, or ask the organizer for a code"
+            );
+            ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
+        })
+    }
+
     /// Forgets whoever has not asked for a while.
     pub(super) fn forget_idle(&self) {
-        if let Some(rates) = &self.by_address {
+        for rates in self.by_address.iter().chain(&self.entries) {
             rates.retain_recent();
         }
         if let Some(rates) = &self.by_key {
@@ -205,7 +236,17 @@ pub(super) async fn admit(
     let client = Client::of(peer, request.headers(), request.uri(), trusted);
     app.rates.check_address(client.address, &app.limits)?;
     request.extensions_mut().insert(client);
-    Ok(next.run(request).await)
+    let rank = rank(request.method(), request.uri().path());
+    Ok(rank.scope(client.party().scope(next.run(request))).await)
+}
+
+/// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.
+fn rank(method: &Method, path: &str) -> Rank {
+    match path {
+        _ if method != Method::GET && method != Method::HEAD => Rank::Urgent,
+        "/obs" | "/swarm/obs" | "/healthz" | "/readyz" | "/metrics" => Rank::Urgent,
+        _ => Rank::Normal,
+    }
 }
 
 #[cfg(test)]

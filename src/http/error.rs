@@ -22,6 +22,7 @@ use crate::episode::registry::CreateError;
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::run::manager;
+use crate::store::READERS_MAX;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
 
 /// The kind of an error, stable on the wire.
@@ -254,7 +255,8 @@ impl From<Unknown> for ApiError {
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
         if error.is_busy() {
-            return Self::new(Code::Overloaded, "too many read the journal; come again later")
+            let detail = "too many read the database; come again later";
+            return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
         tracing::error!(%error, "a request failed");

@@ -93,6 +93,9 @@ pub struct Limits {
     pub events_pending_max: usize,
     /// Entrants of a competition.
     pub entrants_max: usize,
+    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; any number
+    /// where it is 0. Programs on this machine are not limited.
+    pub entries_per_address_h_max: u32,
 }
 
 impl Default for Limits {
@@ -141,6 +144,7 @@ impl Default for Limits {
             exports_max: 2,
             events_pending_max: 64,
             entrants_max: 10_000,
+            entries_per_address_h_max: 100,
         }
     }
 }
@@ -164,7 +168,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 43] {
+    pub fn table(&self) -> [(&'static str, u64); 44] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -209,6 +213,7 @@ impl Limits {
             ("exports_max", self.exports_max as u64),
             ("events_pending_max", self.events_pending_max as u64),
             ("entrants_max", self.entrants_max as u64),
+            ("entries_per_address_h_max", self.entries_per_address_h_max.into()),
         ]
     }
 }

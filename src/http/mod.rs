@@ -39,8 +39,11 @@ use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
+use crate::fair::{self, Party};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
+use crate::journal::CompetitionKey;
+use crate::keys::{OwnerKey, Role};
 use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
@@ -102,6 +105,8 @@ pub struct Shared {
     pub ready: AtomicBool,
     rates: Rates,
     tokens: Cache<TokenHash, Grant>,
+    /// The competitions for which entrants' keys were made; they never change.
+    entered: Cache<OwnerKey, CompetitionKey>,
     /// How often tokens were revoked.
     revocations: AtomicU64,
     /// Tells this run of the server from others.
@@ -138,6 +143,7 @@ impl App {
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
+            entered: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
@@ -159,6 +165,7 @@ impl App {
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
         self.registry.let_go();
+        self.store.tidy();
         self.rates.forget_idle();
     }
 
@@ -167,7 +174,7 @@ impl App {
     async fn to_its_end<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
-        let done = tokio::spawn(work).await;
+        let done = tokio::spawn(fair::inherit(work)).await;
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
@@ -212,6 +219,31 @@ impl App {
             self.tokens.remove(&hash);
         }
         Ok(Some(grant))
+    }
+
+    /// For whom something is done with a token; none where that tells no more than the address.
+    async fn party(&self, grant: &Grant) -> Result<Option<Party>, ApiError> {
+        let (competition, owner) = match grant {
+            Grant::Seat { owner, .. } | Grant::Swarm { owner, .. } => (None, *owner),
+            Grant::Run { owner, competition, .. } => (*competition, *owner),
+            Grant::Key(key) => match key.number.filter(|_| key.role == Role::Entrant) {
+                Some(owner) => (self.competition_of(owner).await?, Some(owner)),
+                None => (None, key.number),
+            },
+        };
+        Ok(owner.map(|owner| Party::within(competition, Some(owner))))
+    }
+
+    /// The competition for which an entrant's key was made.
+    async fn competition_of(&self, owner: OwnerKey) -> Result<Option<CompetitionKey>, ApiError> {
+        if let Some(known) = self.entered.get(&owner) {
+            return Ok(Some(known));
+        }
+        let found = self.store.competition_of(owner).await?;
+        if let Some(competition) = found {
+            self.entered.insert(owner, competition);
+        }
+        Ok(found)
     }
 
     /// Forgets tokens; the store must not know them any more as they were.

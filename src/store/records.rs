@@ -30,7 +30,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
@@ -57,7 +57,7 @@ impl Store {
         .bind(episode.0)
         .bind(round)
         .bind(agent.0)
-        .fetch_optional(&self.readers)
+        .fetch_optional(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         row.map(|row| act(&row)).transpose().map_err(failure)
@@ -76,7 +76,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let round = |row: &SqliteRow| {

@@ -252,7 +252,7 @@ impl Store {
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, JournalError> {
         let row = sqlx::query("SELECT run FROM episodes WHERE key = ?")
             .bind(episode.0)
-            .fetch_optional(&self.readers)
+            .fetch_optional(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         let run = row.map(|row| row.try_get::<Option<i64>, _>(0)).transpose().map_err(failure)?;
@@ -263,7 +263,7 @@ impl Store {
         &self,
         mut query: QueryBuilder<Sqlite>,
     ) -> Result<Vec<BoardRun>, JournalError> {
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(run).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -281,7 +281,7 @@ impl Store {
         )
         .bind(first.0)
         .bind(last.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -306,7 +306,7 @@ impl Store {
         )
         .bind(after.map_or(i64::MIN, |episode| episode.0))
         .bind(CHUNK)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let mut games = Vec::new();
@@ -337,7 +337,7 @@ impl Store {
              ORDER BY s.holder, s.model",
         )
         .bind(episode.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let Some(first) = rows.first() else { return Ok(None) };

@@ -23,6 +23,7 @@ use super::super::extract::{Id, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::actor::Handle;
 use crate::episode::recovery::state_at;
+use crate::fair;
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -79,13 +80,13 @@ pub(in super::super) async fn stream_events(
         }
     };
     let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
+    tokio::spawn(fair::inherit(async move {
         let stop = app.stop.clone();
         tokio::select! {
             () = tell(&app, &handle, last.unwrap_or(0), &events) => {}
             () = stop.cancelled() => {}
         }
-    });
+    }));
     Ok(Sse::new(ReceiverStream::new(stream)).keep_alive(KeepAlive::default()))
 }
 

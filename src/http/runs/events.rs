@@ -17,6 +17,7 @@ use super::super::episodes::events::send;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::fair;
 use crate::run::manager::Table;
 use crate::wire::run::StreamedRunEvent;
 
@@ -48,7 +49,7 @@ pub(in super::super) async fn stream_run_events(
     let known = app.known_run(&caller, &id).await?;
     let table = app.runs.follow(known.stored.run).await?;
     let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
+    tokio::spawn(fair::inherit(async move {
         let stop = app.stop.clone();
         tokio::select! {
             told = tell(&app, &caller, &id, table, &events) => {
@@ -58,7 +59,7 @@ pub(in super::super) async fn stream_run_events(
             }
             () = stop.cancelled() => {}
         }
-    });
+    }));
     Ok(Sse::new(ReceiverStream::new(stream)).keep_alive(KeepAlive::default()))
 }
 
