@@ -3,9 +3,11 @@
 //! An address counts against the rate limit; whether a request comes from a program on this machine
 //! decides what a server without keys lets it do.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 use std::num::NonZeroU32;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use axum::extract::{Request, State};
@@ -236,8 +238,68 @@ pub(super) async fn admit(
     let client = Client::of(peer, request.headers(), request.uri(), trusted);
     app.rates.check_address(client.address, &app.limits)?;
     request.extensions_mut().insert(client);
+    let counted = app.in_flight.take(client.address, &app.limits)?;
     let rank = rank(request.method(), request.uri().path());
-    Ok(rank.scope(client.party().scope(next.run(request))).await)
+    let mut response = rank.scope(client.party().scope(next.run(request))).await;
+    // It counts until its body is sent.
+    response.extensions_mut().insert(counted);
+    Ok(response)
+}
+
+/// How many requests are not answered yet, by address. A proxy forwards those of many on its own connections: here it
+/// shows whose they are.
+#[derive(Debug, Default)]
+pub(super) struct InFlight(Mutex<HashMap<IpAddr, usize>>);
+
+/// A request that is counted until this is dropped.
+#[derive(Clone, Debug)]
+pub(super) struct Counted {
+    _place: Option<Arc<InFlightPlace>>,
+}
+
+#[derive(Debug)]
+struct InFlightPlace {
+    all: Arc<InFlight>,
+    network: IpAddr,
+}
+
+impl InFlight {
+    fn requests(&self) -> MutexGuard<'_, HashMap<IpAddr, usize>> {
+        self.0.lock().expect("nothing panics while it holds this")
+    }
+
+    /// Counts a request of an address. Those of this machine itself are not limited.
+    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<Counted, ApiError> {
+        if address.is_loopback() {
+            return Ok(Counted { _place: None });
+        }
+        let network = network(address);
+        let most = limits.requests_per_address_max;
+        let mut requests = self.requests();
+        let here = requests.entry(network).or_default();
+        if *here >= most {
+            let name = "requests_per_address_max";
+            let detail = format!("{most} requests of this address wait for their answers already");
+            return Err(ApiError::limit(Code::Overloaded, name, most, detail)
+                .retry_after(Duration::from_secs(1)));
+        }
+        *here += 1;
+        drop(requests);
+        let place = InFlightPlace { all: Arc::clone(self), network };
+        Ok(Counted { _place: Some(Arc::new(place)) })
+    }
+}
+
+impl Drop for InFlightPlace {
+    fn drop(&mut self) {
+        let mut requests = self.all.requests();
+        if let Entry::Occupied(mut here) = requests.entry(self.network) {
+            *here.get_mut() -= 1;
+            if *here.get() == 0 {
+                here.remove();
+            }
+        }
+    }
 }
 
 /// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.

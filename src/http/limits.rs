@@ -62,6 +62,11 @@ pub struct Limits {
     pub connections_max: usize,
     /// Connections at once from one address, or one /64 network of IPv6; this host may have all.
     pub connections_per_address_max: usize,
+    /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
+    /// have any number.
+    pub requests_per_address_max: usize,
+    /// Percent of all connections that are kept for addresses that have none.
+    pub connections_reserved_percent: u32,
     /// Milliseconds in which a client has to send the head of a request, from its first byte on.
     pub head_ms_max: u64,
     /// Milliseconds in which a client has to send the body of a request, and some more for each of
@@ -129,6 +134,8 @@ impl Default for Limits {
             backlog_jobs_max: 50_000,
             connections_max: 16_000,
             connections_per_address_max: 2000,
+            requests_per_address_max: 2000,
+            connections_reserved_percent: 5,
             head_ms_max: 10_000,
             body_ms_max: 5000,
             body_bytes_per_s_min: 32 * 1024,
@@ -168,7 +175,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 44] {
+    pub fn table(&self) -> [(&'static str, u64); 46] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -198,6 +205,8 @@ impl Limits {
             ("backlog_jobs_max", self.backlog_jobs_max as u64),
             ("connections_max", self.connections_max as u64),
             ("connections_per_address_max", self.connections_per_address_max as u64),
+            ("requests_per_address_max", self.requests_per_address_max as u64),
+            ("connections_reserved_percent", self.connections_reserved_percent.into()),
             ("head_ms_max", self.head_ms_max),
             ("body_ms_max", self.body_ms_max),
             ("body_bytes_per_s_min", self.body_bytes_per_s_min),

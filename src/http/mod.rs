@@ -17,6 +17,7 @@ mod host;
 mod imports;
 mod keys;
 pub mod limits;
+mod made;
 pub mod openapi;
 mod pace;
 mod refusals;
@@ -126,6 +127,10 @@ pub struct Shared {
     /// What boards are made of.
     standings: Standings,
     intervals: Memory,
+    /// Boards and lists as they were made last.
+    answers: made::Answers,
+    /// Requests that are not answered yet.
+    in_flight: Arc<client::InFlight>,
 }
 
 impl App {
@@ -139,6 +144,8 @@ impl App {
             journals: Arc::new(Semaphore::new(foundation.limits.journals_max)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
+            answers: made::Answers::new(),
+            in_flight: Arc::default(),
             exports: Arc::new(Semaphore::new(foundation.limits.exports_max)),
             foundation,
             ready: AtomicBool::new(false),

@@ -17,6 +17,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
+use super::client::Counted;
 use super::limits::Limits;
 
 /// How long each part of a connection may take.
@@ -108,6 +109,7 @@ impl Drop for Answering {
 pub(super) struct Answer {
     pub(super) body: Body,
     pub(super) _answering: Answering,
+    pub(super) _counted: Option<Counted>,
 }
 
 impl hyper::body::Body for Answer {

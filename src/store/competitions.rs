@@ -183,7 +183,9 @@ impl Store {
         declared: Declared,
     ) -> Result<Vec<StoredEntrant>, JournalError> {
         let mut query = select_entrants(declared);
-        query.push("WHERE competition = ").push_bind(competition.0);
+        // Whoever is one of many is found by the key.
+        query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
+        query.push_bind(competition.0);
         if let Some(owner) = owner {
             query.push(" AND owner = ").push_bind(owner.0);
         }
@@ -271,11 +273,13 @@ impl Store {
         entry: Option<EntryKey>,
     ) -> Result<Vec<StoredAttempt>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
-        query.push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ");
-        query.push_bind(competition.0).push(")");
-        if let Some(entry) = entry {
-            query.push(" AND r.entry = ").push_bind(entry.0);
-        }
+        match entry {
+            Some(entry) => query.push("WHERE r.entry = ").push_bind(entry.0),
+            None => query
+                .push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ")
+                .push_bind(competition.0)
+                .push(")"),
+        };
         query.push(" ORDER BY r.key");
         let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(attempt).collect::<Result<_, _>>().map_err(failure)

@@ -109,3 +109,34 @@ impl Readers {
         self.others.pool.close().await;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fair::Group;
+    use crate::keys::OwnerKey;
+
+    #[tokio::test]
+    async fn those_who_look_on_leave_connections_to_each_other_and_to_games() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let options = SqliteConnectOptions::new()
+            .filename(directory.path().join("test.db"))
+            .create_if_missing(true);
+        let readers = Readers::open(options).await.expect("a database");
+        let party = |number| Party::of(Group::Owner(OwnerKey(number)));
+        let look = |number| Rank::Normal.scope(party(number).scope(readers.get()));
+        let mut held = Vec::new();
+        for _ in 1..READERS_MAX {
+            held.push(look(1).await.expect("a connection"));
+        }
+        let mut fourth = Box::pin(look(1));
+        assert!(futures::poll!(&mut fourth).is_pending(), "the last one is not theirs");
+        drop(look(2).await.expect("a connection"));
+        // Games, and the server itself, have their own.
+        let play = Rank::Urgent.scope(party(1).scope(readers.get()));
+        drop(play.await.expect("a connection"));
+        drop(readers.get().await.expect("a connection"));
+        held.pop();
+        drop(fourth.await.expect("its turn"));
+    }
+}

@@ -36,5 +36,6 @@ mod published;
 mod restart;
 mod runs;
 mod sealed;
+mod shares;
 mod swarm;
 mod vectors;
