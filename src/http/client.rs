@@ -25,7 +25,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::clock::Clock;
-use crate::fair::{Group, Party, Rank};
+use crate::fair::{Group, Origin, Party, Rank};
 use crate::host::is_loopback;
 use crate::keys::OwnerKey;
 
@@ -240,9 +240,10 @@ pub(super) async fn admit(
     request.extensions_mut().insert(client);
     let counted = app.in_flight.take(client.address, &app.limits)?;
     let rank = rank(request.method(), request.uri().path());
-    let mut response = rank.scope(client.party().scope(next.run(request))).await;
-    // It counts until its body is sent.
-    response.extensions_mut().insert(counted);
+    let answered = async { (next.run(request).await, Origin::current()) };
+    let (mut response, origin) = rank.scope(client.party().scope(answered)).await;
+    // It counts until its body is sent, and is made for the same party to its end.
+    response.extensions_mut().insert(Asked { origin, _counted: counted });
     Ok(response)
 }
 
@@ -251,9 +252,17 @@ pub(super) async fn admit(
 #[derive(Debug, Default)]
 pub(super) struct InFlight(Mutex<HashMap<IpAddr, usize>>);
 
+/// What is to be known of a request until its answer is sent.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    /// For whom the answer is made.
+    pub(super) origin: Origin,
+    _counted: Counted,
+}
+
 /// A request that is counted until this is dropped.
 #[derive(Clone, Debug)]
-pub(super) struct Counted {
+struct Counted {
     _place: Option<Arc<InFlightPlace>>,
 }
 

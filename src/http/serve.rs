@@ -125,8 +125,8 @@ async fn connection(
         async move {
             let answer = answer.await;
             answer.map(|mut answer| {
-                let counted = answer.extensions_mut().remove();
-                answer.map(|body| Answer { body, _answering: answering, _counted: counted })
+                let asked = answer.extensions_mut().remove();
+                answer.map(|body| Answer { body, _answering: answering, asked })
             })
         }
     });
