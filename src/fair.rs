@@ -102,8 +102,28 @@ impl Rank {
 
 /// Runs a future for the party of this task and with its rank, wherever it is spawned.
 pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
-    let (party, rank) = (Party::current(), Rank::current());
+    let Origin { party, rank } = Origin::current();
     rank.scope(party.scope(future))
+}
+
+/// For whom a task works, and with which rank: for what goes on outside of it, like the body of an answer.
+#[derive(Clone, Copy, Debug)]
+pub struct Origin {
+    party: Party,
+    rank: Rank,
+}
+
+impl Origin {
+    /// That of this task.
+    #[must_use]
+    pub fn current() -> Self {
+        Self { party: Party::current(), rank: Rank::current() }
+    }
+
+    /// Does something as that task would.
+    pub fn enter<T>(self, work: impl FnOnce() -> T) -> T {
+        RANK.sync_scope(self.rank, || CURRENT.sync_scope(Cell::new(self.party), work))
+    }
 }
 
 /// How much there is, and how much of it one party may use.

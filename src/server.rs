@@ -12,8 +12,9 @@ use crate::budget::Budget;
 use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
 use crate::competition::closing;
 use crate::episode::actor::Spawn;
-use crate::episode::quota::{Account, Quotas};
+use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
+use crate::fair::Party;
 use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::house;
 use crate::http::auth::Access;
@@ -125,7 +126,7 @@ impl Server {
             quotas.note_competition(competition, bytes);
         }
         for (episode, owner, competition) in store.accounts().await? {
-            quotas.note(episode, Account::within(competition, owner));
+            quotas.note(episode, Party::within(competition, owner));
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let workers = Workers::of_this_host();

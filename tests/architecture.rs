@@ -26,8 +26,8 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     (
         "run",
         &[
-            "board", "budget", "clock", "episode", "host", "house", "ids", "journal", "keys",
-            "prompt", "store",
+            "board", "budget", "clock", "episode", "fair", "host", "house", "ids", "journal",
+            "keys", "prompt", "store",
         ],
     ),
     ("competition", &["board", "clock", "episode", "ids", "journal", "run", "store"]),
@@ -63,6 +63,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "clock",
             "competition",
             "episode",
+            "fair",
             "host",
             "house",
             "http",

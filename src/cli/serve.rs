@@ -36,6 +36,9 @@ pub(super) struct Args {
     /// Requests a second with one key and the tokens of its episodes; 0 for any number.
     #[arg(long, env = "SWARMBENCH_KEY_REQUESTS_PER_S", default_value_t = Limits::default().key_requests_per_s_max)]
     key_requests_per_s: u32,
+    /// Entries in competitions an hour from one address without an invitation; 0 for any number. This machine's own are not limited.
+    #[arg(long, env = "SWARMBENCH_ENTRIES_PER_ADDRESS_H", default_value_t = Limits::default().entries_per_address_h_max)]
+    entries_per_address_h: u32,
     /// Episodes of one key that may be unfinished at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
     episodes_per_key: usize,
@@ -78,6 +81,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let limits = Limits {
         address_requests_per_s_max: args.address_requests_per_s,
         key_requests_per_s_max: args.key_requests_per_s,
+        entries_per_address_h_max: args.entries_per_address_h,
         episodes_per_key_max: args.episodes_per_key,
         journal_bytes_per_key_max: args.journal_bytes_per_key,
         ..Limits::default()

@@ -18,7 +18,7 @@ use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::memory;
 use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
-use super::quota::{Account, Quotas};
+use super::quota::Quotas;
 use super::replay::Replays;
 use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
@@ -491,7 +491,7 @@ pub(super) struct Fresh {
 pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
     let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
-        None => host.quotas.note(fresh.key, Account::of(fresh.owner)),
+        None => host.quotas.note(fresh.key, Party::of_key(fresh.owner)),
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }

@@ -11,6 +11,7 @@ use std::sync::Mutex;
 
 use jiff::Timestamp;
 
+use crate::fair::{Group, Party};
 use crate::journal::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
@@ -47,53 +48,30 @@ pub const BURST_S: u64 = 8;
 /// Of all bytes that a network may write without a key, the part that is forgotten once it plays nothing.
 const FORGOTTEN: u64 = 100;
 
-/// Among whom places and bytes are shared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Group {
-    /// All that is played in a competition.
-    Competition(CompetitionKey),
-    /// All that is played with a key outside of competitions.
-    Key(OwnerKey),
-    /// All that is played from a network on a server without keys.
-    Network(IpAddr),
-    /// All that programs on the server's own machine play on a server without keys: nobody shares with them.
-    Host,
-}
-
-/// Whose an episode is, as far as shares are concerned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Account {
-    /// The group that shares with other groups.
-    pub group: Group,
-    /// The key with which it was created, if any: an entrant, where the group is a competition.
-    pub owner: Option<OwnerKey>,
-}
-
-impl Account {
-    /// What is played with a key, if any, outside of competitions. Without a key it belongs to one group of all of whom
-    /// nothing is known.
+impl Party {
+    /// Whoever plays with this key, if any, outside of competitions. Of those without a key that nothing is known of
+    /// there is one group.
     #[must_use]
-    pub fn of(owner: Option<OwnerKey>) -> Self {
-        let unknown = Group::Network(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
-        Self { group: owner.map_or(unknown, Group::Key), owner }
+    pub fn of_key(owner: Option<OwnerKey>) -> Self {
+        let unknown = Group::Address(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        Self::of(owner.map_or(unknown, Group::Owner))
     }
 
-    /// What an entrant plays in a competition.
-    #[must_use]
-    pub const fn entrant(competition: CompetitionKey, owner: Option<OwnerKey>) -> Self {
-        Self { group: Group::Competition(competition), owner }
-    }
-
-    /// What is played in a competition, if it is one, or outside.
+    /// Whoever plays with this key in a competition, or else outside.
     #[must_use]
     pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
-        competition.map_or_else(|| Self::of(owner), |key| Self::entrant(key, owner))
+        let entrant = |key| Self { group: Group::Competition(key), member: owner };
+        competition.map_or_else(|| Self::of_key(owner), entrant)
     }
 
-    /// What is played without a key.
+    /// The key with which it plays, if any.
     #[must_use]
-    pub const fn keyless(group: Group) -> Self {
-        Self { group, owner: None }
+    pub const fn owner(self) -> Option<OwnerKey> {
+        match self.group {
+            Group::Owner(owner) => Some(owner),
+            Group::Competition(_) => self.member,
+            Group::Server | Group::Address(_) => None,
+        }
     }
 }
 
@@ -203,13 +181,12 @@ impl Full {
     }
 }
 
-impl Group {
-    const fn whose(self) -> Whose {
-        match self {
-            Self::Competition(_) => Whose::Competition,
-            Self::Key(_) => Whose::Key,
-            Self::Network(_) | Self::Host => Whose::Network,
-        }
+/// What a group is called.
+const fn whose(group: Group) -> Whose {
+    match group {
+        Group::Competition(_) => Whose::Competition,
+        Group::Owner(_) => Whose::Key,
+        Group::Address(_) | Group::Server => Whose::Network,
     }
 }
 
@@ -222,11 +199,11 @@ pub struct Quotas {
 
 #[derive(Debug, Default)]
 struct Held {
-    unfinished: HashMap<EpisodeKey, Account>,
+    unfinished: HashMap<EpisodeKey, Party>,
     by_owner: HashMap<OwnerKey, OfOwner>,
     by_group: HashMap<Group, Share>,
     /// What each entrant holds of its competition.
-    by_entrant: HashMap<Account, Share>,
+    by_entrant: HashMap<Party, Share>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -258,15 +235,10 @@ impl Quotas {
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn admit(
-        &self,
-        episode: EpisodeKey,
-        account: Account,
-        purpose: Purpose,
-    ) -> Result<(), Full> {
+    pub fn admit(&self, episode: EpisodeKey, party: Party, purpose: Purpose) -> Result<(), Full> {
         let mut held = self.held();
-        held.check(&self.caps, account, purpose)?;
-        held.begin(episode, account);
+        held.check(&self.caps, party, purpose)?;
+        held.begin(episode, party);
         Ok(())
     }
 
@@ -274,13 +246,13 @@ impl Quotas {
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn check(&self, account: Account, purpose: Purpose) -> Result<(), Full> {
-        self.held().check(&self.caps, account, purpose)
+    pub fn check(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
+        self.held().check(&self.caps, party, purpose)
     }
 
     /// Notes an unfinished episode that exists already; doing it again changes nothing.
-    pub fn note(&self, episode: EpisodeKey, account: Account) {
-        self.held().begin(episode, account);
+    pub fn note(&self, episode: EpisodeKey, party: Party) {
+        self.held().begin(episode, party);
     }
 
     /// Notes that an episode has ended, or was not created after all.
@@ -313,18 +285,18 @@ impl Quotas {
             return Err(Full::BytesOfEpisode(caps.journal_bytes_per_episode_max));
         }
         let held = self.held();
-        let Some(account) = held.unfinished.get(&episode) else { return Ok(()) };
-        held.check_bytes(caps, *account, more)?;
-        held.check_pace(caps, *account, now)
+        let Some(party) = held.unfinished.get(&episode) else { return Ok(()) };
+        held.check_bytes(caps, *party, more)?;
+        held.check_pace(caps, *party, now)
     }
 
     /// Counts bytes that an act of an episode takes.
     pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
         let mut held = self.held();
-        let Some(account) = held.unfinished.get(&episode).copied() else { return };
-        held.add_bytes(account, bytes);
+        let Some(party) = held.unfinished.get(&episode).copied() else { return };
+        held.add_bytes(party, bytes);
         if bytes > ACT_BYTES_ALWAYS {
-            held.write(&self.caps, account, bytes, now);
+            held.write(&self.caps, party, bytes, now);
         }
     }
 
@@ -347,9 +319,9 @@ impl Quotas {
         held.by_group.retain(|group, share| {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
-                Group::Network(_) => share.bytes > forgotten,
+                Group::Address(_) => share.bytes > forgotten,
                 // Those of a key are counted by key.
-                Group::Key(_) | Group::Host => false,
+                Group::Owner(_) | Group::Server => false,
             };
             bytes || share.episodes > 0 || share.pace.is_behind(now)
         });
@@ -357,7 +329,7 @@ impl Quotas {
 }
 
 impl Held {
-    fn check(&self, caps: &Caps, account: Account, purpose: Purpose) -> Result<(), Full> {
+    fn check(&self, caps: &Caps, party: Party, purpose: Purpose) -> Result<(), Full> {
         let all = caps.episodes_unfinished_max;
         let reserved = all * caps.episodes_reserved_percent as usize / 100;
         let open = match purpose {
@@ -369,27 +341,27 @@ impl Held {
         if free == 0 {
             return Err(Full::Episodes(all));
         }
-        if let Some(owner) = account.owner {
+        if let Some(owner) = party.owner() {
             let own = self.by_owner.get(&owner).copied().unwrap_or_default();
             if own.episodes >= caps.episodes_per_key_max {
                 return Err(Full::EpisodesOfKey(caps.episodes_per_key_max));
             }
         }
-        self.check_bytes(caps, account, 1)?;
+        self.check_bytes(caps, party, 1)?;
         match purpose {
-            Purpose::Usual => self.check_share(caps, account, free),
+            Purpose::Usual => self.check_share(caps, party, free),
             // However many runs go on: others have half of the places.
-            Purpose::NextGame => self.check_group(caps, account, all.div_ceil(2)).map(drop),
+            Purpose::NextGame => self.check_group(caps, party, all.div_ceil(2)).map(drop),
             Purpose::Organizer => Ok(()),
         }
     }
 
     /// Whether a group, and an entrant within it, holds less than its share of what is free.
-    fn check_share(&self, caps: &Caps, account: Account, free: usize) -> Result<(), Full> {
+    fn check_share(&self, caps: &Caps, party: Party, free: usize) -> Result<(), Full> {
         let most = (free * caps.episodes_of_free_percent_max as usize / 100).max(1);
-        let room = self.check_group(caps, account, most)?;
-        let Group::Competition(_) = account.group else { return Ok(()) };
-        let held = self.by_entrant.get(&account).map_or(0, |share| share.episodes);
+        let room = self.check_group(caps, party, most)?;
+        let Group::Competition(_) = party.group else { return Ok(()) };
+        let held = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
         // Each place that the competition takes is one fewer that is free, too.
         if held < room.div_ceil(2) {
             return Ok(());
@@ -399,11 +371,11 @@ impl Held {
     }
 
     /// How many places a group holds less than `most`.
-    fn check_group(&self, caps: &Caps, account: Account, most: usize) -> Result<usize, Full> {
-        let held = self.by_group.get(&account.group).map_or(0, |share| share.episodes);
+    fn check_group(&self, caps: &Caps, party: Party, most: usize) -> Result<usize, Full> {
+        let held = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
         match most.checked_sub(held) {
-            None | Some(0) if account.group != Group::Host => {
-                let (whose, percent) = (account.group.whose(), caps.episodes_of_free_percent_max);
+            None | Some(0) if party.group != Group::Server => {
+                let (whose, percent) = (whose(party.group), caps.episodes_of_free_percent_max);
                 Err(Full::EpisodesOfShare { whose, held, percent })
             }
             room => Ok(room.unwrap_or(0)),
@@ -411,85 +383,85 @@ impl Held {
     }
 
     /// Whether so many more bytes fit into all that may ever be written.
-    fn check_bytes(&self, caps: &Caps, account: Account, more: u64) -> Result<(), Full> {
+    fn check_bytes(&self, caps: &Caps, party: Party, more: u64) -> Result<(), Full> {
         let most = caps.journal_bytes_per_key_max;
-        let own = account.owner.and_then(|owner| self.by_owner.get(&owner));
+        let own = party.owner().and_then(|owner| self.by_owner.get(&owner));
         if own.is_some_and(|own| own.bytes + more > most) {
             return Err(Full::BytesOfKey(most));
         }
-        let written = self.by_group.get(&account.group).map_or(0, |share| share.bytes);
-        match account.group {
+        let written = self.by_group.get(&party.group).map_or(0, |share| share.bytes);
+        match party.group {
             Group::Competition(_) if written + more > caps.journal_bytes_per_competition_max => {
                 Err(Full::BytesOfCompetition(caps.journal_bytes_per_competition_max))
             }
-            Group::Network(_) if written + more > most => Err(Full::BytesOfKey(most)),
+            Group::Address(_) if written + more > most => Err(Full::BytesOfKey(most)),
             _ => Ok(()),
         }
     }
 
     /// Whether another large act may be written now.
-    fn check_pace(&self, caps: &Caps, account: Account, now: Timestamp) -> Result<(), Full> {
+    fn check_pace(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
         let check = |share: Option<&Share>, whose, most| match share
             .map_or(0, |share| share.pace.wait_ms(now))
         {
             0 => Ok(()),
             after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
         };
-        let group = self.by_group.get(&account.group);
-        match account.group {
+        let group = self.by_group.get(&party.group);
+        match party.group {
             Group::Competition(_) => {
-                let entrant = self.by_entrant.get(&account);
+                let entrant = self.by_entrant.get(&party);
                 check(entrant, Whose::Entrant, caps.journal_bytes_per_key_s_max)?;
                 check(group, Whose::Competition, caps.journal_bytes_per_competition_s_max)
             }
-            Group::Key(_) | Group::Network(_) => {
-                check(group, account.group.whose(), caps.journal_bytes_per_key_s_max)
+            Group::Owner(_) | Group::Address(_) => {
+                check(group, whose(party.group), caps.journal_bytes_per_key_s_max)
             }
-            Group::Host => Ok(()),
+            Group::Server => Ok(()),
         }
     }
 
-    fn add_bytes(&mut self, account: Account, bytes: u64) {
-        if let Some(owner) = account.owner {
+    fn add_bytes(&mut self, party: Party, bytes: u64) {
+        if let Some(owner) = party.owner() {
             self.by_owner.entry(owner).or_default().bytes += bytes;
         }
-        self.by_group.entry(account.group).or_default().bytes += bytes;
+        self.by_group.entry(party.group).or_default().bytes += bytes;
     }
 
     /// Counts a large act against what may be written a second.
-    fn write(&mut self, caps: &Caps, account: Account, bytes: u64, now: Timestamp) {
-        let group = &mut self.by_group.entry(account.group).or_default().pace;
-        if let Group::Competition(_) = account.group {
+    fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
+        let group = &mut self.by_group.entry(party.group).or_default().pace;
+        if let Group::Competition(_) = party.group {
             group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
-            let entrant = &mut self.by_entrant.entry(account).or_default().pace;
+            let entrant = &mut self.by_entrant.entry(party).or_default().pace;
             entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
         } else {
             group.write(bytes, caps.journal_bytes_per_key_s_max, now);
         }
     }
 
-    fn begin(&mut self, episode: EpisodeKey, account: Account) {
+    fn begin(&mut self, episode: EpisodeKey, party: Party) {
         let std::collections::hash_map::Entry::Vacant(place) = self.unfinished.entry(episode)
         else {
             return;
         };
-        place.insert(account);
-        if let Some(owner) = account.owner {
+        place.insert(party);
+        if let Some(owner) = party.owner() {
             self.by_owner.entry(owner).or_default().episodes += 1;
         }
-        self.by_group.entry(account.group).or_default().episodes += 1;
-        if let Group::Competition(_) = account.group {
-            self.by_entrant.entry(account).or_default().episodes += 1;
+        self.by_group.entry(party.group).or_default().episodes += 1;
+        if let Group::Competition(_) = party.group {
+            self.by_entrant.entry(party).or_default().episodes += 1;
         }
     }
 
     fn end(&mut self, episode: EpisodeKey) {
-        let Some(account) = self.unfinished.remove(&episode) else { return };
-        if let Some(own) = account.owner.and_then(|owner| self.by_owner.get_mut(&owner)) {
+        let Some(party) = self.unfinished.remove(&episode) else { return };
+        if let Some(own) = party.owner().and_then(|owner| self.by_owner.get_mut(&owner)) {
             own.episodes = own.episodes.saturating_sub(1);
         }
-        let group = self.by_group.get_mut(&account.group);
-        for share in group.into_iter().chain(self.by_entrant.get_mut(&account)) {
+        let group = self.by_group.get_mut(&party.group);
+        for share in group.into_iter().chain(self.by_entrant.get_mut(&party)) {
             share.episodes = share.episodes.saturating_sub(1);
         }
     }
@@ -541,12 +513,12 @@ mod tests {
         journal_bytes_per_key_s_max: 0,
         journal_bytes_per_competition_s_max: 0,
     };
-    const OWN: Account = Account { group: Group::Key(OwnerKey(7)), owner: Some(OwnerKey(7)) };
-    const HOST: Account = Account::keyless(Group::Host);
+    const OWN: Party = Party::of(Group::Owner(OwnerKey(7)));
+    const HOST: Party = Party::SERVER;
     const CUP: CompetitionKey = CompetitionKey(1);
 
-    fn entrant(competition: i64, owner: i64) -> Account {
-        Account::entrant(CompetitionKey(competition), Some(OwnerKey(owner)))
+    fn entrant(competition: i64, owner: i64) -> Party {
+        Party::entrant(CompetitionKey(competition), OwnerKey(owner))
     }
 
     fn at(seconds: i64) -> Timestamp {
@@ -571,21 +543,21 @@ mod tests {
             Self { quotas: Quotas::new(caps), next: 0 }
         }
 
-        fn one(&mut self, account: Account, purpose: Purpose) -> Result<(), Full> {
+        fn one(&mut self, party: Party, purpose: Purpose) -> Result<(), Full> {
             self.next += 1;
-            self.quotas.admit(EpisodeKey(self.next), account, purpose)
+            self.quotas.admit(EpisodeKey(self.next), party, purpose)
         }
 
         /// How many more it gets.
-        fn all(&mut self, account: Account, purpose: Purpose) -> usize {
-            (0..).take_while(|_| self.one(account, purpose).is_ok()).count()
+        fn all(&mut self, party: Party, purpose: Purpose) -> usize {
+            (0..).take_while(|_| self.one(party, purpose).is_ok()).count()
         }
     }
 
     #[test]
     fn caps_hold_for_a_key_and_for_all() {
         let quotas = Quotas::new(CAPS);
-        let admit = |key, account| quotas.admit(EpisodeKey(key), account, Purpose::Usual);
+        let admit = |key, party| quotas.admit(EpisodeKey(key), party, Purpose::Usual);
         assert_eq!(admit(1, OWN), Ok(()));
         assert_eq!(admit(2, OWN), Ok(()));
         assert_eq!(admit(3, OWN), Err(Full::EpisodesOfKey(2)));
@@ -605,8 +577,8 @@ mod tests {
         let mut places = Places::of(1000, 10);
         let usual = Purpose::Usual;
         // 900 places are open to all.
-        assert_eq!(places.all(Account::of(Some(OwnerKey(1))), usual), 450);
-        assert_eq!(places.all(Account::of(None), usual), 225);
+        assert_eq!(places.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
+        assert_eq!(places.all(Party::of_key(None), usual), 225);
         // However many entrants somebody makes of himself, they have what one competition has.
         let entrants: Vec<usize> = (0..50).map(|n| places.all(entrant(1, n), usual)).collect();
         assert_eq!(entrants.iter().sum::<usize>(), 113, "{entrants:?}");
@@ -643,7 +615,7 @@ mod tests {
     fn what_has_ended_is_forgotten() {
         let mut places = Places::of(10, 0);
         places.one(entrant(1, 1), Purpose::Usual).expect("a place");
-        places.one(Account::of(None), Purpose::Usual).expect("a place");
+        places.one(Party::of_key(None), Purpose::Usual).expect("a place");
         for key in 1..=places.next {
             places.quotas.release(EpisodeKey(key));
         }
@@ -657,7 +629,7 @@ mod tests {
         let quotas = Quotas::new(CAPS);
         let (own, cup) = (EpisodeKey(1), EpisodeKey(2));
         quotas.note(own, OWN);
-        quotas.note(cup, Account::entrant(CUP, None));
+        quotas.note(cup, Party::within(Some(CUP), None));
         let check = |episode, used, more| quotas.check_act(episode, used, more, at(0));
         assert_eq!(check(own, 9_000, 1_000), Ok(()));
         assert_eq!(check(own, 9_000, 3_000), Err(Full::BytesOfEpisode(10_000)));

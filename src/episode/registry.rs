@@ -16,13 +16,13 @@ use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
-use super::quota::{Account, Full, Purpose, Quotas};
+use super::quota::{Full, Purpose, Quotas};
 use super::recovery::{RecoveryError, clocks, described, recover};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
-use crate::fair::Rank;
+use crate::fair::{Party, Rank};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
@@ -55,7 +55,7 @@ pub struct Creation {
     /// Its public id.
     pub id: EpisodeId,
     /// Whose it is: the key with which it is created, if any, and with whom its place is shared.
-    pub account: Account,
+    pub party: Party,
     /// What its place is wanted for.
     pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
@@ -333,8 +333,8 @@ impl Registry {
     ///
     /// # Errors
     /// The cap that was reached.
-    pub fn check_room(&self, account: Account, purpose: Purpose) -> Result<(), Full> {
-        self.host.quotas.check(account, purpose)
+    pub fn check_room(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
+        self.host.quotas.check(party, purpose)
     }
 
     /// Creates an episode; it is durable when this returns.
@@ -354,7 +354,7 @@ impl Registry {
 
     async fn create_now(&self, creation: Creation) -> Result<Handle, CreateError> {
         let key = EpisodeKey(self.next_key.fetch_add(1, Ordering::Relaxed));
-        self.host.quotas.admit(key, creation.account, creation.purpose)?;
+        self.host.quotas.admit(key, creation.party, creation.purpose)?;
         let id = creation.id.clone();
         let now = self.host.clock.now();
         // Whoever learns of the episode once it is durable waits here until its actor runs: an
@@ -372,11 +372,10 @@ impl Registry {
 
     /// Keeps the opening of an episode and starts its actor.
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
-        let Creation { id, account, purpose: _, run, spec, tokens, idempotency } = creation;
-        let owner = account.owner;
+        let Creation { id, party, purpose: _, run, spec, tokens, idempotency } = creation;
+        let owner = party.owner();
         let config = Arc::clone(&spec.config);
         let room = self.room(memory::expected(&config, 0))?;
-        let party = self.host.party(owner, run.map(|(run, _)| run), &spec).await?;
         let heavy = is_heavy(&config);
         let lay_out = move |_: &Cancelled<'_>| World::new(config);
         let share = (party, Rank::Normal);
@@ -595,7 +594,7 @@ impl Registry {
             // One that somebody has asked for meanwhile is counted where it is taken up, and may have
             // ended since it was listed.
             if !slots.contains_key(id) {
-                self.host.quotas.note(*episode, Account::of(*owner));
+                self.host.quotas.note(*episode, Party::of_key(*owner));
             }
             let slot = slots.entry(id.clone()).or_insert_with(|| Slot::empty(now));
             slot.ends_at = Some(now);

@@ -14,8 +14,9 @@ use super::App;
 use super::client::{Client, network};
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
-use crate::episode::quota::{Account, Group, Purpose};
+use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
+use crate::fair::{Group, Party};
 use crate::ids::{EpisodeId, Token};
 use crate::journal::{AuditRow, Entry, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
@@ -86,7 +87,9 @@ impl FromRequestParts<App> for Caller {
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
         let token = Token::parse(token.trim()).ok_or_else(unknown)?;
-        match app.grant(&token).await?.ok_or_else(unknown)? {
+        let grant = app.grant(&token).await?.ok_or_else(unknown)?;
+        app.party(&grant).await?.into_iter().for_each(Party::refine);
+        match grant {
             Grant::Seat { episode, owner, agent } => {
                 check_rate(app, owner)?;
                 Ok(Self::Seat(episode, agent))
@@ -95,7 +98,7 @@ impl FromRequestParts<App> for Caller {
                 check_rate(app, owner)?;
                 Ok(Self::Swarm(episode, seats))
             }
-            Grant::Run { run, owner } => {
+            Grant::Run { run, owner, .. } => {
                 check_rate(app, owner)?;
                 Ok(Self::Run(run))
             }
@@ -270,20 +273,16 @@ impl Caller {
     }
 
     /// Whose a new episode is and what its place is wanted for, where the caller may create one.
-    pub(super) fn creator(
-        &self,
-        app: &App,
-        client: Client,
-    ) -> Result<(Account, Purpose), ApiError> {
+    pub(super) fn creator(&self, app: &App, client: Client) -> Result<(Party, Purpose), ApiError> {
         let detail =
             "a token of an episode creates no other; send a key, or nothing where there are none";
-        let account = match self.player(app, detail)? {
-            None if client.is_local => Account::keyless(Group::Host),
-            None => Account::keyless(Group::Network(network(client.address))),
-            owner => Account::of(owner),
+        let party = match self.player(app, detail)? {
+            None if client.is_local => Party::SERVER,
+            None => Party::of(Group::Address(network(client.address))),
+            owner => Party::of_key(owner),
         };
         let purpose = if self.is_organizer() { Purpose::Organizer } else { Purpose::Usual };
-        Ok((account, purpose))
+        Ok((party, purpose))
     }
 
     /// The key to which claimed seats belong, with its public id, where the caller may claim some.

@@ -3,13 +3,15 @@
 //! An address counts against the rate limit; whether a request comes from a program on this machine
 //! decides what a server without keys lets it do.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 use std::num::NonZeroU32;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderName, Uri, header};
+use axum::http::{HeaderMap, HeaderName, Method, Uri, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use governor::clock::Clock as _;
@@ -23,6 +25,7 @@ use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::clock::Clock;
+use crate::fair::{Group, Origin, Party, Rank};
 use crate::host::is_loopback;
 use crate::keys::OwnerKey;
 
@@ -38,6 +41,13 @@ pub(super) struct Client {
     /// Whether it is a program on this machine: not a proxy that forwards others, and no page of
     /// another site in a browser.
     pub(super) is_local: bool,
+}
+
+impl Client {
+    /// For whom something is done as long as nobody showed a key or a token.
+    pub(super) fn party(self) -> Party {
+        Party::of(Group::Address(network(self.address)))
+    }
 }
 
 /// The headers by which proxies say that they are some.
@@ -125,6 +135,7 @@ pub(super) struct Rates {
     clock: RateClock,
     by_address: Option<Keyed<IpAddr>>,
     by_key: Option<Keyed<OwnerKey>>,
+    entries: Option<Keyed<IpAddr>>,
 }
 
 impl Rates {
@@ -139,7 +150,12 @@ impl Rates {
             Some(RateLimiter::new(quota, DashMapStateStore::default(), clock.clone()))
         }
         let clock = RateClock(clock);
+        let entries = NonZeroU32::new(limits.entries_per_address_h_max).map(|most| {
+            let quota = Quota::per_hour(most);
+            RateLimiter::new(quota, DashMapStateStore::default(), clock.clone())
+        });
         Self {
+            entries,
             by_address: keyed(limits.address_requests_per_s_max, &clock),
             by_key: keyed(limits.key_requests_per_s_max, &clock),
             clock,
@@ -168,9 +184,26 @@ impl Rates {
         })
     }
 
+    /// Counts an entry in a competition from an address. Those of this machine itself are not limited.
+    pub(super) fn check_entry(&self, address: IpAddr, limits: &Limits) -> Result<(), ApiError> {
+        let Some(rates) = self.entries.as_ref().filter(|_| !address.is_loopback()) else {
+            return Ok(());
+        };
+        let most = limits.entries_per_address_h_max;
+        rates.check_key(&network(address)).map_err(|until| {
+            let wait = until.wait_time_from(self.clock.now());
+            let name = "entries_per_address_h_max";
+            metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
+            let detail = format!(
+                "{most} entries an hour come from this address, as many as may; come again later, or ask the organizer for a code"
+            );
+            ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
+        })
+    }
+
     /// Forgets whoever has not asked for a while.
     pub(super) fn forget_idle(&self) {
-        if let Some(rates) = &self.by_address {
+        for rates in self.by_address.iter().chain(&self.entries) {
             rates.retain_recent();
         }
         if let Some(rates) = &self.by_key {
@@ -205,7 +238,86 @@ pub(super) async fn admit(
     let client = Client::of(peer, request.headers(), request.uri(), trusted);
     app.rates.check_address(client.address, &app.limits)?;
     request.extensions_mut().insert(client);
-    Ok(next.run(request).await)
+    let counted = app.in_flight.take(client.address, &app.limits)?;
+    let rank = rank(request.method(), request.uri().path());
+    let answered = async { (next.run(request).await, Origin::current()) };
+    let (mut response, origin) = rank.scope(client.party().scope(answered)).await;
+    // It counts until its body is sent, and is made for the same party to its end.
+    response.extensions_mut().insert(Asked { origin, _counted: counted });
+    Ok(response)
+}
+
+/// How many requests are not answered yet, by address. A proxy forwards those of many on its own connections: here it
+/// shows whose they are.
+#[derive(Debug, Default)]
+pub(super) struct InFlight(Mutex<HashMap<IpAddr, usize>>);
+
+/// What is to be known of a request until its answer is sent.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    /// For whom the answer is made.
+    pub(super) origin: Origin,
+    _counted: Counted,
+}
+
+/// A request that is counted until this is dropped.
+#[derive(Clone, Debug)]
+struct Counted {
+    _place: Option<Arc<InFlightPlace>>,
+}
+
+#[derive(Debug)]
+struct InFlightPlace {
+    all: Arc<InFlight>,
+    network: IpAddr,
+}
+
+impl InFlight {
+    fn requests(&self) -> MutexGuard<'_, HashMap<IpAddr, usize>> {
+        self.0.lock().expect("nothing panics while it holds this")
+    }
+
+    /// Counts a request of an address. Those of this machine itself are not limited.
+    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<Counted, ApiError> {
+        if address.is_loopback() {
+            return Ok(Counted { _place: None });
+        }
+        let network = network(address);
+        let most = limits.requests_per_address_max;
+        let mut requests = self.requests();
+        let here = requests.entry(network).or_default();
+        if *here >= most {
+            let name = "requests_per_address_max";
+            let detail = format!("{most} requests of this address wait for their answers already");
+            return Err(ApiError::limit(Code::Overloaded, name, most, detail)
+                .retry_after(Duration::from_secs(1)));
+        }
+        *here += 1;
+        drop(requests);
+        let place = InFlightPlace { all: Arc::clone(self), network };
+        Ok(Counted { _place: Some(Arc::new(place)) })
+    }
+}
+
+impl Drop for InFlightPlace {
+    fn drop(&mut self) {
+        let mut requests = self.all.requests();
+        if let Entry::Occupied(mut here) = requests.entry(self.network) {
+            *here.get_mut() -= 1;
+            if *here.get() == 0 {
+                here.remove();
+            }
+        }
+    }
+}
+
+/// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.
+fn rank(method: &Method, path: &str) -> Rank {
+    match path {
+        _ if method != Method::GET && method != Method::HEAD => Rank::Urgent,
+        "/obs" | "/swarm/obs" | "/healthz" | "/readyz" | "/metrics" => Rank::Urgent,
+        _ => Rank::Normal,
+    }
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use crate::episode::registry::{CreateError, FindError};
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::run::manager;
+use crate::store::READERS_MAX;
 use crate::wire::problem::{FieldProblem, Limit, Problem};
 use crate::work::{JOBS_WAITING_MAX, WorkError};
 
@@ -268,7 +269,8 @@ impl From<Unknown> for ApiError {
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
         if error.is_busy() {
-            return Self::new(Code::Overloaded, "too many read the journal; come again later")
+            let detail = "too many read the database; come again later";
+            return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
         tracing::error!(%error, "a request failed");

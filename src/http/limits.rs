@@ -64,6 +64,11 @@ pub struct Limits {
     pub connections_max: usize,
     /// Connections at once from one address, or one /64 network of IPv6; this host may have all.
     pub connections_per_address_max: usize,
+    /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
+    /// have any number.
+    pub requests_per_address_max: usize,
+    /// Percent of all connections that are kept for addresses that have none.
+    pub connections_reserved_percent: u32,
     /// Milliseconds in which a client has to send the head of a request, from its first byte on.
     pub head_ms_max: u64,
     /// Milliseconds in which a client has to send the body of a request, and some more for each of
@@ -115,6 +120,9 @@ pub struct Limits {
     pub events_pending_bytes_max: usize,
     /// Entrants of a competition.
     pub entrants_max: usize,
+    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; any number
+    /// where it is 0. Programs on this machine are not limited.
+    pub entries_per_address_h_max: u32,
 }
 
 impl Default for Limits {
@@ -149,6 +157,8 @@ impl Default for Limits {
             backlog_bytes_max: 256 * 1024 * 1024,
             connections_max: 16_000,
             connections_per_address_max: 2000,
+            requests_per_address_max: 2000,
+            connections_reserved_percent: 5,
             head_ms_max: 10_000,
             body_ms_max: 5000,
             body_bytes_per_s_min: 32 * 1024,
@@ -174,6 +184,7 @@ impl Default for Limits {
             events_pending_max: 64,
             events_pending_bytes_max: 1024 * 1024,
             entrants_max: 10_000,
+            entries_per_address_h_max: 100,
         }
     }
 }
@@ -228,6 +239,8 @@ impl Limits {
             ("backlog_bytes_max", self.backlog_bytes_max as u64),
             ("connections_max", self.connections_max as u64),
             ("connections_per_address_max", self.connections_per_address_max as u64),
+            ("requests_per_address_max", self.requests_per_address_max as u64),
+            ("connections_reserved_percent", self.connections_reserved_percent.into()),
             ("head_ms_max", self.head_ms_max),
             ("body_ms_max", self.body_ms_max),
             ("body_bytes_per_s_min", self.body_bytes_per_s_min),
@@ -253,6 +266,7 @@ impl Limits {
             ("events_pending_max", self.events_pending_max as u64),
             ("events_pending_bytes_max", self.events_pending_bytes_max as u64),
             ("entrants_max", self.entrants_max as u64),
+            ("entries_per_address_h_max", self.entries_per_address_h_max.into()),
         ]
     }
 }

@@ -17,6 +17,7 @@ mod host;
 mod imports;
 mod keys;
 pub mod limits;
+mod made;
 pub mod openapi;
 mod pace;
 mod refusals;
@@ -34,7 +35,7 @@ use std::time::Duration;
 
 use quick_cache::sync::Cache;
 use swarmbench_engine::World;
-use tokio::sync::{Mutex, MutexGuard, Semaphore};
+use tokio::sync::{Mutex, MutexGuard};
 use tokio_util::sync::CancellationToken;
 
 use crate::board::interval::Memory;
@@ -42,9 +43,11 @@ use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
 use crate::episode::replay::state_at;
-use crate::fair::{Busy, FairLimit, Party, Rank, Shares};
+use crate::fair::{self, Busy, FairLimit, Party, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
+use crate::journal::CompetitionKey;
+use crate::keys::{OwnerKey, Role};
 use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
@@ -113,6 +116,8 @@ pub struct Shared {
     pub ready: AtomicBool,
     rates: Rates,
     tokens: Cache<TokenHash, Grant>,
+    /// The competitions for which entrants' keys were made; they never change.
+    entered: Cache<OwnerKey, CompetitionKey>,
     /// How often tokens were revoked.
     revocations: AtomicU64,
     /// Tells this run of the server from others.
@@ -130,6 +135,10 @@ pub struct Shared {
     /// What boards are made of.
     standings: Standings,
     intervals: Memory,
+    /// Boards and lists as they were made last.
+    answers: made::Answers,
+    /// Requests that are not answered yet.
+    in_flight: Arc<client::InFlight>,
 }
 
 impl App {
@@ -144,9 +153,12 @@ impl App {
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
+            answers: made::Answers::new(),
+            in_flight: Arc::default(),
             foundation,
             ready: AtomicBool::new(false),
             tokens: Cache::new(TOKENS_CACHED),
+            entered: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
             waits: Arc::default(),
@@ -167,6 +179,7 @@ impl App {
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
         self.registry.let_go();
+        self.store.tidy();
         self.rates.forget_idle();
         self.workers.prune();
         self.replays.prune();
@@ -178,7 +191,7 @@ impl App {
     async fn to_its_end<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
-        let done = tokio::spawn(work).await;
+        let done = tokio::spawn(fair::inherit(work)).await;
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
@@ -227,6 +240,31 @@ impl App {
             self.tokens.remove(&hash);
         }
         Ok(Some(grant))
+    }
+
+    /// For whom something is done with a token; none where that tells no more than the address.
+    async fn party(&self, grant: &Grant) -> Result<Option<Party>, ApiError> {
+        let (competition, owner) = match grant {
+            Grant::Seat { owner, .. } | Grant::Swarm { owner, .. } => (None, *owner),
+            Grant::Run { owner, competition, .. } => (*competition, *owner),
+            Grant::Key(key) => match key.number.filter(|_| key.role == Role::Entrant) {
+                Some(owner) => (self.competition_of(owner).await?, Some(owner)),
+                None => (None, key.number),
+            },
+        };
+        Ok(owner.map(|owner| Party::within(competition, Some(owner))))
+    }
+
+    /// The competition for which an entrant's key was made.
+    async fn competition_of(&self, owner: OwnerKey) -> Result<Option<CompetitionKey>, ApiError> {
+        if let Some(known) = self.entered.get(&owner) {
+            return Ok(Some(known));
+        }
+        let found = self.store.competition_of(owner).await?;
+        if let Some(competition) = found {
+            self.entered.insert(owner, competition);
+        }
+        Ok(found)
     }
 
     /// Forgets tokens; the store must not know them any more as they were.

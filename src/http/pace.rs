@@ -17,6 +17,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
+use super::client::Asked;
 use super::limits::Limits;
 
 /// How long each part of a connection may take.
@@ -114,6 +115,7 @@ impl Drop for Answering {
 pub(super) struct Answer {
     pub(super) body: Body,
     pub(super) _answering: Answering,
+    pub(super) asked: Option<Asked>,
 }
 
 impl hyper::body::Body for Answer {
@@ -124,7 +126,12 @@ impl hyper::body::Body for Answer {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(context)
+        let Self { body, asked, .. } = &mut *self;
+        let mut poll = || Pin::new(&mut *body).poll_frame(context);
+        match asked {
+            Some(asked) => asked.origin.enter(poll),
+            None => poll(),
+        }
     }
 
     fn is_end_stream(&self) -> bool {

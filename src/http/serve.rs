@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::pin::pin;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -125,7 +125,10 @@ async fn connection(
         let answer = router.clone().oneshot(request);
         async move {
             let answer = answer.await;
-            answer.map(|answer| answer.map(|body| Answer { body, _answering: answering }))
+            answer.map(|mut answer| {
+                let asked = answer.extensions_mut().remove();
+                answer.map(|body| Answer { body, _answering: answering, asked })
+            })
         }
     });
     let served = hyper::server::conn::http1::Builder::new()
@@ -158,9 +161,11 @@ async fn connection(
     }
 }
 
-/// The places for connections: so many at once, and so many from one address.
+/// The places for connections: so many at once, and so many from one address. The last few are for addresses that have
+/// none.
 struct Places {
     most: usize,
+    reserved: usize,
     most_per_address: usize,
     taken: Mutex<Taken>,
 }
@@ -168,7 +173,7 @@ struct Places {
 #[derive(Default)]
 struct Taken {
     all: usize,
-    /// By network, without those of this host; no entry is 0.
+    /// By network, and those of this host together; no entry is 0.
     by_network: HashMap<IpAddr, usize>,
 }
 
@@ -176,6 +181,7 @@ impl Places {
     fn new(limits: &Limits) -> Self {
         Self {
             most: limits.connections_max,
+            reserved: limits.connections_max * limits.connections_reserved_percent as usize / 100,
             most_per_address: limits.connections_per_address_max,
             taken: Mutex::default(),
         }
@@ -183,19 +189,19 @@ impl Places {
 
     fn take(self: &Arc<Self>, peer: Peer) -> Result<Place, Full> {
         // A proxy on this host speaks for many.
-        let network = Some(peer.0).filter(|peer| !peer.is_loopback()).map(network);
+        let is_host = peer.0.is_loopback();
+        let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { network(peer.0) };
         let mut taken = self.taken.lock().expect("nothing panics while it holds this");
-        if taken.all >= self.most {
+        let here = taken.by_network.get(&network).copied().unwrap_or(0);
+        let most = if here == 0 { self.most } else { self.most - self.reserved };
+        if taken.all >= most {
             return Err(Full { reason: "server", limit: "connections_max", most: self.most });
         }
-        if let Some(network) = network {
-            let here = taken.by_network.entry(network).or_default();
-            if *here >= self.most_per_address {
-                let limit = "connections_per_address_max";
-                return Err(Full { reason: "address", limit, most: self.most_per_address });
-            }
-            *here += 1;
+        if !is_host && here >= self.most_per_address {
+            let limit = "connections_per_address_max";
+            return Err(Full { reason: "address", limit, most: self.most_per_address });
         }
+        taken.by_network.insert(network, here + 1);
         taken.all += 1;
         metrics::gauge!("swarmbench_connections").increment(1.0);
         Ok(Place { places: Arc::clone(self), network })
@@ -205,19 +211,17 @@ impl Places {
 /// A place that is taken until this is dropped.
 struct Place {
     places: Arc<Places>,
-    network: Option<IpAddr>,
+    network: IpAddr,
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
         let mut taken = self.places.taken.lock().expect("nothing panics while it holds this");
         taken.all -= 1;
-        if let Some(network) = self.network
-            && let Some(here) = taken.by_network.get_mut(&network)
-        {
+        if let Some(here) = taken.by_network.get_mut(&self.network) {
             *here -= 1;
             if *here == 0 {
-                taken.by_network.remove(&network);
+                taken.by_network.remove(&self.network);
             }
         }
         metrics::gauge!("swarmbench_connections").decrement(1.0);
@@ -290,6 +294,16 @@ mod tests {
         let _first = places.take(peer("2001:db8:0:1::1")).expect("a place");
         assert_eq!(reason(places.take(peer("2001:db8:0:1:ffff::2"))), "address");
         let _other = places.take(peer("2001:db8:0:2::1")).expect("another network");
+    }
+
+    #[test]
+    fn the_last_places_are_for_addresses_that_have_none() {
+        let places = places(20, 20);
+        let held: Vec<_> = (0..19).map(|_| places.take(peer("127.0.0.1"))).collect();
+        assert!(held.iter().all(Result::is_ok));
+        assert_eq!(reason(places.take(peer("127.0.0.1"))), "server");
+        let _other = places.take(peer("192.0.2.1")).expect("it has none yet");
+        assert_eq!(reason(places.take(peer("192.0.2.2"))), "server");
     }
 
     #[test]

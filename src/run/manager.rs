@@ -19,10 +19,11 @@ use super::definition::Definition;
 use super::suite::Game;
 use super::{RunStatus, new_id};
 use crate::clock::{Clock, Entropy};
-use crate::episode::quota::{Account, Full, Purpose};
+use crate::episode::quota::{Full, Purpose};
 use crate::episode::registry::{self, Creation, Registry};
 use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
+use crate::fair::Party;
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
@@ -42,7 +43,7 @@ const SALT_BYTES: usize = 16;
 #[derive(Clone, Debug)]
 pub struct NewRun {
     /// Whose it is: the key with which it is created, if any, and with whom its places are shared.
-    pub account: Account,
+    pub party: Party,
     /// What its first place is wanted for.
     pub purpose: Purpose,
     /// What is played, and by whom.
@@ -57,8 +58,8 @@ pub struct NewRun {
 impl NewRun {
     /// A run that is no attempt in a competition, and has no name by which it could be repeated.
     #[must_use]
-    pub const fn by(account: Account, purpose: Purpose, definition: Definition) -> Self {
-        Self { account, purpose, definition, attempt: None, idempotency: None }
+    pub const fn by(party: Party, purpose: Purpose, definition: Definition) -> Self {
+        Self { party, purpose, definition, attempt: None, idempotency: None }
     }
 }
 
@@ -121,7 +122,7 @@ struct Shared {
     /// Of runs at which somebody looks.
     tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
     /// Of runs without a key that were created since the start and have not ended: with whom they share.
-    keyless: Mutex<HashMap<RunKey, Account>>,
+    keyless: Mutex<HashMap<RunKey, Party>>,
     /// Of runs that wait for a place: the cap that was reached.
     waiting: Mutex<HashMap<RunKey, Full>>,
 }
@@ -141,7 +142,7 @@ impl Runs {
         }))
     }
 
-    fn keyless(&self) -> MutexGuard<'_, HashMap<RunKey, Account>> {
+    fn keyless(&self) -> MutexGuard<'_, HashMap<RunKey, Party>> {
         self.0.keyless.lock().expect("nothing panics while it holds this")
     }
 
@@ -156,9 +157,9 @@ impl Runs {
     }
 
     /// Whose a run is, as far as shares are concerned.
-    fn account(&self, stored: &StoredRun) -> Account {
+    fn party(&self, stored: &StoredRun) -> Party {
         let keyless = self.keyless().get(&stored.run).copied();
-        keyless.unwrap_or_else(|| Account::within(stored.competition, stored.owner))
+        keyless.unwrap_or_else(|| Party::within(stored.competition, stored.owner))
     }
 
     fn tables(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<Table>>> {
@@ -188,13 +189,13 @@ impl Runs {
     /// See [`CreateError`]; then nothing was created.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
-        let NewRun { account, purpose, definition, attempt, idempotency } = new;
-        let owner = account.owner;
+        let NewRun { party, purpose, definition, attempt, idempotency } = new;
+        let owner = party.owner();
         let least = self.0.parts.disk_free_percent_min;
         if disk.is_full(least) {
             return Err(CreateError::DiskFull(least));
         }
-        registry.check_room(account, purpose)?;
+        registry.check_room(party, purpose)?;
         let now = clock.now();
         let id = new_id(now, &**entropy);
         for game in definition.suite.plan() {
@@ -221,7 +222,7 @@ impl Runs {
         };
         store.keep(vec![Entry::OpenRun(Box::new(row))]).await?;
         if owner.is_none() {
-            self.keyless().insert(run, account);
+            self.keyless().insert(run, party);
         }
         tracing::info!(run = %id, suite = %definition.suite.name, model = %definition.model, "created");
         metrics::counter!("swarmbench_runs_created_total").increment(1);
@@ -375,7 +376,7 @@ impl Runs {
         mut purpose: Purpose,
     ) -> Result<(), JournalError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
-        let account = self.account(stored);
+        let party = self.party(stored);
         self.waiting().remove(&stored.run);
         for game in games {
             let parts = &self.0.parts;
@@ -392,7 +393,7 @@ impl Runs {
                 .map_err(|problem| JournalError(problem.into()))?;
             let creation = Creation {
                 id: EpisodeId::new(clock.now(), &**entropy),
-                account,
+                party,
                 purpose: std::mem::replace(&mut purpose, Purpose::Usual),
                 run: Some((stored.run, game.slot)),
                 spec,

@@ -57,7 +57,7 @@ impl Store {
         )
         .bind(before.unwrap_or(i64::MAX))
         .bind(limit)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {

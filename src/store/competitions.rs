@@ -2,14 +2,14 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{Connection, QueryBuilder, Row, Sqlite};
 
 use super::episodes::time;
 use super::runs::void_reason;
 use super::{Store, failure};
 use crate::competition::EntrantStatus;
 use crate::competition::definition::Definition;
-use crate::competition::entrant::{Declaration, Entrant};
+use crate::competition::entrant::{Declaration, Entrant, skeleton};
 use crate::competition::sealed::{SEED_BYTES, Sealed};
 use crate::ids::TokenHash;
 use crate::journal::{CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey};
@@ -70,6 +70,17 @@ pub struct StoredAttempt {
     pub unfinished: u32,
 }
 
+/// What decides whether somebody may enter a competition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EntrantRoom {
+    /// How many take part.
+    pub active: u32,
+    /// Whether somebody has a name that looks the same.
+    pub has_name: bool,
+    /// How many entrants the key has.
+    pub of_owner: u32,
+}
+
 const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, created_at, \
                            revealed_at FROM competitions ";
 
@@ -110,7 +121,7 @@ impl Store {
     ) -> Result<Option<StoredCompetition>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE id = ").push_bind(id);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(competition).transpose().map_err(failure)
     }
 
@@ -126,7 +137,7 @@ impl Store {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -141,7 +152,7 @@ impl Store {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE revealed_at IS NULL AND closes_at <= ");
         query.push_bind(now.as_millisecond()).push(" ORDER BY key");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -157,7 +168,7 @@ impl Store {
         let mut query = select_entrants(Declared::Whole);
         query.push("WHERE competition = ").push_bind(competition.0);
         query.push(" AND id = ").push_bind(id);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(entrant).transpose().map_err(failure)
     }
 
@@ -172,13 +183,63 @@ impl Store {
         declared: Declared,
     ) -> Result<Vec<StoredEntrant>, JournalError> {
         let mut query = select_entrants(declared);
-        query.push("WHERE competition = ").push_bind(competition.0);
+        // Whoever is one of many is found by the key.
+        query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
+        query.push_bind(competition.0);
         if let Some(owner) = owner {
             query.push(" AND owner = ").push_bind(owner.0);
         }
         query.push(" ORDER BY key");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
+    }
+
+    /// Whether a competition takes another entrant, and of whom.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn room_for(
+        &self,
+        competition: CompetitionKey,
+        skeleton: &str,
+        owner: Option<OwnerKey>,
+    ) -> Result<EntrantRoom, JournalError> {
+        let row = sqlx::query(
+            "SELECT (SELECT entrants FROM competitions WHERE key = ?1),
+                    EXISTS (SELECT 1 FROM entries WHERE competition = ?1 AND skeleton = ?2),
+                    (SELECT count(*) FROM entries INDEXED BY entries_by_owner WHERE owner = ?3 AND competition = ?1)",
+        )
+        .bind(competition.0)
+        .bind(skeleton)
+        .bind(owner.map(|owner| owner.0))
+        .fetch_one(&mut *self.read().await?)
+        .await
+        .map_err(failure)?;
+        let room = || {
+            Ok(EntrantRoom {
+                active: row.try_get(0)?,
+                has_name: row.try_get(1)?,
+                of_owner: row.try_get(2)?,
+            })
+        };
+        room().map_err(failure)
+    }
+
+    /// The competition for which a key was made, if it is that of an entrant.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn competition_of(
+        &self,
+        owner: OwnerKey,
+    ) -> Result<Option<CompetitionKey>, JournalError> {
+        let row =
+            sqlx::query("SELECT competition FROM entries WHERE owner = ? ORDER BY key LIMIT 1")
+                .bind(owner.0)
+                .fetch_optional(&mut *self.read().await?)
+                .await
+                .map_err(failure)?;
+        row.map(|row| row.try_get(0).map(CompetitionKey)).transpose().map_err(failure)
     }
 
     /// Whether a competition has an invitation code with this hash, and whether it was used; none where it has
@@ -196,7 +257,7 @@ impl Store {
         )
         .bind(competition.0)
         .bind(&hash.0[..])
-        .fetch_optional(&self.readers)
+        .fetch_optional(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         row.map(|row| row.try_get(0)).transpose().map_err(failure)
@@ -212,13 +273,15 @@ impl Store {
         entry: Option<EntryKey>,
     ) -> Result<Vec<StoredAttempt>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
-        query.push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ");
-        query.push_bind(competition.0).push(")");
-        if let Some(entry) = entry {
-            query.push(" AND r.entry = ").push_bind(entry.0);
-        }
+        match entry {
+            Some(entry) => query.push("WHERE r.entry = ").push_bind(entry.0),
+            None => query
+                .push("WHERE r.entry IN (SELECT key FROM entries WHERE competition = ")
+                .push_bind(competition.0)
+                .push(")"),
+        };
         query.push(" ORDER BY r.key");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(attempt).collect::<Result<_, _>>().map_err(failure)
     }
 }
@@ -249,14 +312,15 @@ pub(super) async fn add_entrant(
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched,
+        "INSERT INTO entries (id, competition, owner, name, skeleton, model, declaration, template, status, vouched,
                               registered_at)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?)",
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, ?, 'active', ?, ?)",
     )
     .bind(&row.id)
     .bind(row.competition.0)
     .bind(&row.owner)
     .bind(&row.name)
+    .bind(skeleton(&row.name))
     .bind(&row.model)
     .bind(&row.declaration)
     .bind(&row.template)
@@ -264,6 +328,10 @@ pub(super) async fn add_entrant(
     .bind(row.at.as_millisecond())
     .execute(&mut *connection)
     .await?;
+    sqlx::query("UPDATE competitions SET entrants = entrants + 1 WHERE key = ?")
+        .bind(row.competition.0)
+        .execute(&mut *connection)
+        .await?;
     if let Some(hash) = row.invitation {
         sqlx::query("UPDATE invitations SET entry = ? WHERE hash = ?")
             .bind(added.last_insert_rowid())
@@ -274,6 +342,25 @@ pub(super) async fn add_entrant(
     Ok(())
 }
 
+/// Adds to entrants of earlier versions how their names look.
+pub(super) async fn add_skeletons(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    let rows = sqlx::query("SELECT key, name FROM entries WHERE skeleton IS NULL")
+        .fetch_all(&mut *connection)
+        .await?;
+    if rows.is_empty() {
+        return Ok(());
+    }
+    let mut transaction = connection.begin().await?;
+    for row in rows {
+        sqlx::query("UPDATE entries SET skeleton = ? WHERE key = ?")
+            .bind(skeleton(row.try_get("name")?))
+            .bind(row.try_get::<i64, _>("key")?)
+            .execute(&mut *transaction)
+            .await?;
+    }
+    transaction.commit().await
+}
+
 pub(super) async fn set_entrant(
     connection: &mut SqliteConnection,
     entry: EntryKey,
@@ -281,6 +368,15 @@ pub(super) async fn set_entrant(
     reason: Option<&str>,
     vouched: bool,
 ) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE competitions
+         SET entrants = entrants + (?1 = 'active') - (SELECT status = 'active' FROM entries WHERE key = ?2)
+         WHERE key = (SELECT competition FROM entries WHERE key = ?2)",
+    )
+    .bind(status)
+    .bind(entry.0)
+    .execute(&mut *connection)
+    .await?;
     sqlx::query("UPDATE entries SET status = ?, reason = ?, vouched = ? WHERE key = ?")
         .bind(status)
         .bind(reason)

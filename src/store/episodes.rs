@@ -121,7 +121,7 @@ impl Store {
     ) -> Result<Option<StoredEpisode>, JournalError> {
         let mut query = select(detail);
         query.push("e.id = ").push_bind(id.as_str());
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.map(|row| episode(&row)).transpose()
     }
 
@@ -181,7 +181,7 @@ impl Store {
             Readable::Nothing => query.push(" AND 0"),
         };
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(episode).collect()
     }
 
@@ -195,7 +195,7 @@ impl Store {
                     iif(clocked, (SELECT max(round) + 1 FROM rounds WHERE episode = key), NULL)
              FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -226,7 +226,7 @@ impl Store {
                  WHERE e.status IN ('waiting', 'running') AND e.owner IS NOT NULL)
              GROUP BY owner",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -248,7 +248,7 @@ impl Store {
              FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
              WHERE e.status IN ('waiting', 'running')",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -273,7 +273,7 @@ impl Store {
                  WHERE c.revealed_at IS NULL)
              GROUP BY competition",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -289,7 +289,7 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn last_key(&self) -> Result<i64, JournalError> {
         sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")
-            .fetch_one(&self.readers)
+            .fetch_one(&mut *self.read().await?)
             .await
             .and_then(|row| row.try_get(0))
             .map_err(failure)
@@ -306,7 +306,7 @@ impl Store {
         let row =
             sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?")
                 .bind(key)
-                .fetch_optional(&self.readers)
+                .fetch_optional(&mut *self.read().await?)
                 .await
                 .map_err(failure)?;
         let read = |row: SqliteRow| {

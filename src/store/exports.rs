@@ -28,7 +28,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let round = |row: &SqliteRow| {
@@ -49,7 +49,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         for row in &acts {

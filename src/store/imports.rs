@@ -43,7 +43,7 @@ impl Store {
             }
         }
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(import).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -54,7 +54,7 @@ impl Store {
     pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("id = ").push_bind(id);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(import).transpose().map_err(failure)
     }
 
@@ -75,7 +75,7 @@ impl Store {
         .bind(key.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let round = |row: &SqliteRow| {
@@ -97,7 +97,7 @@ impl Store {
         let rows = sqlx::query(
             "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let game = |row: &SqliteRow| {

@@ -19,7 +19,7 @@ impl Store {
     pub async fn keys(&self) -> Result<Vec<Key>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("ORDER BY number");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(key).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -28,7 +28,9 @@ impl Store {
     /// # Errors
     /// Where the database cannot be read.
     pub async fn has_keys(&self) -> Result<bool, JournalError> {
-        let row = sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)").fetch_one(&self.readers).await;
+        let row = sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")
+            .fetch_one(&mut *self.read().await?)
+            .await;
         row.and_then(|row| row.try_get(0)).map_err(failure)
     }
 
@@ -39,7 +41,7 @@ impl Store {
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE hash = ").push_bind(&hash.0[..]);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(key).transpose().map_err(failure)
     }
 }

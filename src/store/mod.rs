@@ -11,6 +11,7 @@ mod exports;
 mod files;
 pub mod imports;
 pub mod keys;
+mod readers;
 pub mod rebuild;
 pub mod records;
 pub mod results;
@@ -23,25 +24,17 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
-    SqliteSynchronous,
-};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions, Row};
 
 use crate::journal::{Committed, Entry, JournalError};
 pub use files::Lost;
 use files::{Files, Lock};
+pub use readers::READERS_MAX;
 pub use writer::WriterState;
 
 /// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
 const SQLITE_VERSION_MIN: (u32, u32, u32) = (3, 51, 3);
-
-/// Connections that read at once.
-const READERS: u32 = 4;
-
-/// How long somebody waits for a free connection to read.
-const READ_PATIENCE: Duration = Duration::from_secs(5);
 
 /// The database could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -102,7 +95,7 @@ pub enum OpenError {
 /// An open database. Cloning shares it.
 #[derive(Clone, Debug)]
 pub struct Store {
-    readers: SqlitePool,
+    readers: readers::Readers,
     writer: writer::Writer,
     files: Files,
     /// Held as long as the database is open; none where it is only read.
@@ -117,12 +110,8 @@ impl Store {
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
         let Taken { lock, files, options, connection } = take(path, true).await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(READ_PATIENCE)
-            .connect_with(options.read_only(true).create_if_missing(false))
-            .await
-            .map_err(failed)?;
+        let options = options.read_only(true).create_if_missing(false);
+        let readers = readers::Readers::open(options).await.map_err(failed)?;
         let writer = writer::Writer::spawn(connection, files.clone());
         Ok(Self { readers, writer, files, lock: Arc::new(Mutex::new(Some(lock))) })
     }
@@ -145,22 +134,28 @@ impl Store {
             .read_only(true)
             .busy_timeout(Duration::from_secs(10))
             .disable_statement_logging();
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(READ_PATIENCE)
-            .connect_with(options)
-            .await
-            .map_err(failed)?;
+        let mut connection = options.connect().await.map_err(failed)?;
         let newest: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
-            .fetch_one(&readers)
+            .fetch_one(&mut connection)
             .await
             .map_err(failed)?;
+        let readers = readers::Readers::open(options).await.map_err(failed)?;
         let known = sqlx::migrate!().iter().map(|migration| migration.version).max();
         if newest != known {
             return Err(OpenError::Tables(path.to_owned()));
         }
         let writer = writer::Writer::none();
         Ok(Self { readers, writer, files: Files::default(), lock: Arc::default() })
+    }
+
+    /// A connection that reads, for whoever this task works for.
+    async fn read(&self) -> Result<readers::Reading, JournalError> {
+        self.readers.get().await
+    }
+
+    /// Forgets whoever has not read for a while; to be called now and then.
+    pub fn tidy(&self) {
+        self.readers.tidy();
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
@@ -197,7 +192,7 @@ impl Store {
     /// # Errors
     /// Where it cannot.
     pub async fn ping(&self) -> Result<(), JournalError> {
-        sqlx::query("SELECT 1").execute(&self.readers).await.map_err(failure)?;
+        sqlx::query("SELECT 1").execute(&mut *self.read().await?).await.map_err(failure)?;
         Ok(())
     }
 }
@@ -228,6 +223,7 @@ async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
         .run(&mut connection)
         .await
         .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
+    competitions::add_skeletons(&mut connection).await.map_err(failed)?;
     let files = Files::of(path, &lock)
         .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
     files.check()?;

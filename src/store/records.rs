@@ -98,7 +98,7 @@ impl Store {
         .bind(from.1.0)
         .bind(last.0)
         .bind(last.1.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let act = |row: &SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
@@ -124,7 +124,7 @@ impl Store {
         .bind(from.1.0)
         .bind(end)
         .bind(ACTS_OF_A_PART_MAX + 1)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let (mut last, mut bytes) = (None, 0);
@@ -147,7 +147,7 @@ impl Store {
     pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, JournalError> {
         let row = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?")
             .bind(episode.0)
-            .fetch_one(&self.readers)
+            .fetch_one(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         let bytes: Option<i64> = row.try_get(0).map_err(failure)?;
@@ -161,7 +161,7 @@ impl Store {
     pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, JournalError> {
         let text = sqlx::query_scalar("SELECT ending FROM episodes WHERE key = ?")
             .bind(episode.0)
-            .fetch_one(&self.readers)
+            .fetch_one(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         RawRecord::from_stored(text).map_err(|error| JournalError(error.to_string().into()))
@@ -193,7 +193,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
@@ -226,7 +226,7 @@ impl Store {
         .bind(episode.0)
         .bind(round)
         .bind(agent.0)
-        .fetch_optional(&self.readers)
+        .fetch_optional(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         row.map(|row| act(&row)).transpose().map_err(failure)
@@ -240,7 +240,7 @@ impl Store {
             "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
         )
         .bind(run.0)
-        .fetch_optional(&self.readers)
+        .fetch_optional(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read =
@@ -261,7 +261,7 @@ impl Store {
         .bind(episode.0)
         .bind(from)
         .bind(to)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let round = |row: &SqliteRow| {

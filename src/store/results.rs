@@ -1,6 +1,7 @@
 //! The table `results`, and what else boards are made of.
 
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -58,18 +59,27 @@ pub enum Change {
 
 /// What was committed and concerns boards, until whoever keeps them takes it.
 #[derive(Debug)]
-pub struct Changes(Mutex<Option<Vec<Change>>>);
+pub struct Changes {
+    kept: Mutex<Option<Vec<Change>>>,
+    /// How often something was committed that a board, or a list of a competition, may show.
+    revision: AtomicU64,
+}
 
 impl Default for Changes {
     fn default() -> Self {
-        Self(Mutex::new(Some(Vec::new())))
+        Self { kept: Mutex::new(Some(Vec::new())), revision: AtomicU64::new(0) }
     }
 }
 
 impl Changes {
     /// What came since the last call; none where all may have changed.
     pub fn take(&self) -> Option<Vec<Change>> {
-        self.0.lock().expect("nothing panics while it holds this").replace(Vec::new())
+        self.kept.lock().expect("nothing panics while it holds this").replace(Vec::new())
+    }
+
+    /// Another number than before, once something was committed that a board, or a list of a competition, may show.
+    pub fn revision(&self) -> u64 {
+        self.revision.load(Ordering::Acquire)
     }
 
     /// Notes what is durable now.
@@ -84,9 +94,12 @@ impl Changes {
                 // Which runs these were is not told.
                 Entry::SetEntrant { .. } | Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
-                // Boards show what is over.
+                // Boards show what is over; lists of a competition show more.
                 Entry::Open(_)
-                | Entry::Start { .. }
+                | Entry::OpenRun(_)
+                | Entry::AddCompetition(_)
+                | Entry::AddEntrant(_) => {}
+                Entry::Start { .. }
                 | Entry::Act(_)
                 | Entry::Round(_)
                 | Entry::End(_)
@@ -95,23 +108,22 @@ impl Changes {
                 | Entry::ReplaceTokens { .. }
                 | Entry::AddKey(_)
                 | Entry::RevokeKey { .. }
-                | Entry::OpenRun(_)
                 | Entry::ReplaceRunToken { .. }
-                | Entry::AddCompetition(_)
-                | Entry::AddEntrant(_)
                 | Entry::AddInvitations { .. }
-                | Entry::Audit(_) => {}
+                | Entry::Audit(_) => continue,
             }
+            // After what it tells of.
+            self.revision.fetch_add(1, Ordering::AcqRel);
         }
     }
 
     /// Notes that anything may have changed.
     fn add_all(&self) {
-        *self.0.lock().expect("nothing panics while it holds this") = None;
+        *self.kept.lock().expect("nothing panics while it holds this") = None;
     }
 
     fn add(&self, change: Change) {
-        let mut changes = self.0.lock().expect("nothing panics while it holds this");
+        let mut changes = self.kept.lock().expect("nothing panics while it holds this");
         match &mut *changes {
             Some(kept) if kept.len() < CHANGES_MAX => kept.push(change),
             // All is read again, whatever else comes.
@@ -252,7 +264,7 @@ impl Store {
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, JournalError> {
         let row = sqlx::query("SELECT run FROM episodes WHERE key = ?")
             .bind(episode.0)
-            .fetch_optional(&self.readers)
+            .fetch_optional(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         let run = row.map(|row| row.try_get::<Option<i64>, _>(0)).transpose().map_err(failure)?;
@@ -263,7 +275,7 @@ impl Store {
         &self,
         mut query: QueryBuilder<Sqlite>,
     ) -> Result<Vec<BoardRun>, JournalError> {
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(run).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -281,7 +293,7 @@ impl Store {
         )
         .bind(first.0)
         .bind(last.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -306,7 +318,7 @@ impl Store {
         )
         .bind(after.map_or(i64::MIN, |episode| episode.0))
         .bind(CHUNK)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let mut games = Vec::new();
@@ -337,7 +349,7 @@ impl Store {
              ORDER BY s.holder, s.model",
         )
         .bind(episode.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let Some(first) = rows.first() else { return Ok(None) };

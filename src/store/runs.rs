@@ -111,7 +111,7 @@ impl Store {
     pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.id = ").push_bind(id);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(stored).transpose().map_err(failure)
     }
 
@@ -122,7 +122,7 @@ impl Store {
     pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.key = ").push_bind(run.0);
-        let row = query.build().fetch_optional(&self.readers).await.map_err(failure)?;
+        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
         row.as_ref().map(stored).transpose().map_err(failure)
     }
 
@@ -161,7 +161,7 @@ impl Store {
             Readable::Only(_) | Readable::Nothing => query.push(" AND 0"),
         };
         query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         rows.iter().map(stored).collect::<Result<_, _>>().map_err(failure)
     }
 
@@ -175,7 +175,7 @@ impl Store {
              UNION SELECT run FROM episodes WHERE status IN ('waiting', 'running') AND run IS NOT NULL
              ORDER BY 1",
         )
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         rows.iter().map(|row| row.try_get(0).map(RunKey)).collect::<Result<_, _>>().map_err(failure)
@@ -223,7 +223,7 @@ impl Store {
             keys.push_bind(run.0);
         }
         query.push(") ORDER BY e.run, e.slot, e.key");
-        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
         for row in &rows {
             let run = row.try_get("run").map(RunKey).map_err(failure)?;
             all.entry(run).or_default().push(game(row).map_err(failure)?);
@@ -237,7 +237,7 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn last_run_key(&self) -> Result<i64, JournalError> {
         sqlx::query("SELECT coalesce(max(key), 0) FROM runs")
-            .fetch_one(&self.readers)
+            .fetch_one(&mut *self.read().await?)
             .await
             .and_then(|row| row.try_get(0))
             .map_err(failure)
@@ -253,7 +253,7 @@ impl Store {
     ) -> Result<Option<(StoredRun, Vec<u8>)>, JournalError> {
         let row = sqlx::query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = ?")
             .bind(key)
-            .fetch_optional(&self.readers)
+            .fetch_optional(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         let Some(row) = row else { return Ok(None) };

@@ -39,7 +39,7 @@ impl Store {
              FROM seats s LEFT JOIN keys k ON k.number = s.owner WHERE s.episode = ? ORDER BY s.agent",
         )
         .bind(episode.0)
-        .fetch_all(&self.readers)
+        .fetch_all(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
@@ -63,7 +63,7 @@ impl Store {
         let row =
             sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?")
                 .bind(key)
-                .fetch_optional(&self.readers)
+                .fetch_optional(&mut *self.read().await?)
                 .await
                 .map_err(failure)?;
         let read = |row: SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
@@ -83,7 +83,7 @@ impl Store {
             sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent")
                 .bind(episode.0)
                 .bind(holder)
-                .fetch_all(&self.readers)
+                .fetch_all(&mut *self.read().await?)
                 .await
                 .map_err(failure)?;
         let seats = rows.iter().map(|row| row.try_get(0).map(AgentId));
@@ -97,7 +97,7 @@ impl Store {
     ) -> Result<Vec<Held>, JournalError> {
         let rows = sqlx::query("SELECT * FROM claims WHERE episode = ? ORDER BY holder")
             .bind(episode.0)
-            .fetch_all(&self.readers)
+            .fetch_all(&mut *self.read().await?)
             .await
             .map_err(failure)?;
         let mut all = Vec::with_capacity(rows.len());
@@ -116,7 +116,7 @@ impl Store {
     ) -> Result<Option<String>, JournalError> {
         sqlx::query_scalar("SELECT id FROM keys WHERE number = ?")
             .bind(owner.0)
-            .fetch_optional(&self.readers)
+            .fetch_optional(&mut *self.read().await?)
             .await
             .map_err(failure)
     }

@@ -7,7 +7,7 @@ use swarmbench_engine::AgentId;
 
 use super::{Store, failure};
 use crate::ids::{EpisodeId, TokenHash};
-use crate::journal::{EpisodeKey, JournalError, RunKey};
+use crate::journal::{CompetitionKey, EpisodeKey, JournalError, RunKey};
 use crate::keys::{Key, OwnerKey};
 
 /// What a token stands for.
@@ -37,6 +37,8 @@ pub enum Grant {
         run: RunKey,
         /// The key with which it was created, if any.
         owner: Option<OwnerKey>,
+        /// The competition, where it is an attempt in one.
+        competition: Option<CompetitionKey>,
     },
     /// A person.
     Key(Key),
@@ -59,19 +61,22 @@ impl Store {
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, JournalError> {
         let row = sqlx::query(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
-                    t.agent, t.holder, t.run, t.episode
+                    t.agent, t.holder, t.run, t.episode,
+                    (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition
              FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
              LEFT JOIN claims c ON c.episode = t.episode AND c.holder = t.holder
              WHERE t.hash = ?",
         )
         .bind(&hash.0[..])
-        .fetch_optional(&self.readers)
+        .fetch_optional(&mut *self.read().await?)
         .await
         .map_err(failure)?;
         let Some(row) = row else { return Ok(None) };
         let owner = row.try_get::<Option<i64>, _>("owner").map_err(failure)?.map(OwnerKey);
         if let Some(run) = row.try_get::<Option<i64>, _>("run").map_err(failure)? {
-            return Ok(Some(Grant::Run { run: RunKey(run), owner }));
+            let competition = row.try_get::<Option<i64>, _>("competition").map_err(failure)?;
+            let competition = competition.map(CompetitionKey);
+            return Ok(Some(Grant::Run { run: RunKey(run), owner, competition }));
         }
         let episode = EpisodeId::from_text(row.try_get("id").map_err(failure)?);
         if let Some(agent) = row.try_get::<Option<u16>, _>("agent").map_err(failure)? {

@@ -37,6 +37,7 @@ mod published;
 mod restart;
 mod runs;
 mod sealed;
+mod shares;
 mod streams;
 mod swarm;
 mod vectors;

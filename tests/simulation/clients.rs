@@ -10,12 +10,13 @@ use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
 use swarmbench::episode::lockstep::Submission;
-use swarmbench::episode::quota::{Account, Purpose};
+use swarmbench::episode::quota::Purpose;
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::{CreateError, Creation, FindError, Registry};
 use swarmbench::episode::replay::state_at;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::fair::Party;
 use swarmbench::ids::{EpisodeId, TokenHash};
 use swarmbench::journal::record::{ActRecord, Source, Usage};
 use swarmbench::journal::{Holder, JournalError};
@@ -113,7 +114,7 @@ pub(crate) async fn serve(
     if let Request::Create(spec, owner) = request {
         let creation = Creation {
             id,
-            account: Account::of(owner),
+            party: Party::of_key(owner),
             purpose: Purpose::Usual,
             run: None,
             spec: *spec,

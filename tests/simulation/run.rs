@@ -11,9 +11,10 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench::clock::Clock;
 use swarmbench::episode::actor::Handle;
-use swarmbench::episode::quota::{Account, Caps, Purpose, Quotas};
+use swarmbench::episode::quota::{Caps, Purpose, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::seating::Wanted;
+use swarmbench::fair::Party;
 use swarmbench::house;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::{Entry, EpisodeKey};
@@ -760,9 +761,9 @@ impl Run {
             let bytes: u64 = self.journal.bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
             if bytes < caps.journal_bytes_per_key_max {
                 let places = 2_000..2_000 + i64::try_from(most).expect("few");
-                let account = Account::of(Some(OwnerKey(1)));
+                let party = Party::of_key(Some(OwnerKey(1)));
                 let refused = places
-                    .map(|key| quotas.admit(EpisodeKey(key), account, Purpose::Usual))
+                    .map(|key| quotas.admit(EpisodeKey(key), party, Purpose::Usual))
                     .find_map(Result::err);
                 let what = || format!("no place is left: {refused:?}");
                 self.checker.check(Invariant::Quotas, refused.is_none(), what);

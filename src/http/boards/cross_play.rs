@@ -86,15 +86,19 @@ pub(in super::super) async fn show_cross_play(
             malformed("cursor must be the next_cursor of an earlier page".to_owned())
         })?,
     };
-    let games = app.standings.mixed().await?;
-    let answer = app.render(move || {
-        let asked = games.values().filter(|game| {
-            task.is_none_or(|task| game.setting.task == task)
-                && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
+    let asked = format!("cross-play {task:?} {:?} {start} {limit} {format:?}", params.rules);
+    let make = async {
+        let games = app.standings.mixed().await?;
+        let answer = app.render(move || {
+            let asked = games.values().filter(|game| {
+                task.is_none_or(|task| game.setting.task == task)
+                    && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
+            });
+            let page = CrossPlay::page(&pairs(asked.map(|game| &**game)), start, limit);
+            let next = page.next_cursor.clone();
+            format.answer(&page, CrossPlay::csv, next)
         });
-        let page = CrossPlay::page(&pairs(asked.map(|game| &**game)), start, limit);
-        let next = page.next_cursor.clone();
-        format.answer(&page, CrossPlay::csv, next)
-    });
-    answer.await
+        answer.await
+    };
+    app.made_once(asked, make).await
 }

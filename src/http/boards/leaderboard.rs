@@ -95,13 +95,17 @@ pub(in super::super) async fn show_leaderboard(
         no_reference: params.reference == Some(false),
         imported: params.imported == Some(true),
     };
-    let boards = app.standings.boards().await?;
-    let intervals = app.clone();
-    let answer = app.render(move || {
-        let ranked = boards.ranked(&question)?;
-        let page = Leaderboard::page(&ranked, ranked.after(after), limit, &intervals.intervals);
-        let next = page.next_cursor.clone();
-        Ok(format.answer(&page, Leaderboard::csv, next))
-    });
-    answer.await?
+    let asked = format!("leaderboard {question:?} {after:?} {limit} {format:?}");
+    let make = async {
+        let boards = app.standings.boards().await?;
+        let intervals = app.clone();
+        let answer = app.render(move || {
+            let ranked = boards.ranked(&question)?;
+            let page = Leaderboard::page(&ranked, ranked.after(after), limit, &intervals.intervals);
+            let next = page.next_cursor.clone();
+            Ok(format.answer(&page, Leaderboard::csv, next))
+        });
+        answer.await?
+    };
+    app.made_once(asked, make).await
 }

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::error::{ApiError, Code};
 
 /// In which form somebody wants a board.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
     Json,
     Csv,

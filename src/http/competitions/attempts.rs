@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::response::{IntoResponse, Response};
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -33,11 +34,21 @@ pub(in super::super) async fn list_attempts(
     caller: Caller,
     Id(id): Id,
     _: Params<Nothing>,
-) -> Result<Json<AttemptList>, ApiError> {
+) -> Result<Response, ApiError> {
     let number = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
-    let field = app.field(competition, Declared::Short).await?;
-    let sees_all = caller.is_organizer();
-    let items = field.summaries(|entrant| sees_all || number == Some(entrant.owner))?;
-    Ok(Json(AttemptList { items, next_cursor: None }))
+    let listed = |items| Json(AttemptList { items, next_cursor: None }).into_response();
+    if caller.is_organizer() {
+        let make = async {
+            let field = app.field(competition, Declared::Short).await?;
+            Ok(listed(app.render(move || field.summaries()).await??))
+        };
+        return app.made_once(format!("attempts of {id}"), make).await;
+    }
+    let own = match number {
+        Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,
+        None => Vec::new(),
+    };
+    let field = app.part_of_field(competition, own).await?;
+    Ok(listed(field.summaries()?))
 }

@@ -74,17 +74,32 @@ pub(in super::super) async fn show_board(
         BoardView::TotalsBefore(at) => ("totals", Some(at)),
         BoardView::All => ("all", None),
     };
-    let mut items: Vec<CompetitionRow> = Vec::new();
-    if view != BoardView::Nothing {
+    let make = async {
+        let mut board = CompetitionBoard {
+            shows: shows.to_owned(),
+            frozen_at: before,
+            items: Vec::new(),
+            next_cursor: None,
+        };
+        if view == BoardView::Nothing {
+            return written(&board, is_csv);
+        }
         let field = app.field(competition, Declared::Short).await?;
         let with_tasks = view == BoardView::All;
-        items = app.render(move || field.shown(before, with_tasks)).await??;
-    }
-    let board =
-        CompetitionBoard { shows: shows.to_owned(), frozen_at: before, items, next_cursor: None };
+        let make = move || {
+            board.items = field.shown(before, with_tasks)?;
+            written(&board, is_csv)
+        };
+        app.render(make).await?
+    };
+    app.made_once(format!("board of {id}: {view:?} {is_csv}"), make).await
+}
+
+/// The board as JSON or CSV.
+fn written(board: &CompetitionBoard, is_csv: bool) -> Result<Response, ApiError> {
     if is_csv {
         let kind = [(header::CONTENT_TYPE, "text/csv; charset=utf-8")];
-        return Ok((kind, csv(&board)?).into_response());
+        return Ok((kind, csv(board)?).into_response());
     }
     Ok(Json(board).into_response())
 }

@@ -2,6 +2,7 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::response::{IntoResponse, Response};
 
 use super::super::App;
 use super::super::auth::Caller;
@@ -32,11 +33,14 @@ pub(in super::super) async fn list_entrants(
     caller: Caller,
     Id(id): Id,
     _: Params<Nothing>,
-) -> Result<Json<EntrantList>, ApiError> {
+) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
-    let entrants = app.store.entrants(competition.key, None, Declared::Short).await?;
-    let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
-    Ok(Json(EntrantList { items, next_cursor: None }))
+    let make = async {
+        let entrants = app.store.entrants(competition.key, None, Declared::Short).await?;
+        let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
+        Ok(Json(EntrantList { items, next_cursor: None }).into_response())
+    };
+    app.made_once(format!("entrants of {id}"), make).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.
@@ -71,7 +75,7 @@ pub(in super::super) async fn show_entrant(
         let detail = "an entrant's results are shown to its own key; the board is at …/board";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    let field = app.field(competition, Declared::Short).await?;
-    let attempts = field.summaries(|entrant| entrant.key == stored.key)?;
+    let field = app.part_of_field(competition, vec![stored.clone()]).await?;
+    let attempts = field.summaries()?;
     Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), attempts }))
 }

@@ -55,6 +55,29 @@ impl App {
     ) -> Result<Field, ApiError> {
         let entrants = self.store.entrants(competition.key, None, declared).await?;
         let attempts = self.store.attempts(competition.key, None).await?;
+        self.field_of(competition, entrants, attempts).await
+    }
+
+    /// Some who take part in a competition, with all that they played.
+    async fn part_of_field(
+        &self,
+        competition: StoredCompetition,
+        entrants: Vec<StoredEntrant>,
+    ) -> Result<Field, ApiError> {
+        let mut attempts = Vec::new();
+        for entrant in &entrants {
+            attempts.extend(self.store.attempts(competition.key, Some(entrant.key)).await?);
+        }
+        attempts.sort_by_key(|attempt| attempt.run);
+        self.field_of(competition, entrants, attempts).await
+    }
+
+    async fn field_of(
+        &self,
+        competition: StoredCompetition,
+        entrants: Vec<StoredEntrant>,
+        attempts: Vec<StoredAttempt>,
+    ) -> Result<Field, ApiError> {
         let keys: Vec<_> = attempts.iter().map(|attempt| attempt.run).collect();
         let mut games = self.store.games_of_all(&keys).await?;
         let attempts = attempts
@@ -167,18 +190,12 @@ impl Field {
         Ok(shown.collect())
     }
 
-    /// The attempts of all whom `is_of` names, as they see them themselves.
-    fn summaries(
-        &self,
-        is_of: impl Fn(&StoredEntrant) -> bool,
-    ) -> Result<Vec<AttemptSummary>, ApiError> {
+    /// The attempts of all of them, as they see them themselves.
+    fn summaries(&self) -> Result<Vec<AttemptSummary>, ApiError> {
         let mut summaries = Vec::new();
         for pair in &self.attempts {
             let (stored, _) = pair;
             let entrant = self.entrant_of(stored)?;
-            if !is_of(entrant) {
-                continue;
-            }
             let definition = &self.competition.definition;
             let attempt = self.attempt(pair)?;
             let result = standings::result(definition, &entrant.entrant, &attempt);

@@ -1,26 +1,27 @@
 //! `POST /api/v1/competitions/{id}/entrants`.
 
+use std::net::IpAddr;
+
+use axum::Extension;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
-
-use unicode_security::confusable_detection::skeleton;
 
 use super::super::App;
 use super::super::answer::with_tokens;
 use super::super::auth::Caller;
 use super::super::checks::Problems;
+use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
-use crate::competition::EntrantStatus;
 use crate::competition::definition::Admission;
-use crate::competition::entrant::Declaration;
+use crate::competition::entrant::{Declaration, skeleton};
 use crate::competition::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
+use crate::store::competitions::StoredCompetition;
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
 use crate::wire::problem::Problem;
 
@@ -43,12 +44,14 @@ use crate::wire::problem::Problem;
         QueryRefusals,
         TokenRefusals,
         (status = 403, description = "`forbidden`: a token of an episode enters nothing; the invitation code is missing, unknown or used up; the key has as many entrants as it may", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "`rate_limited`: as many have entered from this address as may in an hour", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "`closed`: nobody enters it any more", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn register_entrant(
     State(app): State<App>,
     caller: Caller,
+    Extension(client): Extension<Client>,
     Id(id): Id,
     _: Params<Nothing>,
     Json(request, _): Json<EntrantRequest>,
@@ -68,7 +71,7 @@ pub(in super::super) async fn register_entrant(
     // Whoever enters at the same time is counted, and a code is good once.
     App::to_its_end(async move {
         let _one_by_one = app.one_by_one(&format!("enter {}", competition.id)).await;
-        register(&app, &competition, own_key, request).await
+        register(&app, &competition, own_key, client.address, request).await
     })
     .await
 }
@@ -96,6 +99,7 @@ async fn register(
     app: &App,
     competition: &StoredCompetition,
     own_key: Option<Key>,
+    address: IpAddr,
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
     let least = app.limits.disk_free_percent_min;
@@ -111,27 +115,29 @@ async fn register(
         return Err(ApiError::new(Code::Closed, detail));
     }
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
-    let others = app.store.entrants(competition.key, None, Declared::Short).await?;
+    let looks = skeleton(&request.name);
+    let number = own_key.as_ref().and_then(|key| key.number);
+    let room = app.store.room_for(competition.key, &looks, number).await?;
     let most = app.limits.entrants_max;
     // Whoever was excluded leaves a place to somebody else.
-    let is_active = |other: &&StoredEntrant| other.entrant.status == EntrantStatus::Active;
-    if others.iter().filter(is_active).count() >= most {
+    if room.active as usize >= most {
         let detail = "as many have entered as there may be; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
-    if others.iter().any(|other| is_same(&other.entrant.name, &request.name)) {
+    if room.has_name {
         return Err(ApiError::field("name", "is that of another entrant"));
     }
-    if let Some(key) = &own_key {
-        let own = others.iter().filter(|other| Some(other.owner) == key.number).count();
-        if own >= definition.entries_per_key as usize {
-            let detail = format!("this key has {own} entrants already, as many as it may");
-            return Err(ApiError::new(Code::Forbidden, detail));
-        }
+    if own_key.is_some() && room.of_owner >= definition.entries_per_key {
+        let own = room.of_owner;
+        let detail = format!("this key has {own} entrants already, as many as it may");
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
+    if !is_vouched && invitation.is_none() {
+        app.rates.check_entry(address, &app.limits)?;
     }
     let mut entries = Vec::new();
     let mut secret = None;
-    let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
     let owner = if let Some(key) = own_key {
         key.id
     } else {
@@ -197,10 +203,4 @@ async fn invitation(
         Some(true) => refused("this invitation code was used before; each is good once"),
         Some(false) => Ok(hash),
     }
-}
-
-/// Whether two names look the same on a board.
-fn is_same(one: &str, other: &str) -> bool {
-    let seen = |name: &str| skeleton(&name.trim().to_lowercase()).collect::<String>();
-    seen(one) == seen(other)
 }

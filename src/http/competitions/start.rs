@@ -13,7 +13,8 @@ use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
 use crate::competition::phase::attempt as choose;
-use crate::episode::quota::{Account, Purpose};
+use crate::episode::quota::Purpose;
+use crate::fair::Party;
 use crate::ids::Token;
 use crate::keys::OwnerKey;
 use crate::run::manager::NewRun;
@@ -148,8 +149,8 @@ async fn start(
     let definition = run.ok_or_else(|| ApiError::new(Code::Internal, "there is no attempt"))?;
     let attempt = Some((entrant.key, number));
     let purpose = Purpose::Usual;
-    let account = Account::entrant(competition.key, Some(entrant.owner));
-    let new = NewRun { account, purpose, definition, attempt, idempotency };
+    let party = Party::entrant(competition.key, entrant.owner);
+    let new = NewRun { party, purpose, definition, attempt, idempotency };
     let (run, token) = app.runs.create(new).await?;
     let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
     started(competition, entrant, number, run.id, &token)

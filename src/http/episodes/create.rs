@@ -19,9 +19,10 @@ use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::config;
 use crate::episode::actor::Handle;
-use crate::episode::quota::{Account, Purpose};
+use crate::episode::quota::Purpose;
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
+use crate::fair::Party;
 use crate::house;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
@@ -59,7 +60,7 @@ pub(in super::super) async fn create_episode(
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let key = idempotency_key(&headers, creator.0.owner, &app.limits)?;
+    let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
     let spec = spec(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
@@ -74,7 +75,7 @@ pub(in super::super) async fn create_episode(
 /// Creates an episode, or gives out new tokens for the one that was created with this key and body.
 async fn create_or_repeat(
     app: &App,
-    creator: (Account, Purpose),
+    creator: (Party, Purpose),
     spec: Spec,
     shows_seed: bool,
     key: String,
@@ -100,7 +101,7 @@ async fn create_or_repeat(
 
 async fn new_episode(
     app: &App,
-    (account, purpose): (Account, Purpose),
+    (party, purpose): (Party, Purpose),
     spec: Spec,
     shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
@@ -114,7 +115,7 @@ async fn new_episode(
     let id = EpisodeId::new(app.clock.now(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
-    let creation = Creation { id, account, purpose, run: None, spec, tokens: rows, idempotency };
+    let creation = Creation { id, party, purpose, run: None, spec, tokens: rows, idempotency };
     let handle = app.registry.create(creation).await?;
     Ok(created(&handle, &tokens, shows_seed))
 }

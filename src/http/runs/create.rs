@@ -19,7 +19,8 @@ use super::super::extract::{Json, Nothing, Params, idempotency_key};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::clock::millis;
-use crate::episode::quota::{Account, Purpose};
+use crate::episode::quota::Purpose;
+use crate::fair::Party;
 use crate::house;
 use crate::ids::Token;
 use crate::run::definition::Definition;
@@ -59,7 +60,7 @@ pub(in super::super) async fn create_run(
     Json(request, body): Json<RunRequest>,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let key = idempotency_key(&headers, creator.0.owner, &app.limits)?;
+    let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
     let definition = definition(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
@@ -82,7 +83,7 @@ pub(in super::super) async fn create_run(
 /// Creates a run, or gives out a new token for the one that was created with this key and body.
 async fn create_or_repeat(
     app: &App,
-    (account, purpose): (Account, Purpose),
+    (party, purpose): (Party, Purpose),
     definition: Definition,
     key: String,
     body: [u8; 32],
@@ -91,7 +92,7 @@ async fn create_or_repeat(
     match app.store.run_created_with(&key).await? {
         None => {
             check_new(&definition.suite)?;
-            let new = NewRun::by(account, purpose, definition);
+            let new = NewRun::by(party, purpose, definition);
             let new = NewRun { idempotency: Some((key, body)), ..new };
             Ok(app.runs.create(new).await?)
         }

@@ -8,10 +8,11 @@ use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench::episode::Status;
 use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
-use swarmbench::episode::quota::{Account, Purpose, Quotas};
+use swarmbench::episode::quota::{Purpose, Quotas};
 use swarmbench::episode::registry::{Creation, Registry};
 use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{EpisodeId, Token, TokenKind};
 use swarmbench::journal::record::{ActRecord, Source};
@@ -282,9 +283,9 @@ impl Offline {
         run: Option<(RunKey, u32)>,
     ) -> Handle {
         let id = EpisodeId::new(self.clock.now(), &self.entropy);
-        let (account, purpose) = (Account::of(owner), Purpose::Usual);
+        let (party, purpose) = (Party::of_key(owner), Purpose::Usual);
         let tokens = Vec::new();
-        let creation = Creation { id, account, purpose, run, spec, tokens, idempotency: None };
+        let creation = Creation { id, party, purpose, run, spec, tokens, idempotency: None };
         let handle = self.registry.create(creation).await.expect("it is created");
         self.last = handle.key;
         self.game = Some(handle.clone());

@@ -1,0 +1,142 @@
+//! Connections that read: some for games, some for everybody who looks on, shared fairly.
+
+use std::ops::{Deref, DerefMut};
+use std::time::Duration;
+
+use sqlx::Sqlite;
+use sqlx::pool::PoolConnection;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqlitePool, SqlitePoolOptions};
+
+use super::failure;
+use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
+use crate::journal::JournalError;
+
+/// Connections that read for running games, for whoever plays or enters, and for the server itself.
+const GAMES: usize = 3;
+
+/// Connections that read for everybody else.
+pub const READERS_MAX: usize = 4;
+
+/// How long somebody waits for a connection to read.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Requests that wait for a connection; of one group a quarter of them.
+const WAITING_MAX: usize = 4000;
+
+/// Connections that read. Cloning shares them.
+#[derive(Clone, Debug)]
+pub(super) struct Readers {
+    games: Lane,
+    others: Lane,
+}
+
+/// Connections for one purpose, and whose turn it is.
+#[derive(Clone, Debug)]
+struct Lane {
+    pool: SqlitePool,
+    turns: FairLimit,
+}
+
+/// A connection that reads until this is dropped.
+pub(super) struct Reading {
+    // Given back before somebody else gets the turn.
+    connection: PoolConnection<Sqlite>,
+    _turn: Permit,
+}
+
+impl Deref for Reading {
+    type Target = SqliteConnection;
+
+    fn deref(&self) -> &SqliteConnection {
+        &self.connection
+    }
+}
+
+impl DerefMut for Reading {
+    fn deref_mut(&mut self) -> &mut SqliteConnection {
+        &mut self.connection
+    }
+}
+
+impl Lane {
+    async fn open(options: SqliteConnectOptions, slots: usize) -> Result<Self, sqlx::Error> {
+        let pool = SqlitePoolOptions::new()
+            .max_connections(u32::try_from(slots).unwrap_or(u32::MAX))
+            .acquire_timeout(PATIENCE)
+            .connect_with(options)
+            .await?;
+        let shares = Shares {
+            slots,
+            reserve: 0,
+            // One is left for whoever comes next.
+            slots_per_group: slots - 1,
+            slots_per_member: slots - 1,
+            waiting: WAITING_MAX,
+            waiting_per_group: WAITING_MAX / 4,
+        };
+        Ok(Self { pool, turns: FairLimit::new("readers_max", shares, PATIENCE) })
+    }
+}
+
+impl Readers {
+    pub(super) async fn open(options: SqliteConnectOptions) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            games: Lane::open(options.clone(), GAMES).await?,
+            others: Lane::open(options, READERS_MAX).await?,
+        })
+    }
+
+    /// A connection for whoever this task works for, once it is their turn.
+    pub(super) async fn get(&self) -> Result<Reading, JournalError> {
+        let (party, rank) = (Party::current(), Rank::current());
+        let lane = match rank {
+            Rank::Urgent => &self.games,
+            Rank::Normal => &self.others,
+        };
+        let turn = lane.turns.acquire(party, rank).await.map_err(|_| JournalError::busy())?;
+        let connection = lane.pool.acquire().await.map_err(failure)?;
+        Ok(Reading { connection, _turn: turn })
+    }
+
+    /// Forgets whoever has not read for a while.
+    pub(super) fn tidy(&self) {
+        self.games.turns.prune();
+        self.others.turns.prune();
+    }
+
+    pub(super) async fn close(&self) {
+        self.games.pool.close().await;
+        self.others.pool.close().await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fair::Group;
+    use crate::keys::OwnerKey;
+
+    #[tokio::test]
+    async fn those_who_look_on_leave_connections_to_each_other_and_to_games() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let options = SqliteConnectOptions::new()
+            .filename(directory.path().join("test.db"))
+            .create_if_missing(true);
+        let readers = Readers::open(options).await.expect("a database");
+        let party = |number| Party::of(Group::Owner(OwnerKey(number)));
+        let look = |number| Rank::Normal.scope(party(number).scope(readers.get()));
+        let mut held = Vec::new();
+        for _ in 1..READERS_MAX {
+            held.push(look(1).await.expect("a connection"));
+        }
+        let mut fourth = Box::pin(look(1));
+        assert!(futures::poll!(&mut fourth).is_pending(), "the last one is not theirs");
+        drop(look(2).await.expect("a connection"));
+        // Games, and the server itself, have their own.
+        let play = Rank::Urgent.scope(party(1).scope(readers.get()));
+        drop(play.await.expect("a connection"));
+        drop(readers.get().await.expect("a connection"));
+        held.pop();
+        drop(fourth.await.expect("its turn"));
+    }
+}
