@@ -1,0 +1,66 @@
+//! Connections: as many as there are, and slow ones.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::sleep;
+
+use super::{Addresses, Ctx, on_connections};
+use crate::wire::Request;
+
+/// One client behind the trusted proxy opens connections until there are none left, and keeps each by one means or
+/// another: idle after an answer, waiting for nothing, sending a body byte by byte.
+pub(super) async fn connections(ctx: Arc<Ctx>) -> io::Result<()> {
+    ctx.go().await;
+    on_connections(ctx.of(1_100, 1_500), |number| {
+        let ctx = Arc::clone(&ctx);
+        async move {
+            // They come one after the other.
+            sleep(Duration::from_millis(number as u64)).await;
+            loop {
+                let mut wire = ctx.wire(Addresses::One, number);
+                let kept = match number % 3 {
+                    0 => idle(&mut wire).await,
+                    1 => dribbled_body(&mut wire).await,
+                    _ => unread(&mut wire).await,
+                };
+                if kept.is_err() {
+                    ctx.tally.count("cut");
+                }
+                sleep(Duration::from_millis(200)).await;
+            }
+        }
+    })
+    .await;
+    Ok(())
+}
+
+async fn idle(wire: &mut crate::wire::Wire) -> io::Result<()> {
+    loop {
+        let answer = wire.ask(&Request::get("/healthz")).await?;
+        sleep(if answer.is_ok() { Duration::from_secs(20) } else { Duration::from_secs(1) }).await;
+    }
+}
+
+/// A body of which a byte comes now and then.
+pub(super) async fn dribbled_body(wire: &mut crate::wire::Wire) -> io::Result<()> {
+    let body = " ".repeat(10_000);
+    let act = Request { body: Some(body), ..Request::get("/act") };
+    let bytes = Request { method: "POST", ..act }.bytes(wire.source);
+    let head = bytes.len() - 10_000;
+    wire.send_bytes(&bytes[..head]).await?;
+    for byte in bytes[head..].chunks(1) {
+        wire.send_bytes(byte).await?;
+        sleep(Duration::from_millis(500)).await;
+    }
+    Ok(())
+}
+
+async fn unread(wire: &mut crate::wire::Wire) -> io::Result<()> {
+    wire.open(Some(2_048)).await?;
+    loop {
+        wire.send(&Request::get("/openapi.json")).await?;
+        sleep(Duration::from_secs(1)).await;
+    }
+}
