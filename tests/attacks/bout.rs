@@ -25,7 +25,7 @@ const ADDRESS_SPACE_MIB: u64 = 6 * 1024;
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
 
 /// How long what was begun may take after the time is over.
-const FINISH_MAX: Duration = Duration::from_mins(1);
+const FINISH_MAX: Duration = Duration::from_secs(90);
 
 /// How long the attackers are played.
 #[derive(Clone, Copy, Debug)]

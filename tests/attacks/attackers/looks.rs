@@ -72,10 +72,9 @@ const WINDOWS: [(u32, u32, u32); 8] = [
 /// The largest windows that the server admits, without memory and with some, looked at by single seats and by all.
 pub(super) async fn big_windows(ctx: Arc<Ctx>) -> io::Result<()> {
     let mut games = Vec::new();
-    for memory in [0, *ctx.dice("memory").pick(&[1, 2, 4])] {
+    let memory = *ctx.dice("memory").pick(&[1, 2, 4]);
+    for (memory, control) in [(0, "decentralized"), (0, "centralized"), (memory, "decentralized")] {
         for (agents, window, map) in WINDOWS {
-            let control =
-                *ctx.dice(&format!("control {agents}")).pick(&["decentralized", "centralized"]);
             let body = json!({ "task": "Synchronization", "num_agents": agents, "width": map, "height": map,
                                "view_size": window, "memory": memory, "control": control, "model": "windows",
                                "visibility": "public" });
