@@ -32,7 +32,7 @@ const ERRAND_PACE: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// How long the server may be away before its clients give up.
-const AWAY: Duration = Duration::from_secs(60);
+const AWAY: Duration = Duration::from_mins(1);
 
 /// Agents of each game: the standard setting.
 const AGENTS: usize = 12;

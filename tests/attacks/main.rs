@@ -36,7 +36,9 @@ fn main() -> ExitCode {
     let asked: Vec<_> = std::env::args().skip(1).collect();
     let chosen = chosen(&asked);
     if asked.iter().any(|word| word == "--list") {
-        chosen.iter().for_each(|attack| println!("{}: test", attack.name));
+        for attack in chosen {
+            println!("{}: test", attack.name);
+        }
         return ExitCode::SUCCESS;
     }
     if chosen.is_empty() {

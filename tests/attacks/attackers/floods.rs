@@ -17,13 +17,15 @@ const ACTS: usize = 36;
 /// Anonymous entrants write long reasons as fast as they can.
 pub(super) async fn journal_flood(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("journal_flood");
-    let cup = ctx.dice("cup").pick(&[&ctx.brief.cup, &ctx.brief.open_cup]).to_string();
+    let dice = ctx.dice("cup");
+    let cups = [ctx.brief.cup.as_str(), ctx.brief.open_cup.as_str()];
+    let cup = dice.pick(&cups);
     let mut tokens = Vec::new();
     for number in 0..4 {
         let mut wire = ctx.wire(addresses, number);
         let body = json!({ "name": format!("flood {number}"), "model": "much" });
-        let key = ctx.enter(&mut wire, &cup, &body).await?;
-        tokens.push(ctx.start(&mut wire, &cup, &key).await?);
+        let key = ctx.enter(&mut wire, cup, &body).await?;
+        tokens.push(ctx.start(&mut wire, cup, &key).await?);
     }
     let bytes = 150_000 + ctx.dice("bytes").below(60_000);
     ctx.go().await;
@@ -39,12 +41,9 @@ async fn flood(mut wire: Wire, token: String, bytes: usize) {
     let reasoning = "because ".repeat(bytes / 8);
     let look = Request::get(format!("/swarm/obs?limit={ACTS}")).with(&token);
     loop {
-        let seen = match wire.ask(&look).await.and_then(|answer| answer.read::<Value>()) {
-            Ok(seen) => seen,
-            Err(_) => {
-                sleep(Duration::from_millis(200)).await;
-                continue;
-            }
+        let Ok(seen) = wire.ask(&look).await.and_then(|answer| answer.read::<Value>()) else {
+            sleep(Duration::from_millis(200)).await;
+            continue;
         };
         if seen["finished"] == true {
             return;

@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Resource, getrlimit, setpriority_process, setrlimit};
+use rustix::process::{Resource, getpriority_process, getrlimit, setpriority_process, setrlimit};
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -46,7 +46,8 @@ const CPU_PACE: Duration = Duration::from_millis(5);
 /// How far they may be ahead of it, in seconds.
 const CPU_AHEAD_S: f64 = 0.02;
 
-const NICENESS: i32 = 10;
+/// How much nicer they are than the server and the honest entrant.
+const NICER: i32 = 10;
 
 /// After this time the attackers end, whatever else happens.
 const LIFE_MAX: Duration = Duration::from_mins(15);
@@ -310,7 +311,8 @@ fn tell(line: &str) {
 
 /// The attackers' process.
 pub(crate) fn main() {
-    setpriority_process(None, NICENESS).expect("a lower priority is allowed to all");
+    let niceness = getpriority_process(None).expect("it can be asked") + NICER;
+    setpriority_process(None, niceness).expect("a lower priority is allowed to all");
     let mut files = getrlimit(Resource::Nofile);
     files.current = files.maximum;
     setrlimit(Resource::Nofile, files).expect("as many files as the host allows");
@@ -359,7 +361,7 @@ async fn play(attack: &Attack, ctx: Arc<Ctx>) {
         ctx.note(format!("{} gave up: {error}", attack.name));
     }
     ctx.go().await;
-    std::future::pending().await
+    std::future::pending::<()>().await;
 }
 
 /// Does what is told on the standard input, on a thread of its own; completes at its end.

@@ -67,7 +67,7 @@ pub(super) async fn old_states(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("old_states");
     let agents = ctx.of(64, 256);
     let mut game = Large::create(&ctx, "Flocking", agents, ctx.of(32, 64), None).await?;
-    let rounds = game.play(&ctx, ctx.of(6, 31), Duration::from_secs(60)).await?;
+    let rounds = game.play(&ctx, ctx.of(6, 31), Duration::from_mins(1)).await?;
     ctx.note(format!("{rounds} rounds of {agents} agents were played"));
     ctx.go().await;
     on_connections(ctx.of(10, 60), |number| {
