@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     for attack in chosen {
         println!("\n{}: {}", attack.name, attack.what);
         let outcome = runtime.block_on(bout::play(attack, setting));
-        let problems = table::problems(&outcome, setting.is_long);
+        let problems = table::problems(attack, &outcome, setting.is_long);
         table::tell(&outcome, &problems);
         rows.push((attack.name, outcome, problems));
     }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use swarmbench::loadtest::latencies::Spread;
 
+use crate::attackers::{Attack, CPU_SHARE};
 use crate::bout::{Outcome, Phase};
 
 /// Memory that a server may have resident under any attack, in MiB.
@@ -20,7 +21,7 @@ const READY: Duration = Duration::from_secs(5);
 const KINDS: [&str; 3] = ["/act", "/act?wait", "/swarm/act"];
 
 /// What is not as it must be; with times only in a long run.
-pub(crate) fn problems(outcome: &Outcome, is_long: bool) -> Vec<String> {
+pub(crate) fn problems(attack: &Attack, outcome: &Outcome, is_long: bool) -> Vec<String> {
     let mut problems = Vec::new();
     let mut check = |is_so: bool, told: String| {
         if is_so {
@@ -33,6 +34,8 @@ pub(crate) fn problems(outcome: &Outcome, is_long: bool) -> Vec<String> {
     if let Some(status) = &outcome.died {
         check(true, format!("the server ended: {status}"));
     }
+    let alone = &outcome.alone;
+    check(alone.begun != alone.finished, format!("alone, too: {}", alone.failures.join("; ")));
     let Phase { begun, finished, moves_lost, failures, .. } = &outcome.beside;
     check(begun != finished, format!("{finished} of {begun} honest games were finished"));
     check(*begun == 0, "no honest game was begun".to_owned());
@@ -42,6 +45,9 @@ pub(crate) fn problems(outcome: &Outcome, is_long: bool) -> Vec<String> {
     check(peak > MEMORY_MAX_MIB, format!("{peak} MiB were resident; at most {MEMORY_MAX_MIB}"));
     let nameless = outcome.attackers.counts.nameless();
     check(!nameless.is_empty(), format!("refusals name no limit: {nameless:?}"));
+    // Otherwise the times say nothing.
+    let share = outcome.attackers.cpu_s / outcome.attackers.seconds.max(0.001);
+    check(share > CPU_SHARE * 1.1, format!("the attackers had {share:.2} of a core"));
     let faults = &outcome.faults;
     check(
         !faults.is_empty(),
@@ -58,11 +64,26 @@ pub(crate) fn problems(outcome: &Outcome, is_long: bool) -> Vec<String> {
                 format!("{kind}: p99 is {is:.1} ms beside attackers, at most {most:.1} ms"),
             );
         }
+        if let Some(most) = attack.creation_ms_max {
+            let is = creation_ms(outcome);
+            check(
+                is > most,
+                format!("a creation costs {is:.1} ms of a processor, at most {most} ms"),
+            );
+        }
         if let Some(taken) = outcome.ready_again {
             check(taken > READY, format!("ready again after {taken:.1?}, at most {READY:.1?}"));
         }
     }
     problems
+}
+
+/// What a creation by the attackers cost the server: its time, but for what the honest entrant takes of it alone.
+fn creation_ms(outcome: &Outcome) -> f64 {
+    let (alone, beside) = (&outcome.alone, &outcome.beside);
+    let of_honest = alone.server_cpu_s / alone.seconds.max(0.001) * beside.seconds;
+    let created = outcome.attackers.counts.kinds.get("201").copied().unwrap_or_default();
+    (beside.server_cpu_s - of_honest).max(0.0) * 1000.0 / rate(created.max(1), 1.0)
 }
 
 /// Tells of one attack, with everything that was counted.

@@ -38,7 +38,7 @@ use crate::wire::{Answer, Request, Source, Wire};
 pub(crate) const ATTACKERS: &str = "SWARMBENCH_ATTACKERS";
 
 /// The share of one core that all attackers together use at most.
-const CPU_SHARE: f64 = 0.5;
+pub(crate) const CPU_SHARE: f64 = 0.5;
 
 /// How often that is looked at.
 const CPU_PACE: Duration = Duration::from_millis(5);
@@ -89,6 +89,8 @@ pub(crate) struct Attack {
     pub(crate) restarts: bool,
     /// How many files the server may have open; as many as the host allows where it is none.
     pub(crate) files: Option<u32>,
+    /// What each answer 201 may cost the server of its time on the processors, in milliseconds; asserted in a long run.
+    pub(crate) creation_ms_max: Option<f64>,
 }
 
 macro_rules! attack {
@@ -99,6 +101,7 @@ macro_rules! attack {
             run: |ctx| Box::pin($run(ctx)),
             restarts: false,
             files: None,
+            creation_ms_max: None,
         }
     };
 }
@@ -150,7 +153,10 @@ pub(crate) const ATTACKS: &[Attack] = &[
             "the server is killed while six heavy games with clocks run"
         )
     },
-    attack!("registration", entries::registration, "thousands of entries into a competition"),
+    Attack {
+        creation_ms_max: Some(2.0),
+        ..attack!("registration", entries::registration, "thousands of entries into a competition")
+    },
     attack!(
         "lists",
         lists::lists,

@@ -18,7 +18,7 @@ const WINDOW_BYTES: u32 = 2_048;
 /// Journals and exports of a game with much text are read a byte a second.
 pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("slow_readers");
-    let (agents, rounds) = (12, ctx.of(2, 6));
+    let (agents, rounds) = (12, ctx.of(4, 6));
     let body = json!({ "task": "Synchronization", "num_agents": agents, "max_round": rounds, "model": "much",
                        "visibility": "public" });
     let created = ctx.create(&body).await?;
