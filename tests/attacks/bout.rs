@@ -21,6 +21,9 @@ use crate::wire::{Request, Source, Wire};
 /// Address space that a server gets, in MiB: an attack on memory ends the server and not the host.
 const ADDRESS_SPACE_MIB: u64 = 6 * 1024;
 
+/// Memory that the server may use for worlds and answers, as its environment says it.
+const MEMORY: &str = "1GiB";
+
 /// How long attackers may prepare.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
 
@@ -213,7 +216,7 @@ fn start(site: &Site, attack: &Attack) -> Server {
     let files = attack.files.map_or_else(String::new, |files| format!("ulimit -n {files}; "));
     let mut command = Command::new("sh");
     command.args(["-c", &format!("ulimit -v {kib}; {files}exec \"$0\" \"$@\"")]).arg(program());
-    command.env("RUST_LOG", "warn,swarmbench::cli=info");
+    command.env("RUST_LOG", "warn,swarmbench::cli=info").env("SWARMBENCH_MEMORY_MAX", MEMORY);
     site.start_by(command, &["--trusted-proxy", "127.0.0.1/32"])
 }
 
