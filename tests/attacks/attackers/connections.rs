@@ -20,10 +20,11 @@ pub(super) async fn connections(ctx: Arc<Ctx>) -> io::Result<()> {
             sleep(Duration::from_millis(number as u64)).await;
             loop {
                 let mut wire = ctx.wire(Addresses::One, number);
-                let kept = match number % 3 {
-                    0 => idle(&mut wire).await,
-                    1 => dribbled_body(&mut wire).await,
-                    _ => unread(&mut wire).await,
+                // Making answers is not what is attacked here, so few ask for large ones.
+                let kept = match number % 20 {
+                    0 => unread(&mut wire).await,
+                    1..8 => dribbled_body(&mut wire).await,
+                    _ => idle(&mut wire).await,
                 };
                 if kept.is_err() {
                     ctx.tally.count("cut");
@@ -61,6 +62,6 @@ async fn unread(wire: &mut crate::wire::Wire) -> io::Result<()> {
     wire.open(Some(2_048)).await?;
     loop {
         wire.send(&Request::get("/openapi.json")).await?;
-        sleep(Duration::from_secs(1)).await;
+        sleep(Duration::from_secs(4)).await;
     }
 }

@@ -14,6 +14,9 @@ use crate::wire::Request;
 /// Attempts that all places take, with 64 games at a time.
 const ATTEMPTS: usize = 320;
 
+/// Connections on which they are started.
+const STARTERS: usize = 16;
+
 /// Entrants of another competition start their attempts until there is no place for anybody.
 pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("places");
@@ -21,11 +24,11 @@ pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
     let started = Arc::new(AtomicUsize::new(0));
     ctx.go().await;
     let attempts = ctx.of(12, ATTEMPTS);
-    on_connections(4, |number| {
+    on_connections(STARTERS, |number| {
         let (ctx, cup, started) = (Arc::clone(&ctx), cup.clone(), Arc::clone(&started));
         async move {
             let mut wire = ctx.wire(addresses, number);
-            for entrant in (number..attempts).step_by(4) {
+            for entrant in (number..attempts).step_by(STARTERS) {
                 let body = json!({ "name": format!("places {entrant}"), "model": "many" });
                 let Ok(key) = ctx.enter(&mut wire, &cup, &body).await else { continue };
                 if ctx.start(&mut wire, &cup, &key).await.is_ok() {
