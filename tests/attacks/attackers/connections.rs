@@ -7,7 +7,10 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use super::{Addresses, Ctx, on_connections};
-use crate::wire::Request;
+use crate::wire::{Request, Wire};
+
+/// Bytes of a body of which only a few come.
+const BODY_BYTES: usize = 10_000;
 
 /// One client behind the trusted proxy opens connections until there are none left, and keeps each by one means or
 /// another: idle after an answer, waiting for nothing, sending a body byte by byte.
@@ -23,7 +26,7 @@ pub(super) async fn connections(ctx: Arc<Ctx>) -> io::Result<()> {
                 // Making answers is not what is attacked here, so few ask for large ones.
                 let kept = match number % 20 {
                     0 => unread(&mut wire).await,
-                    1..8 => dribbled_body(&mut wire).await,
+                    1..8 => dribbled_body(&mut wire, &ctx.brief.cup).await,
                     _ => idle(&mut wire).await,
                 };
                 if kept.is_err() {
@@ -37,28 +40,28 @@ pub(super) async fn connections(ctx: Arc<Ctx>) -> io::Result<()> {
     Ok(())
 }
 
-async fn idle(wire: &mut crate::wire::Wire) -> io::Result<()> {
+async fn idle(wire: &mut Wire) -> io::Result<()> {
     loop {
         let answer = wire.ask(&Request::get("/healthz")).await?;
         sleep(if answer.is_ok() { Duration::from_secs(20) } else { Duration::from_secs(1) }).await;
     }
 }
 
-/// A body of which a byte comes now and then.
-pub(super) async fn dribbled_body(wire: &mut crate::wire::Wire) -> io::Result<()> {
-    let body = " ".repeat(10_000);
-    let act = Request { body: Some(body), ..Request::get("/act") };
-    let bytes = Request { method: "POST", ..act }.bytes(wire.source);
-    let head = bytes.len() - 10_000;
-    wire.send_bytes(&bytes[..head]).await?;
-    for byte in bytes[head..].chunks(1) {
+/// An entry whose body comes a byte now and then.
+pub(super) async fn dribbled_body(wire: &mut Wire, cup: &str) -> io::Result<()> {
+    let body = Some(" ".repeat(BODY_BYTES));
+    let path = format!("/api/v1/competitions/{cup}/entrants");
+    let bytes = Request { method: "POST", path, token: None, body }.bytes(wire.source);
+    let (head, body) = bytes.split_at(bytes.len() - BODY_BYTES);
+    wire.send_bytes(head).await?;
+    for byte in body.chunks(1) {
         wire.send_bytes(byte).await?;
         sleep(Duration::from_millis(500)).await;
     }
     Ok(())
 }
 
-async fn unread(wire: &mut crate::wire::Wire) -> io::Result<()> {
+async fn unread(wire: &mut Wire) -> io::Result<()> {
     wire.open(Some(2_048)).await?;
     loop {
         wire.send(&Request::get("/openapi.json")).await?;

@@ -53,7 +53,7 @@ pub(super) async fn lists(ctx: Arc<Ctx>) -> io::Result<()> {
         async move {
             loop {
                 let mut wire = ctx.wire(addresses, number);
-                if dribbled_body(&mut wire).await.is_err() {
+                if dribbled_body(&mut wire, &ctx.brief.cup).await.is_err() {
                     ctx.tally.count("cut");
                 }
                 sleep(Duration::from_millis(100)).await;
