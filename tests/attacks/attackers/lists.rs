@@ -18,10 +18,14 @@ pub(super) async fn lists(ctx: Arc<Ctx>) -> io::Result<()> {
     let mut games = Vec::new();
     let body = json!({ "task": "Synchronization", "num_agents": 2, "model": "long", "visibility": "public",
                        "agent_meta": { "text": "m".repeat(16_000) }, "prompt_template": "t".repeat(32_000) });
-    for _ in 0..ctx.of(60, 1_000) {
+    for number in 0..ctx.of(60, 1_000) {
+        if number > 0 && !ctx.has_time() {
+            break;
+        }
         let created = ctx.create(&body).await?;
         games.push((text(&created, "/id")?, text(&created, "/seats/0/token")?));
     }
+    ctx.note(format!("{} episodes", games.len()));
     ctx.go().await;
     let lists = on_connections(ctx.of(6, 20), |number| {
         let list = Request::get("/api/v1/episodes?limit=1000&model=long");

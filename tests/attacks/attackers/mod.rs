@@ -49,6 +49,9 @@ const CPU_AHEAD_S: f64 = 0.02;
 /// How much nicer they are than the server and the honest entrant.
 const NICER: i32 = 10;
 
+/// After this time no more is prepared, where less does, too.
+const PREPARATION_MAX: Duration = Duration::from_mins(2);
+
 /// After this time the attackers end, whatever else happens.
 const LIFE_MAX: Duration = Duration::from_mins(15);
 
@@ -186,6 +189,7 @@ pub(crate) struct Ctx {
     preparing: Arc<AtomicUsize>,
     is_prepared: AtomicBool,
     notes: Arc<Mutex<Vec<String>>>,
+    started: Instant,
     /// When the attack began, and what the process had had of the processors then.
     since: Arc<Mutex<(Instant, f64)>>,
 }
@@ -201,6 +205,7 @@ impl Ctx {
             preparing: Arc::clone(&self.preparing),
             is_prepared: AtomicBool::new(false),
             notes: Arc::clone(&self.notes),
+            started: self.started,
             since: Arc::clone(&self.since),
         })
     }
@@ -211,6 +216,11 @@ impl Ctx {
 
     fn dice(&self, purpose: &str) -> Dice {
         Dice::of(self.brief.seed, purpose)
+    }
+
+    /// Whether there is time to prepare more.
+    fn has_time(&self) -> bool {
+        self.started.elapsed() < PREPARATION_MAX
     }
 
     /// A number for a short run and for a long one.
@@ -340,6 +350,7 @@ async fn attack(brief: Brief) {
         preparing: Arc::new(AtomicUsize::new(1)),
         is_prepared: AtomicBool::new(false),
         notes: Arc::default(),
+        started: Instant::now(),
         since: Arc::new(Mutex::new((Instant::now(), 0.0))),
     });
     let over = listen(Arc::clone(&ctx), at_sender);
