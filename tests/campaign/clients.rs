@@ -19,8 +19,9 @@ use swarmbench_engine::AgentId;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
+use crate::dice::Dice;
 use crate::ledger::{Ledger, Played};
-use crate::plan::{By, Dice, Game};
+use crate::plan::{By, Game};
 use crate::server::{Address, Door, PATIENCE};
 
 /// Seconds that a long poll waits.

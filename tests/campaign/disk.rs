@@ -18,8 +18,9 @@ use tempfile::TempDir;
 
 use crate::audit::audit;
 use crate::clients::{Clients, while_playing};
+use crate::dice::{Dice, seed, tell};
 use crate::ledger::Played;
-use crate::plan::{By, Dice, seed, tell};
+use crate::plan::By;
 use crate::server::{Server, Site, until};
 
 /// How many games are played at once.

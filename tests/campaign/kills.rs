@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::audit::{Totals, audit, integrity};
 use crate::clients::{Clients, while_playing};
-use crate::plan::{Dice, number, seed, tell};
+use crate::dice::{Dice, number, seed, tell};
 use crate::server::{Server, Site, complaints};
 
 /// How many kills there are, where `SWARMBENCH_KILLS` does not say otherwise.

@@ -10,7 +10,8 @@ use swarmbench::wire::episode::{CreatedEpisode, EpisodeResult, State};
 use swarmbench::wire::observation::Observation;
 use swarmbench_engine::{AgentId, Message};
 
-use crate::plan::{Dice, Game};
+use crate::dice::Dice;
+use crate::plan::Game;
 
 /// All episodes of a campaign.
 #[derive(Default)]

@@ -6,10 +6,14 @@
 
 mod audit;
 mod clients;
+#[path = "../support/dice.rs"]
+mod dice;
 #[cfg(target_os = "linux")]
 mod disk;
 mod kills;
 mod ledger;
 mod plan;
+#[expect(dead_code, reason = "the attacks share it and use other parts")]
+#[path = "../support/server.rs"]
 mod server;
 mod stop;

@@ -1,66 +1,13 @@
 //! What is played and what is sent: all of it follows from one seed, so a client that lost an answer sends
 //! the very same act again, and a failure can be played again as far as a real process allows.
 
-use std::io::Write;
 use std::time::Duration;
 
-use sha2::{Digest, Sha256};
-use swarmbench::clock::{Entropy, SeededEntropy, SystemEntropy};
 use swarmbench::wire::act::{ActRequest, Usage};
 use swarmbench::wire::episode::EpisodeRequest;
 use swarmbench_engine::{Action, AgentId, Control, RuleSet, TaskName};
 
-/// The seed of this run: `SWARMBENCH_SEED`, or a new one. It is shown whether or not output is captured.
-pub(crate) fn seed(test: &str) -> u64 {
-    let seed = number("SWARMBENCH_SEED").unwrap_or_else(|| {
-        let mut bytes = [0; 4];
-        SystemEntropy.fill(&mut bytes);
-        u32::from_le_bytes(bytes).into()
-    });
-    tell(&format!("{test}: SWARMBENCH_SEED={seed}"));
-    seed
-}
-
-/// A whole number from the environment.
-pub(crate) fn number(name: &str) -> Option<u64> {
-    let text = std::env::var(name).ok()?;
-    Some(text.parse().unwrap_or_else(|_| panic!("{name} must be a whole number, is {text:?}")))
-}
-
-/// Writes a line to the standard error past the test harness, which would keep it back.
-pub(crate) fn tell(line: &str) {
-    writeln!(std::io::stderr(), "{line}").expect("the standard error takes text");
-}
-
-/// Draws that follow from a seed and from what they are for.
-pub(crate) struct Dice(SeededEntropy);
-
-impl Dice {
-    pub(crate) fn of(seed: u64, purpose: &str) -> Self {
-        let hash: [u8; 32] = Sha256::digest(format!("{seed} {purpose}")).into();
-        Self(SeededEntropy::new(u64::from_le_bytes(hash[..8].try_into().expect("8 bytes"))))
-    }
-
-    pub(crate) fn below(&self, n: usize) -> usize {
-        let mut bytes = [0; 4];
-        self.0.fill(&mut bytes);
-        u32::from_le_bytes(bytes) as usize % n
-    }
-
-    pub(crate) fn one_in(&self, n: usize) -> bool {
-        self.below(n) == 0
-    }
-
-    pub(crate) fn pick<'a, T>(&self, items: &'a [T]) -> &'a T {
-        &items[self.below(items.len())]
-    }
-
-    /// A duration below `most`.
-    pub(crate) fn time(&self, most: Duration) -> Duration {
-        let micros = usize::try_from(most.as_micros()).expect("a short time").max(1);
-        Duration::from_micros(self.below(micros) as u64)
-    }
-}
+use crate::dice::Dice;
 
 /// By which calls an episode is played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,7 +13,7 @@ use tokio::task::JoinHandle;
 
 use crate::audit::{audit, integrity};
 use crate::clients::{Clients, while_playing};
-use crate::plan::{Dice, seed};
+use crate::dice::{Dice, seed};
 use crate::server::{Server, Site, complaints};
 
 /// How often the server is stopped while many play.

@@ -95,11 +95,17 @@ impl Site {
     }
 
     pub(crate) fn start_with(&self, environment: &[(&str, &Path)]) -> Server {
-        let run = self.runs.fetch_add(1, Ordering::SeqCst) + 1;
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-        // A port of its own for every run: an earlier one may be somebody's outgoing connection by now.
-        command.args(["serve", "--addr", "127.0.0.1:0", "--db"]).arg(&self.db);
+        let mut command = Command::new(program());
         command.env("RUST_LOG", "info").envs(environment.iter().copied());
+        self.start_by(command, &[])
+    }
+
+    /// Starts a server by a command to which the program's arguments are added: the program, or a shell that sets
+    /// limits and then becomes the program.
+    pub(crate) fn start_by(&self, mut command: Command, options: &[&str]) -> Server {
+        let run = self.runs.fetch_add(1, Ordering::SeqCst) + 1;
+        // A port of its own for every run: an earlier one may be somebody's outgoing connection by now.
+        command.args(["serve", "--addr", "127.0.0.1:0", "--db"]).arg(&self.db).args(options);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
         let started = Instant::now();
         let mut child = command.spawn().expect("the binary runs");
@@ -112,12 +118,18 @@ impl Site {
     }
 }
 
+/// The program under test: the one that was built with the tests, or what `SWARMBENCH_BIN` names.
+pub(crate) fn program() -> PathBuf {
+    std::env::var_os("SWARMBENCH_BIN")
+        .map_or_else(|| env!("CARGO_BIN_EXE_swarmbench").into(), PathBuf::from)
+}
+
 impl Drop for Site {
     fn drop(&mut self) {
         if std::thread::panicking()
             && let Some(folder) = self.folder.take()
         {
-            crate::plan::tell(&format!("the database is kept: {}", folder.keep().display()));
+            crate::dice::tell(&format!("the database is kept: {}", folder.keep().display()));
         }
     }
 }
@@ -162,6 +174,20 @@ impl Server {
         }
     }
 
+    pub(crate) fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits until the process has ended by itself.
+    pub(crate) async fn ended(&mut self) -> ExitStatus {
+        loop {
+            if let Some(status) = self.child.try_wait().expect("it can be asked") {
+                return status;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
     /// `kill -9`.
     pub(crate) fn kill(mut self) -> Vec<String> {
         self.end();
@@ -189,7 +215,7 @@ impl Server {
         self.log.lock().expect("nothing panics while it holds this").clone()
     }
 
-    fn end(&mut self) {
+    pub(crate) fn end(&mut self) {
         self.door.ended.store(self.run, Ordering::SeqCst);
         // Both fail only where it has ended already.
         drop(self.child.kill());

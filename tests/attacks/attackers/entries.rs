@@ -1,0 +1,87 @@
+//! Entries into competitions, and the attempts of those who entered.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use serde_json::json;
+use tokio::time::{Duration, sleep};
+
+use super::{Addresses, Ctx, on_connections};
+use crate::measure::cpu_s;
+use crate::wire::Request;
+
+/// Attempts that all places take, with 64 games at a time.
+const ATTEMPTS: usize = 320;
+
+/// Connections on which they are started.
+const STARTERS: usize = 16;
+
+/// Entrants of another competition start their attempts until there is no place for anybody.
+pub(super) async fn places(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("places");
+    let cup = ctx.brief.open_cup.clone();
+    let started = Arc::new(AtomicUsize::new(0));
+    ctx.go().await;
+    let attempts = ctx.of(12, ATTEMPTS);
+    on_connections(STARTERS, |number| {
+        let (ctx, cup, started) = (Arc::clone(&ctx), cup.clone(), Arc::clone(&started));
+        async move {
+            let mut wire = ctx.wire(addresses, number);
+            for entrant in (number..attempts).step_by(STARTERS) {
+                let body = json!({ "name": format!("places {entrant}"), "model": "many" });
+                let Ok(key) = ctx.enter(&mut wire, &cup, &body).await else { continue };
+                if ctx.start(&mut wire, &cup, &key).await.is_ok() {
+                    started.fetch_add(1, Ordering::SeqCst);
+                }
+            }
+        }
+    })
+    .await;
+    ctx.note(format!("{} attempts were started", started.load(Ordering::SeqCst)));
+    Ok(())
+}
+
+/// Anybody enters, from many addresses; the server's time on the processors for each block of entries is noted.
+pub(super) async fn registration(ctx: Arc<Ctx>) -> io::Result<()> {
+    let block = ctx.of(50, 500);
+    let cup = ctx.brief.open_cup.clone();
+    let entered = Arc::new(AtomicUsize::new(0));
+    let next = Arc::new(AtomicUsize::new(0));
+    ctx.go().await;
+    let counting = {
+        let (ctx, entered) = (Arc::clone(&ctx), Arc::clone(&entered));
+        async move {
+            let mut before = cpu_s(ctx.brief.server);
+            for blocks in 1.. {
+                while entered.load(Ordering::SeqCst) < blocks * block {
+                    sleep(Duration::from_millis(20)).await;
+                }
+                let now = cpu_s(ctx.brief.server);
+                ctx.note(format!("{} entries: {:.2} s more", blocks * block, now - before));
+                before = now;
+            }
+        }
+    };
+    let entering = on_connections(8, |number| {
+        let (ctx, cup) = (Arc::clone(&ctx), cup.clone());
+        let (entered, next) = (Arc::clone(&entered), Arc::clone(&next));
+        async move {
+            let mut wire = ctx.wire(Addresses::Many, number);
+            loop {
+                let entrant = next.fetch_add(1, Ordering::SeqCst);
+                wire.source = Ctx::source(Addresses::Many, entrant);
+                let body = json!({ "name": format!("entrant {entrant}"), "model": "many" });
+                let enter = Request::post(format!("/api/v1/competitions/{cup}/entrants"), &body);
+                match wire.ask(&enter).await {
+                    Ok(answer) if answer.is_ok() => {
+                        entered.fetch_add(1, Ordering::SeqCst);
+                    }
+                    _ => sleep(Duration::from_millis(50)).await,
+                }
+            }
+        }
+    });
+    tokio::join!(counting, entering);
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! Readers of what is large or dear: journals and exports a byte a second, and states of rounds long ago.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::time::sleep;
+
+use super::games::{Large, acts_of_all};
+use super::{Ctx, on_connections};
+use crate::honest::text;
+use crate::wire::Request;
+
+/// Bytes that the host takes for a reader that does not read; it makes it a little more.
+const WINDOW_BYTES: u32 = 2_048;
+
+/// Journals and exports of a game with much text are read a byte a second.
+pub(super) async fn slow_readers(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("slow_readers");
+    let (agents, rounds) = (12, ctx.of(4, 6));
+    let body = json!({ "task": "Synchronization", "num_agents": agents, "max_round": rounds, "model": "much",
+                       "visibility": "public" });
+    let created = ctx.create(&body).await?;
+    let (episode, token) = (text(&created, "/id")?, text(&created, "/swarm_token")?);
+    let mut wire = ctx.wire(addresses, 0);
+    let reasoning = "because ".repeat(22_000);
+    for round in 0..rounds {
+        let act = acts_of_all(&episode, agents, round, Some(&reasoning)).with(&token);
+        ctx.insist(&mut wire, &act).await?;
+    }
+    ctx.go().await;
+    on_connections(ctx.of(48, 120), |number| {
+        let paths = [
+            format!("/api/v1/episodes/{episode}/journal"),
+            format!("/api/v1/exports/acts.jsonl?episode={episode}"),
+            format!("/api/v1/episodes/{episode}/journal"),
+            format!("/api/v1/exports/dataset.zip?episode={episode}"),
+        ];
+        let path = ctx.dice(&format!("reader {number}")).pick(&paths).clone();
+        let ctx = Arc::clone(&ctx);
+        async move {
+            loop {
+                let mut wire = ctx.wire(addresses, number);
+                let read = async {
+                    wire.open(Some(WINDOW_BYTES)).await?;
+                    wire.send(&Request::get(&path)).await?;
+                    ctx.tally.count("asked, read a byte a second");
+                    while wire.read_some(1).await? > 0 {
+                        sleep(Duration::from_secs(1)).await;
+                    }
+                    io::Result::Ok(())
+                };
+                if read.await.is_err() {
+                    ctx.tally.count("cut");
+                }
+                sleep(Duration::from_millis(200)).await;
+            }
+        }
+    })
+    .await;
+    Ok(())
+}
+
+/// States of early rounds of a large game are asked for by many who do not wait for them.
+pub(super) async fn old_states(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("old_states");
+    let agents = ctx.of(64, 256);
+    let mut game = Large::create(&ctx, "Flocking", agents, ctx.of(32, 64), None).await?;
+    let rounds = game.play(&ctx, ctx.of(6, 31), Duration::from_mins(1)).await?;
+    ctx.note(format!("{rounds} rounds of {agents} agents were played"));
+    ctx.go().await;
+    on_connections(ctx.of(10, 60), |number| {
+        let (ctx, episode) = (Arc::clone(&ctx), game.episode.clone());
+        async move {
+            for again in 0.. {
+                let dice = ctx.dice(&format!("state {number} {again}"));
+                let round = rounds.saturating_sub(dice.below(4));
+                let look = Request::get(format!("/api/v1/episodes/{episode}/state?round={round}"));
+                let patience = Duration::from_millis(50) + dice.time(Duration::from_secs(2));
+                let mut wire = ctx.wire(addresses, number);
+                drop(wire.ask_within(&look, patience).await);
+                sleep(Duration::from_millis(20)).await;
+            }
+        }
+    })
+    .await;
+    Ok(())
+}

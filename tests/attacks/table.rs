@@ -1,0 +1,165 @@
+//! What is told in the end, and what must hold.
+
+use std::time::Duration;
+
+use swarmbench::loadtest::latencies::Spread;
+
+use crate::attackers::{Attack, CPU_SHARE};
+use crate::bout::{Outcome, Phase};
+
+/// Memory that a server may have resident under any attack, in MiB.
+const MEMORY_MAX_MIB: u64 = 2_048;
+
+/// Beside attackers the 99th percentile of an act's receipt is at most this many times what it is alone, and as many
+/// milliseconds more.
+const FACTOR: f64 = 2.0;
+const MORE_MS: f64 = 20.0;
+
+/// In this time a server that was killed is ready again.
+const READY: Duration = Duration::from_secs(5);
+
+const KINDS: [&str; 3] = ["/act", "/act?wait", "/swarm/act"];
+
+/// What is not as it must be; with times only in a long run.
+pub(crate) fn problems(attack: &Attack, outcome: &Outcome, is_long: bool) -> Vec<String> {
+    let mut problems = Vec::new();
+    let mut check = |is_so: bool, told: String| {
+        if is_so {
+            problems.push(told);
+        }
+    };
+    if let Some(error) = &outcome.not_played {
+        check(true, format!("it was not played: {error}"));
+    }
+    if let Some(status) = &outcome.died {
+        check(true, format!("the server ended: {status}"));
+    }
+    let alone = &outcome.alone;
+    check(alone.begun != alone.finished, format!("alone, too: {}", alone.failures.join("; ")));
+    let Phase { begun, finished, moves_lost, failures, .. } = &outcome.beside;
+    check(begun != finished, format!("{finished} of {begun} honest games were finished"));
+    check(*begun == 0, "no honest game was begun".to_owned());
+    check(*moves_lost > 0, format!("{moves_lost} honest acts came when the round was over"));
+    check(!failures.is_empty(), format!("honest requests failed: {}", failures.join("; ")));
+    let peak = outcome.memory_peak_mib;
+    check(peak > MEMORY_MAX_MIB, format!("{peak} MiB were resident; at most {MEMORY_MAX_MIB}"));
+    let nameless = outcome.attackers.counts.nameless();
+    check(!nameless.is_empty(), format!("refusals name no limit: {nameless:?}"));
+    // Otherwise the times say nothing.
+    let share = outcome.attackers.cpu_s / outcome.attackers.seconds.max(0.001);
+    check(share > CPU_SHARE * 1.1, format!("the attackers had {share:.2} of a core"));
+    let faults = &outcome.faults;
+    check(
+        !faults.is_empty(),
+        format!("the log has {} errors, first {:?}", faults.len(), faults.first()),
+    );
+    if is_long {
+        for (kind, (alone, beside)) in
+            KINDS.iter().zip(outcome.alone.acts.iter().zip(outcome.beside.acts))
+        {
+            let most = alone.p99_ms * FACTOR + MORE_MS;
+            let is = beside.p99_ms;
+            check(
+                is > most,
+                format!("{kind}: p99 is {is:.1} ms beside attackers, at most {most:.1} ms"),
+            );
+        }
+        if let Some(most) = attack.creation_ms_max {
+            let is = creation_ms(outcome);
+            check(
+                is > most,
+                format!("a creation costs {is:.1} ms of a processor, at most {most} ms"),
+            );
+        }
+        if let Some(taken) = outcome.ready_again {
+            check(taken > READY, format!("ready again after {taken:.1?}, at most {READY:.1?}"));
+        }
+    }
+    problems
+}
+
+/// What a creation by the attackers cost the server: its time, but for what the honest entrant takes of it alone.
+fn creation_ms(outcome: &Outcome) -> f64 {
+    let (alone, beside) = (&outcome.alone, &outcome.beside);
+    let of_honest = alone.server_cpu_s / alone.seconds.max(0.001) * beside.seconds;
+    let created = outcome.attackers.counts.kinds.get("201").copied().unwrap_or_default();
+    (beside.server_cpu_s - of_honest).max(0.0) * 1000.0 / rate(created.max(1), 1.0)
+}
+
+/// Tells of one attack, with everything that was counted.
+pub(crate) fn tell(outcome: &Outcome, problems: &[String]) {
+    for (name, phase) in [("alone", &outcome.alone), ("beside attackers", &outcome.beside)] {
+        println!("  {name}, {:.1} s:", phase.seconds);
+        for (kind, spread) in KINDS.iter().zip(&phase.acts) {
+            println!("    {kind}: {}", spread_of(spread));
+        }
+        println!("    /healthz on a new connection: {}", spread_of(&phase.health));
+        println!(
+            "    games {} of {}; errands at most: {}",
+            phase.finished, phase.begun, phase.errands
+        );
+        println!("    answers: {}", phase.answers);
+        println!("    the server's processor time: {:.1} s", phase.server_cpu_s);
+    }
+    let attackers = &outcome.attackers;
+    println!(
+        "  attackers: {:.0} answers/s, {:.1} MB/s sent, {:.1} MB/s received, {:.2} of a core",
+        rate(attackers.counts.requests(), attackers.seconds),
+        rate(attackers.counts.bytes_sent, attackers.seconds) / 1e6,
+        rate(attackers.counts.bytes_received, attackers.seconds) / 1e6,
+        attackers.cpu_s / attackers.seconds.max(0.001)
+    );
+    println!("    answers: {}", attackers.counts.shown());
+    for note in &attackers.notes {
+        println!("    {note}");
+    }
+    println!("  most memory resident: {} MiB", outcome.memory_peak_mib);
+    if let Some(taken) = outcome.ready_again {
+        println!("  ready again {taken:.1?} after the start");
+    }
+    for problem in problems {
+        println!("  NOT SO: {problem}");
+    }
+}
+
+/// The table of all attacks.
+pub(crate) fn show(rows: &[(&str, Outcome, Vec<String>)]) {
+    println!(
+        "\n| attack | attackers: answers/s | MB/s | refused | honest p99 alone (act, wait, swarm) | beside | most | games | /healthz p99 | server's cores | memory | |"
+    );
+    println!("| --- | ---: | ---: | ---: | --- | --- | ---: | ---: | ---: | ---: | ---: | --- |");
+    for (name, outcome, problems) in rows {
+        let (attackers, beside) = (&outcome.attackers, &outcome.beside);
+        let bytes = attackers.counts.bytes_sent + attackers.counts.bytes_received;
+        let most = beside.acts.iter().map(|spread| spread.max_ms).fold(0.0, f64::max);
+        println!(
+            "| {name} | {:.0} | {:.1} | {} | {} | {} | {most:.0} ms | {} of {} | {:.0} ms | {:.2} | {} MiB | {} |",
+            rate(attackers.counts.requests(), attackers.seconds),
+            rate(bytes, attackers.seconds) / 1e6,
+            attackers.counts.refused(),
+            p99s(&outcome.alone),
+            p99s(beside),
+            beside.finished,
+            beside.begun,
+            beside.health.p99_ms,
+            beside.server_cpu_s / beside.seconds.max(0.001),
+            outcome.memory_peak_mib,
+            if problems.is_empty() { "holds".to_owned() } else { problems.join("; ") }
+        );
+    }
+}
+
+fn p99s(phase: &Phase) -> String {
+    let millis: Vec<_> = phase.acts.iter().map(|spread| format!("{:.0}", spread.p99_ms)).collect();
+    format!("{} ms", millis.join(", "))
+}
+
+fn spread_of(spread: &Spread) -> String {
+    let Spread { count, p50_ms, p99_ms, max_ms } = spread;
+    format!("p50 {p50_ms:.1} ms, p99 {p99_ms:.1} ms, most {max_ms:.1} ms, of {count}")
+}
+
+#[expect(clippy::cast_precision_loss, reason = "it is shown with three digits")]
+fn rate(count: u64, seconds: f64) -> f64 {
+    count as f64 / seconds.max(0.001)
+}
