@@ -111,6 +111,8 @@ pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
+    /// Until then nobody looks for idle episodes again, in milliseconds since 1970: there were too few.
+    none_idle_until: Arc<AtomicI64>,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
@@ -221,6 +223,7 @@ impl Registry {
             },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
+            none_idle_until: Arc::new(AtomicI64::new(i64::MIN)),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
@@ -265,6 +268,9 @@ impl Registry {
         let spare = budget.most() / 8;
         let is_enough = || budget.used().saturating_add(bytes) <= budget.most() - spare;
         let now = self.host.clock.now();
+        if now.as_millisecond() < self.none_idle_until.load(Ordering::Acquire) {
+            return;
+        }
         let mut slots = self.slots();
         let idle = |slot: &Slot| slot.handle.initialized() && slot.is_idle(now, IDLE_STAYS);
         let idle = slots.iter().filter(|(_, slot)| idle(slot));
@@ -285,6 +291,9 @@ impl Registry {
         if evicted > 0 {
             metrics::counter!("swarmbench_evictions_total").increment(evicted);
             tracing::debug!(evicted, used = budget.used(), "memory is short");
+        }
+        if !is_enough() {
+            self.none_idle_until.store(now.as_millisecond() + 1000, Ordering::Release);
         }
     }
 

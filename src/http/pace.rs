@@ -372,7 +372,7 @@ mod tests {
         case.blocked(5);
         case.blocked(15);
         case.expect(Some((25, Late::Write)));
-        case.wrote(24);
+        case.took(24, 3000);
         case.expect(None);
         case.blocked(24);
         case.expect(Some((44, Late::Write)));

@@ -166,12 +166,11 @@ impl App {
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
             let app = app.clone();
             async move {
-                let part = match ready {
-                    Some(ready) => Some(ready),
-                    None => {
-                        let turn = patiently(&app.streams.journals, party).await;
-                        app.part((party, turn), &mut parts).await?
-                    }
+                let part = if ready.is_some() {
+                    ready
+                } else {
+                    let turn = patiently(&app.streams.journals, party).await;
+                    app.part((party, turn), &mut parts).await?
                 };
                 Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
             }

@@ -525,8 +525,8 @@ pub struct StoredEpisode {
     pub status: String,
     /// Why it ended, if it has; the name of an ending.
     pub reason: Option<String>,
-    /// The end record of an episode that has ended. It holds the acts of the open round, so it may be
-    /// large; it is not told in summaries.
+    /// The end record of an episode that has ended; not told in summaries. Where it is large, the acts of the
+    /// open round are left out of it.
     pub end: Option<RawRecord>,
     /// The head of its chain after the last stored record.
     pub head: Head,

@@ -54,10 +54,18 @@ pub enum Readable {
 enum Detail {
     /// What is shown of it.
     Summary,
-    /// Also the end record, which may be large, and when the last act came, for which its acts have to
-    /// be looked through.
+    /// Also the end record, and when the last act came, for which its acts have to be looked through.
     All,
 }
+
+/// The end record. A large one is told without its open acts, and its text is not read for that: they are among
+/// the acts of the episode.
+const END: &str = "
+    CASE WHEN octet_length(e.ending) > 65536
+         THEN json_object('kind', 'end', 'status', e.status, 'reason', e.reason,
+                          'rounds', coalesce(r.round + 1, 0), 'score', coalesce(r.score, 0.0),
+                          'open_acts', json_array())
+         ELSE e.ending END AS ending, ";
 
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
@@ -69,7 +77,7 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     );
     match detail {
         Detail::Summary => query.push("NULL AS ending, NULL"),
-        Detail::All => query.push("e.ending, ").push(LAST_ACT_AT),
+        Detail::All => query.push(END).push(LAST_ACT_AT),
     };
     query.push(
         " AS last_act_at FROM episodes e
