@@ -100,5 +100,5 @@ pub(in super::super) async fn show_cross_play(
         });
         answer.await
     };
-    app.made_once(asked, make).await
+    app.made_once(asked, Box::pin(make)).await
 }

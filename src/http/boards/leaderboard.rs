@@ -107,5 +107,5 @@ pub(in super::super) async fn show_leaderboard(
         });
         answer.await?
     };
-    app.made_once(asked, make).await
+    app.made_once(asked, Box::pin(make)).await
 }

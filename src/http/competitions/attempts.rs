@@ -43,7 +43,7 @@ pub(in super::super) async fn list_attempts(
             let field = app.field(competition, Declared::Short).await?;
             Ok(listed(app.render(move || field.summaries()).await??))
         };
-        return app.made_once(format!("attempts of {id}"), make).await;
+        return app.made_once(format!("attempts of {id}"), Box::pin(make)).await;
     }
     let own = match number {
         Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,

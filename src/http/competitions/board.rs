@@ -92,7 +92,7 @@ pub(in super::super) async fn show_board(
         };
         app.render(make).await?
     };
-    app.made_once(format!("board of {id}: {view:?} {is_csv}"), make).await
+    app.made_once(format!("board of {id}: {view:?} {is_csv}"), Box::pin(make)).await
 }
 
 /// The board as JSON or CSV.

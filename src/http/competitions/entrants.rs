@@ -40,7 +40,7 @@ pub(in super::super) async fn list_entrants(
         let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
         Ok(Json(EntrantList { items, next_cursor: None }).into_response())
     };
-    app.made_once(format!("entrants of {id}"), make).await
+    app.made_once(format!("entrants of {id}"), Box::pin(make)).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.
