@@ -19,6 +19,7 @@ mod keys;
 pub mod limits;
 pub mod openapi;
 mod pace;
+mod page;
 mod refusals;
 mod router;
 mod runs;
@@ -45,6 +46,7 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use agent::look::Sights;
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -57,7 +59,7 @@ const TOKENS_CACHED: usize = 100_000;
 /// Locks of creations that may be repeated: those with the same key have the same one.
 const CREATION_LOCKS: usize = 64;
 
-/// Texts for language models, and boards, that are made at once; each keeps a core busy.
+/// Texts for language models, large observations and boards that are made at once; each keeps a core busy.
 const RENDERS_MAX: usize = 8;
 
 /// Differences between rows of boards that are remembered.
@@ -113,6 +115,8 @@ pub struct Shared {
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
+    /// What seats see in open rounds, as it was written.
+    sights: Sights,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
@@ -144,6 +148,7 @@ impl App {
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
             renders: Semaphore::new(RENDERS_MAX),
+            sights: Sights::new(),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
@@ -185,7 +190,7 @@ impl App {
         let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
         else {
             let detail =
-                "too many prompts and boards are asked for; ask again later, or without `prompt`";
+                "too many prompts, large observations and boards are asked for; ask again later";
             return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
                 .retry_after(Duration::from_secs(1)));
         };
