@@ -59,7 +59,7 @@ const TOKENS_CACHED: usize = 100_000;
 /// Locks of creations that may be repeated: those with the same key have the same one.
 const CREATION_LOCKS: usize = 64;
 
-/// Texts for language models, large observations and boards that are made at once; each keeps a core busy.
+/// Texts for language models, and boards, that are made at once; each keeps a core busy.
 const RENDERS_MAX: usize = 8;
 
 /// Differences between rows of boards that are remembered.
@@ -108,6 +108,8 @@ pub struct Shared {
     revocations: AtomicU64,
     /// Tells this run of the server from others.
     boot: u64,
+    /// What seats see in open rounds, as it was written.
+    sights: Sights,
     waits: Arc<AtomicUsize>,
     /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
     /// what is new to one look is new to all that come after it.
@@ -115,8 +117,6 @@ pub struct Shared {
     /// Bytes of bodies that are not complete.
     arriving: AtomicUsize,
     renders: Semaphore,
-    /// What seats see in open rounds, as it was written.
-    sights: Sights,
     /// Turns to read a journal; each may take as much memory as a round has text.
     journals: Arc<Semaphore>,
     /// Turns to make an export; each keeps a thread busy.
@@ -144,11 +144,11 @@ impl App {
             tokens: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
+            sights: Sights::new(),
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),
             renders: Semaphore::new(RENDERS_MAX),
-            sights: Sights::new(),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
@@ -190,7 +190,7 @@ impl App {
         let Ok(Ok(_turn)) = tokio::time::timeout(RENDER_PATIENCE, self.renders.acquire()).await
         else {
             let detail =
-                "too many prompts, large observations and boards are asked for; ask again later";
+                "too many prompts and boards are asked for; ask again later, or without `prompt`";
             return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
                 .retry_after(Duration::from_secs(1)));
         };
