@@ -9,7 +9,7 @@ use super::error::ApiError;
 use super::extract::write_cursor;
 
 /// Rows that are read at once: as much work as an async thread does in one piece.
-pub(super) const ROWS_MAX: u32 = 32;
+pub(super) const ROWS_MAX: u32 = 16;
 
 /// Rows that are read at once where each has much behind it.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;

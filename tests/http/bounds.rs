@@ -142,7 +142,7 @@ async fn new_games_see_and_send_no_more_than_a_round_can_bear() {
     let problem = post("/api/v1/runs", &run).problem(422, "invalid").await;
     assert_eq!(fields(&problem)[0], "suite.settings.num_agents");
     let mut cup = cup::request();
-    cup["suite"] = json!({ "seeds": 1, "tasks": ["Synchronization"], "settings": settings });
+    cup["suite"] = json!({ "seeds": 2, "tasks": ["Synchronization"], "settings": settings });
     let problem = post("/api/v1/competitions", &cup).problem(422, "invalid").await;
     assert_eq!(fields(&problem)[0], "suite.settings.num_agents");
 }
@@ -217,43 +217,45 @@ async fn the_dearest_looks_of_new_games_are_small() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
 #[ignore = "a measurement"]
 async fn dearest_requests_are_measured() {
-    tokio::spawn(async {
-        let app = TestApp::start().await;
-        println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
-        for (task, control, view_size, memory, size) in CORNERS {
-            let settings = Settings {
-                task: task.to_owned(),
-                control: control.to_owned(),
-                width: size,
-                height: size,
-                view_size,
-                memory,
-                ..Settings::default()
-            };
-            let agents = most_agents(&settings);
-            let episode = app.create(json!({
+    let app = TestApp::start().await;
+    println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
+    for (task, control, view_size, memory, size) in CORNERS {
+        let settings = Settings {
+            task: task.to_owned(),
+            control: control.to_owned(),
+            width: size,
+            height: size,
+            view_size,
+            memory,
+            ..Settings::default()
+        };
+        let agents = most_agents(&settings);
+        let episode = app.create(json!({
                 "task": task, "control": control, "view_size": view_size, "memory": memory, "width": size,
                 "height": size, "num_agents": agents, "max_round": 100,
             }));
-            let episode = episode.await;
-            let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());
-            for (path, token) in [
-                ("/obs", &seat),
-                ("/obs?prompt=true", &seat),
-                ("/swarm/obs?limit=1024", &swarm),
-                ("/swarm/obs?limit=1024&prompt=true", &swarm),
-            ] {
-                measure(&app, path, token, &format!("{task} {control} {agents} × {view_size} × {memory}")).await;
-            }
+        let episode = episode.await;
+        let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());
+        for (path, token) in [
+            ("/obs", &seat),
+            ("/obs?prompt=true", &seat),
+            ("/swarm/obs?limit=1024", &swarm),
+            ("/swarm/obs?limit=1024&prompt=true", &swarm),
+        ] {
+            measure(
+                &app,
+                path,
+                token,
+                &format!("{task} {control} {agents} × {view_size} × {memory}"),
+            )
+            .await;
         }
-        let name = |n: u32| json!({ "task": "Transport", "width": 256, "height": 256, "agent_meta": { "n": n, "x": "y".repeat(16_000) } });
-        for n in 0..600 {
-            app.create(name(n)).await;
-        }
-        measure(&app, "/api/v1/episodes?limit=1000", "", "600 episodes of 16 KB").await;
-    })
-    .await
-    .expect("no panic");
+    }
+    let name = |n: u32| json!({ "task": "Transport", "width": 256, "height": 256, "agent_meta": { "n": n, "x": "y".repeat(16_000) } });
+    for n in 0..600 {
+        app.create(name(n)).await;
+    }
+    measure(&app, "/api/v1/episodes?limit=1000", "", "600 episodes of 16 KB").await;
 }
 
 /// Asks once and prints what it cost.
