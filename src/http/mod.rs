@@ -20,6 +20,7 @@ pub mod limits;
 mod made;
 pub mod openapi;
 mod pace;
+mod page;
 mod refusals;
 mod router;
 mod runs;
@@ -53,6 +54,7 @@ use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
 use crate::work::{JOBS_WAITING_MAX, Workers};
+use agent::look::Sights;
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -122,6 +124,8 @@ pub struct Shared {
     revocations: AtomicU64,
     /// Tells this run of the server from others.
     boot: u64,
+    /// What seats see in open rounds, as it was written.
+    sights: Sights,
     waits: Arc<AtomicUsize>,
     /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
     /// what is new to one look is new to all that come after it.
@@ -161,6 +165,7 @@ impl App {
             entered: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
+            sights: Sights::new(),
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),

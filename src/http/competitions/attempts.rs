@@ -1,16 +1,15 @@
 //! `GET /api/v1/competitions/{id}/attempts`.
 
-use axum::Json;
 use axum::extract::State;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
+use super::super::extract::{Id, PageParams, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::store::competitions::Declared;
-use crate::wire::competition::AttemptList;
+use crate::wire::competition::{AttemptList, AttemptSummary};
 use crate::wire::problem::Problem;
 
 /// List the attempts of the caller's entrants; an organizer sees all.
@@ -19,7 +18,7 @@ use crate::wire::problem::Problem;
     path = "/api/v1/competitions/{id}/attempts",
     operation_id = "list_attempts",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
+    params(("id" = String, Path, description = "The competition's id"), PageParams),
     security(("key" = [])),
     responses(
         (status = 200, description = "The attempts", body = AttemptList),
@@ -33,22 +32,33 @@ pub(in super::super) async fn list_attempts(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
-    _: Params<Nothing>,
+    Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
     let number = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
-    let listed = |items| Json(AttemptList { items, next_cursor: None }).into_response();
     if caller.is_organizer() {
+        let question = format!("attempts of {id} {params:?}");
         let make = async {
             let field = app.field(competition, Declared::Short).await?;
-            Ok(listed(app.render(move || field.summaries()).await??))
+            page(&app, &params, app.render(move || field.summaries()).await??)
         };
-        return app.made_once(format!("attempts of {id}"), Box::pin(make)).await;
+        return app.made_once(question, Box::pin(make)).await;
     }
     let own = match number {
         Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,
         None => Vec::new(),
     };
-    let field = app.part_of_field(competition, own).await?;
-    Ok(listed(field.summaries()?))
+    page(&app, &params, app.part_of_field(competition, own).await?.summaries()?)
+}
+
+/// A page of attempts. They stay in the order in which they were started, so a place in the list is a cursor.
+fn page(
+    app: &App,
+    params: &PageParams,
+    attempts: Vec<AttemptSummary>,
+) -> Result<Response, ApiError> {
+    let mut page = params.page(app)?;
+    let items = (1..).zip(attempts).skip_while(|(place, _)| Some(*place) <= page.place());
+    page.add(u32::MAX, items.collect(), Ok)?;
+    Ok(page.answer())
 }
