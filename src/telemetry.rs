@@ -73,6 +73,10 @@ fn describe() {
     process().describe();
     describe_counter!("swarmbench_episodes_created_total", "Episodes created.");
     describe_counter!("swarmbench_episodes_ended_total", "Episodes ended, by status.");
+    describe_counter!(
+        "swarmbench_episodes_revived_total",
+        "Episodes recovered from the journal as their actor had ended by a fault."
+    );
     describe_counter!("swarmbench_runs_created_total", "Runs created.");
     describe_counter!("swarmbench_runs_ended_total", "Runs ended, by status.");
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
@@ -81,6 +85,18 @@ fn describe() {
     describe_gauge!(
         "swarmbench_database_lost",
         "1 once a file of the database was removed, renamed or replaced under the server."
+    );
+    describe_gauge!(
+        "swarmbench_backlog_bytes",
+        "Bytes of the jobs that are queued for the writer."
+    );
+    describe_counter!(
+        "swarmbench_jobs_refused_total",
+        "Jobs that the database refused; all others were kept."
+    );
+    describe_counter!(
+        "swarmbench_begin_retries_total",
+        "Tries to begin a transaction while another program held the lock of the database."
     );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(

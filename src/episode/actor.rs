@@ -358,6 +358,11 @@ impl Handle {
         self.gone.clone()
     }
 
+    /// Whether its actor has ended though the episode has not: after an entry was refused, or a fault.
+    pub(super) fn is_dead(&self) -> bool {
+        self.gone.is_cancelled() && !self.snapshot().status.is_over()
+    }
+
     /// Whether somebody else holds it, too.
     pub(super) fn is_shared(&self) -> bool {
         Arc::strong_count(&self.0) > 1
@@ -833,7 +838,10 @@ impl Actor {
         };
         let (host, publish) = (self.host.clone(), self.publish.clone());
         let failed = self.failed.clone();
+        let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), JournalError>| {
+            // What this rests on may have been refused although there was nothing here to refuse.
+            let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             match &result {
                 Ok(()) => kept.tell(&host, &publish),
                 Err(_) => failed.cancel(),

@@ -31,6 +31,10 @@ use crate::keys::OwnerKey;
 /// How long an episode that nobody asks for stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
+/// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
+/// what has failed at once may fail at once again.
+const REVIVED_AFTER: Duration = Duration::from_secs(1);
+
 /// What belongs to a new episode beside its description.
 pub struct Creation {
     /// Its public id.
@@ -84,11 +88,36 @@ struct Slot {
     /// The actor that was let go of. It may still have something to do, and an episode never has
     /// two of them.
     leaving: Option<CancellationToken>,
+    /// When it was last emptied as its actor had ended by a fault.
+    revived_at: Option<Timestamp>,
 }
 
 impl Slot {
     fn empty(now: Timestamp) -> Self {
-        Self { handle: Arc::default(), used_at: now, ends_at: None, clocked: false, leaving: None }
+        Self {
+            handle: Arc::default(),
+            used_at: now,
+            ends_at: None,
+            clocked: false,
+            leaving: None,
+            revived_at: None,
+        }
+    }
+
+    /// Empties the place where the actor has ended though the episode has not, so that whoever comes next
+    /// recovers the episode. Others may still hold the dead handle: nothing is done through it.
+    fn empty_if_dead(&mut self, now: Timestamp) {
+        let is_early = self.revived_at.is_some_and(|at| after(at, REVIVED_AFTER) > now);
+        let Some(handle) = self.handle.get().filter(|handle| handle.is_dead() && !is_early) else {
+            return;
+        };
+        tracing::warn!(episode = %handle.id, "its actor has ended: it is recovered from the journal");
+        metrics::counter!("swarmbench_episodes_revived_total").increment(1);
+        self.ends_at = Some(now);
+        self.clocked = handle.spec.goes_on_alone();
+        self.leaving = Some(handle.gone());
+        self.revived_at = Some(now);
+        self.handle = Arc::default();
     }
 
     /// Whether anybody holds the episode, or is about to.
@@ -309,6 +338,7 @@ impl Registry {
         let now = self.host.clock.now();
         let known = self.slots().get_mut(id).map(|slot| {
             slot.used_at = now;
+            slot.empty_if_dead(now);
             Arc::clone(&slot.handle)
         });
         let cell = match known {
@@ -339,6 +369,7 @@ impl Registry {
         kept.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
+        self.host.journal.recovered(stored.episode);
         let fresh = recover(&self.host.journal, stored, &*self.host.clock).await?;
         let handle = spawn(self.host.clone(), fresh);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
@@ -393,6 +424,7 @@ impl Registry {
         let now = self.host.clock.now();
         let mut due: Vec<(EpisodeId, bool)> = Vec::new();
         for (id, slot) in self.slots().iter_mut() {
+            slot.empty_if_dead(now);
             if slot.handle.initialized() {
                 // Its actor looks after it.
                 slot.ends_at = None;

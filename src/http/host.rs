@@ -1,6 +1,7 @@
 //! How the server does: health, readiness, metrics.
 
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
@@ -39,7 +40,7 @@ pub(super) async fn show_health() -> Json<Health> {
 }
 
 /// Whether the server can be used: the database answers, its files are where they were, no commit has
-/// failed, and all episodes that were running before a restart run again.
+/// failed, and all episodes that were running before a restart run again. Where it cannot, the detail names every problem.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -52,22 +53,34 @@ pub(super) async fn show_health() -> Json<Health> {
     )
 )]
 pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
+    let problems = problems(&app);
+    if problems.is_empty() {
+        app.store.ping().await?;
+        return Ok(Json(OK));
+    }
+    let error = ApiError::new(Code::Unavailable, problems.join("; "));
+    Err(error.retry_after(Duration::from_secs(1)))
+}
+
+/// What keeps the server from being used: a short sentence for each problem.
+fn problems(app: &App) -> Vec<String> {
+    let mut problems = Vec::new();
     if let Err(lost) = app.store.check_files() {
-        let detail = format!("{lost}: nothing is acknowledged until the server is restarted");
-        return Err(ApiError::new(Code::Unavailable, detail));
+        problems.push(format!("{lost}: nothing is acknowledged any more"));
     }
-    if app.store.writer().has_failed() {
-        let detail = "a commit failed: nothing is acknowledged until the server is restarted";
-        return Err(ApiError::new(Code::Unavailable, detail));
-    }
-    app.store.ping().await?;
-    if !app.ready.load(Ordering::Acquire) {
-        let detail = "unfinished episodes are still being taken up";
-        return Err(
-            ApiError::new(Code::Unavailable, detail).retry_after(std::time::Duration::from_secs(1))
+    let writer = app.store.writer();
+    if writer.has_failed() {
+        problems.push(
+            "a commit failed: nothing is acknowledged until the server is restarted".to_owned(),
         );
     }
-    Ok(Json(OK))
+    if writer.is_locked_out() {
+        problems.push("another program has locked the database: nothing can be written".to_owned());
+    }
+    if !app.ready.load(Ordering::Acquire) {
+        problems.push("unfinished episodes are still being taken up".to_owned());
+    }
+    problems
 }
 
 /// Metrics for Prometheus.
@@ -86,7 +99,9 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     {
         metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);
         metrics::gauge!("swarmbench_episodes_in_memory").set(app.registry.in_memory() as f64);
-        metrics::gauge!("swarmbench_backlog_jobs").set(app.store.writer().backlog() as f64);
+        let writer = app.store.writer();
+        metrics::gauge!("swarmbench_backlog_jobs").set(writer.backlog_jobs() as f64);
+        metrics::gauge!("swarmbench_backlog_bytes").set(writer.backlog_bytes() as f64);
     }
     if let Some(free) = app.disk.free_percent() {
         metrics::gauge!("swarmbench_disk_free_percent").set(free);

@@ -48,6 +48,8 @@ pub struct Limits {
     pub key_requests_per_s_max: u32,
     /// Jobs that are queued for the writer before acts are refused.
     pub backlog_jobs_max: usize,
+    /// Bytes of the jobs that are queued for the writer before acts are refused.
+    pub backlog_bytes_max: usize,
     /// Connections at once.
     pub connections_max: usize,
     /// Connections at once from one address, or one /64 network of IPv6; this host may have all.
@@ -109,6 +111,7 @@ impl Default for Limits {
             address_requests_per_s_max: 2_000,
             key_requests_per_s_max: 10_000,
             backlog_jobs_max: 50_000,
+            backlog_bytes_max: 256 * 1024 * 1024,
             connections_max: 16_000,
             connections_per_address_max: 2000,
             head_ms_max: 10_000,
@@ -144,7 +147,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 38] {
+    pub fn table(&self) -> [(&'static str, u64); 39] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -167,6 +170,7 @@ impl Limits {
             ("address_requests_per_s_max", self.address_requests_per_s_max.into()),
             ("key_requests_per_s_max", self.key_requests_per_s_max.into()),
             ("backlog_jobs_max", self.backlog_jobs_max as u64),
+            ("backlog_bytes_max", self.backlog_bytes_max as u64),
             ("connections_max", self.connections_max as u64),
             ("connections_per_address_max", self.connections_per_address_max as u64),
             ("head_ms_max", self.head_ms_max),

@@ -155,6 +155,45 @@ pub enum Entry {
     Audit(Box<AuditRow>),
 }
 
+impl Entry {
+    /// The episode whose chain of records it continues, or on whose journal later records rest.
+    #[must_use]
+    pub fn chain(&self) -> Option<EpisodeKey> {
+        match self {
+            Self::Open(row) => Some(row.episode),
+            Self::Start { episode, .. } => Some(*episode),
+            Self::Act(row) => Some(row.episode),
+            Self::Round(row) => Some(row.episode),
+            Self::End(row) => Some(row.episode),
+            Self::Claim(row) => Some(row.episode),
+            Self::Seat(row) => Some(row.episode),
+            _ => None,
+        }
+    }
+
+    /// About how many bytes it takes while it waits to be written.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let text = match self {
+            Self::Open(row) => row.record.as_str().len() + row.tokens.len() * size_of::<TokenRow>(),
+            Self::Act(row) => row.record.as_str().len(),
+            Self::End(row) => row.record.as_str().len(),
+            Self::Seat(row) => row.record.as_str().len(),
+            Self::OpenRun(row) => row.definition.len(),
+            Self::AddCompetition(row) => row.definition.len() + row.seeds.0.len(),
+            Self::AddEntrant(row) => row.declaration.len(),
+            Self::Import { game, .. } => game
+                .rounds
+                .iter()
+                .map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len))
+                .sum(),
+            Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
+            _ => 0,
+        };
+        size_of::<Self>() + text
+    }
+}
+
 /// Bytes that `Debug` does not show.
 #[derive(Clone)]
 pub struct Secret(pub Vec<u8>);
@@ -582,6 +621,10 @@ pub trait Journal: Send + Sync + 'static {
         let stopped = || Err(JournalError("the writer has stopped".into()));
         Box::pin(async move { kept.await.unwrap_or_else(|_| stopped()) })
     }
+
+    /// Takes entries of an episode again, of which one was refused. Until then all later ones are, as they
+    /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
+    fn recovered(&self, _episode: EpisodeKey) {}
 
     /// Finds an episode.
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>>;

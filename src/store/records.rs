@@ -107,6 +107,10 @@ impl Journal for Store {
         Self::append(self, entries, committed);
     }
 
+    fn recovered(&self, episode: EpisodeKey) {
+        self.writer().recovered(episode);
+    }
+
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {
         async move { self.find_episode(&id).await }.boxed()
     }

@@ -91,6 +91,9 @@ pub struct RunFilter {
     pub readable: Readable,
 }
 
+/// Runs whose games one query reads: SQLite takes 32,766 parameters at most.
+const RUNS_AT_ONCE: usize = 1000;
+
 const SELECT: &str = "
     SELECT r.key, r.id, r.owner, r.definition, r.digest, r.status, r.entry, r.attempt, r.voided_at,
            r.void_reason, r.created_at, r.ended_at,
@@ -191,6 +194,18 @@ impl Store {
         &self,
         runs: &[RunKey],
     ) -> Result<BTreeMap<RunKey, Vec<StoredGame>>, JournalError> {
+        let mut all = BTreeMap::new();
+        for some in runs.chunks(RUNS_AT_ONCE) {
+            self.add_games(some, &mut all).await?;
+        }
+        Ok(all)
+    }
+
+    async fn add_games(
+        &self,
+        runs: &[RunKey],
+        all: &mut BTreeMap<RunKey, Vec<StoredGame>>,
+    ) -> Result<(), JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(
             "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
                     coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
@@ -206,12 +221,11 @@ impl Store {
         }
         query.push(") ORDER BY e.run, e.slot, e.key");
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
-        let mut all: BTreeMap<RunKey, Vec<StoredGame>> = BTreeMap::new();
         for row in &rows {
             let run = row.try_get("run").map(RunKey).map_err(failure)?;
             all.entry(run).or_default().push(game(row).map_err(failure)?);
         }
-        Ok(all)
+        Ok(())
     }
 
     /// The number of the newest run, 0 where there is none.

@@ -1,12 +1,23 @@
 //! The one task that writes: it takes everything that is queued into one transaction.
 //!
 //! Under load a commit carries what came in while the one before was on its way to the disk, so the
-//! cost of a commit is shared. After a failed commit nothing is acknowledged any more, as nobody can
-//! know what the disk still holds of it: the writer refuses everything until the server is restarted.
+//! cost of a commit is shared. Three things can go wrong, and each costs as little as it can:
+//!
+//! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
+//!   written again, each behind a savepoint: that job alone gets an error, the others are committed.
+//!   Nobody was told anything yet, so this is safe, and a group without such a job costs nothing more.
+//! - Another program holds the lock of the database. Beginning is tried again for [`BEGIN_PATIENCE`].
+//! - The disk fails, or a commit. Nothing is acknowledged any more, as nobody can know what the disk
+//!   still holds of it: the writer refuses everything until the server is restarted.
+//!
+//! The records of an episode are a chain. After one of its jobs was refused, all later ones would
+//! leave a gap in the chain, so they are refused, too, until the episode was recovered from what is
+//! on the disk ([`WriterState::recovered`]).
 
-use std::sync::Arc;
+use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Instant;
+use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard};
+use std::time::{Duration, Instant};
 
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, QueryBuilder, Sqlite};
@@ -26,18 +37,42 @@ const GROUP_MAX: usize = 1024;
 /// Rows that one statement inserts: a few sizes, so that few statements need to be prepared.
 const CHUNKS: [usize; 3] = [256, 16, 1];
 
+/// How long SQLite itself waits for the lock of the database before it says that it is busy.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// How long beginning a transaction is tried again while another program holds the lock.
+const BEGIN_PATIENCE: Duration = Duration::from_mins(1);
+
+/// The first and the longest pause between two tries.
+const BEGIN_PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
+
+/// Primary result codes of SQLite after which the state of the file or of the transaction is not
+/// known: `NOMEM`, `READONLY`, `IOERR`, `CORRUPT`, `FULL`, `CANTOPEN`, `PROTOCOL`, `MISUSE` and `NOTADB`.
+const FATAL_CODES: [u32; 9] = [7, 8, 10, 11, 13, 14, 15, 21, 26];
+
+/// `BUSY` and `LOCKED`.
+const BUSY_CODES: [u32; 2] = [5, 6];
+
 /// Entries that stand or fall together, and who wants to know.
 struct Job {
     entries: Vec<Entry>,
+    bytes: usize,
     committed: Committed,
 }
+
+/// What became of a job.
+type Outcome = Result<(), JournalError>;
 
 /// How the writer does; shared with whoever asks.
 #[derive(Debug, Default)]
 pub struct WriterState {
     failed: AtomicBool,
-    backlog: AtomicUsize,
+    locked_out: AtomicBool,
+    backlog_jobs: AtomicUsize,
+    backlog_bytes: AtomicUsize,
     changes: Changes,
+    /// Episodes of which a job was refused and that were not recovered since.
+    broken: StdMutex<HashSet<EpisodeKey>>,
 }
 
 impl WriterState {
@@ -45,6 +80,12 @@ impl WriterState {
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
+    }
+
+    /// Whether another program has held the lock of the database for a while: nothing can be written.
+    #[must_use]
+    pub fn is_locked_out(&self) -> bool {
+        self.locked_out.load(Ordering::Acquire)
     }
 
     /// What boards have to read again.
@@ -55,8 +96,57 @@ impl WriterState {
 
     /// How many jobs are queued.
     #[must_use]
-    pub fn backlog(&self) -> usize {
-        self.backlog.load(Ordering::Relaxed)
+    pub fn backlog_jobs(&self) -> usize {
+        self.backlog_jobs.load(Ordering::Relaxed)
+    }
+
+    /// How many bytes the queued jobs take.
+    #[must_use]
+    pub fn backlog_bytes(&self) -> usize {
+        self.backlog_bytes.load(Ordering::Relaxed)
+    }
+
+    /// Takes jobs of an episode again. To be called when its old actor has ended, all that it handed
+    /// over was answered, and before anybody goes on with what is on the disk.
+    pub fn recovered(&self, episode: EpisodeKey) {
+        self.broken().remove(&episode);
+    }
+
+    fn broken(&self) -> StdMutexGuard<'_, HashSet<EpisodeKey>> {
+        self.broken.lock().expect("nothing panics while it holds this")
+    }
+
+    /// Whether a job continues the chain of an episode whose chain has a gap.
+    fn continues_broken(&self, entries: &[Entry]) -> bool {
+        let broken = self.broken();
+        !broken.is_empty()
+            && entries.iter().filter_map(Entry::chain).any(|episode| broken.contains(&episode))
+    }
+
+    /// Notes that a job was refused.
+    fn note_refused(&self, entries: &[Entry]) {
+        // Nothing comes after an opening before it was kept.
+        let opens = entries.iter().any(|entry| matches!(entry, Entry::Open(_)));
+        if !opens {
+            self.broken().extend(entries.iter().filter_map(Entry::chain));
+        }
+    }
+
+    fn add_backlog(&self, bytes: usize) {
+        self.backlog_jobs.fetch_add(1, Ordering::Relaxed);
+        self.backlog_bytes.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    fn remove_backlog(&self, bytes: usize) {
+        self.backlog_jobs.fetch_sub(1, Ordering::Relaxed);
+        self.backlog_bytes.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    fn fail(&self, error: &sqlx::Error) {
+        if !self.failed.swap(true, Ordering::AcqRel) {
+            metrics::counter!("swarmbench_commit_failures_total").increment(1);
+            tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
+        }
     }
 }
 
@@ -90,9 +180,11 @@ impl Writer {
     }
 
     pub(super) fn append(&self, entries: Vec<Entry>, committed: Committed) {
-        self.state.backlog.fetch_add(1, Ordering::Relaxed);
-        if let Err(mpsc::error::SendError(job)) = self.queue.send(Job { entries, committed }) {
-            self.state.backlog.fetch_sub(1, Ordering::Relaxed);
+        let bytes = entries.iter().map(Entry::bytes).sum();
+        self.state.add_backlog(bytes);
+        if let Err(mpsc::error::SendError(job)) = self.queue.send(Job { entries, bytes, committed })
+        {
+            self.state.remove_backlog(bytes);
             (job.committed)(Err(JournalError("the server is stopping".into())));
         }
     }
@@ -114,6 +206,12 @@ async fn run(
     state: Arc<WriterState>,
     stop: tokio_util::sync::CancellationToken,
 ) {
+    let busy_timeout = format!("PRAGMA busy_timeout = {}", BUSY_TIMEOUT.as_millis());
+    if let Err(error) =
+        sqlx::query(sqlx::AssertSqlSafe(busy_timeout)).execute(&mut connection).await
+    {
+        tracing::warn!(%error, "a locked database is noticed late");
+    }
     let mut jobs = Vec::with_capacity(GROUP_MAX);
     loop {
         let taken = tokio::select! {
@@ -127,30 +225,18 @@ async fn run(
         if taken == 0 {
             break;
         }
-        let (entries, told): (Vec<_>, Vec<_>) =
-            jobs.drain(..).map(|job| (job.entries, job.committed)).unzip();
-        let entries: Vec<Entry> = entries.into_iter().flatten().collect();
-        let result = if state.has_failed() {
-            Err(JournalError("an earlier commit failed; restart the server".into()))
-        } else {
-            // What went into a file that was removed is not kept, whatever SQLite says.
-            let committed = commit(&mut connection, &entries).await;
-            committed
-                .and_then(|()| files.check().map_err(|lost| JournalError(lost.to_string().into())))
-        };
-        if result.is_ok() {
-            // Before anybody is told: whoever knows of an end finds it on the board.
-            state.changes.note(&entries);
+        let (jobs, told): (Vec<_>, Vec<_>) =
+            jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
+        let outcomes = keep(&mut connection, &files, &state, &jobs).await;
+        for (entries, outcome) in jobs.iter().zip(&outcomes) {
+            if outcome.is_ok() {
+                // Before anybody is told: whoever knows of an end finds it on the board.
+                state.changes.note(entries);
+            }
         }
-        if let Err(error) = &result
-            && !state.failed.swap(true, Ordering::AcqRel)
-        {
-            metrics::counter!("swarmbench_commit_failures_total").increment(1);
-            tracing::error!(%error, "a commit failed: nothing is acknowledged until a restart");
-        }
-        state.backlog.fetch_sub(taken, Ordering::Relaxed);
-        for committed in told {
-            committed(result.clone());
+        for ((bytes, committed), outcome) in told.into_iter().zip(outcomes) {
+            state.remove_backlog(bytes);
+            committed(outcome);
         }
     }
     if let Err(error) = connection.close().await {
@@ -158,27 +244,201 @@ async fn run(
     }
 }
 
-/// Writes all entries in one transaction.
-async fn commit(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(), JournalError> {
+/// Writes jobs in one transaction; what became of each, in their order.
+async fn keep(
+    connection: &mut SqliteConnection,
+    files: &Files,
+    state: &WriterState,
+    jobs: &[Vec<Entry>],
+) -> Vec<Outcome> {
+    let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
+    if state.has_failed() {
+        return all(&Err(JournalError("an earlier commit failed; restart the server".into())));
+    }
+    let kept = if jobs.iter().any(|job| state.continues_broken(job)) {
+        commit_each(connection, state, jobs).await
+    } else {
+        match commit_all(connection, state, jobs).await {
+            Err(Failure::Refused(_)) => commit_each(connection, state, jobs).await,
+            committed => committed.map(|()| all(&Ok(()))),
+        }
+    };
+    // What went into a file that was removed is not kept, whatever SQLite says.
+    let kept = kept.and_then(|outcomes| match files.check() {
+        Ok(()) => Ok(outcomes),
+        Err(lost) => Err(Failure::Fatal(sqlx::Error::Io(std::io::Error::other(lost)))),
+    });
+    match kept {
+        Ok(outcomes) => outcomes,
+        Err(Failure::Fatal(error)) => {
+            state.fail(&error);
+            all(&Err(super::failure(error)))
+        }
+        // Nothing was written: everybody is told, and what is sent again later may be kept.
+        Err(Failure::Refused(error)) => {
+            let error = super::failure(error);
+            jobs.iter().map(|job| refuse(state, job, error.clone())).collect()
+        }
+    }
+}
+
+/// Why a transaction, or a part of it, was not written.
+enum Failure {
+    /// What the file holds, or will hold, is not known.
+    Fatal(sqlx::Error),
+    /// A statement was refused; the transaction can be rolled back.
+    Refused(sqlx::Error),
+}
+
+impl Failure {
+    fn of(error: sqlx::Error) -> Self {
+        let is_refusal = match &error {
+            sqlx::Error::Database(_) => !has_code(&error, &FATAL_CODES),
+            sqlx::Error::Encode(_) | sqlx::Error::Decode(_) => true,
+            _ => false,
+        };
+        if is_refusal { Self::Refused(error) } else { Self::Fatal(error) }
+    }
+}
+
+/// Whether SQLite gave one of these primary result codes; the code that is told may be an extended one.
+fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
+    let code = error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok());
+    code.is_some_and(|code| codes.contains(&(code & 0xff)))
+}
+
+/// Writes all entries of all jobs, or nothing where a statement is refused.
+async fn commit_all(
+    connection: &mut SqliteConnection,
+    state: &WriterState,
+    jobs: &[Vec<Entry>],
+) -> Result<(), Failure> {
     let started = Instant::now();
-    if entries.is_empty() {
+    let entries = || jobs.iter().flatten();
+    let count = entries().count();
+    if count == 0 {
         // A barrier: what was queued before is durable by now.
         return Ok(());
     }
-    let written = write(connection, entries).await;
-    if let Err(error) = written {
-        // Whether the roll-back works makes no difference: nothing is written any more.
-        drop(sqlx::query("ROLLBACK").execute(connection).await);
-        return Err(super::failure(error));
+    begin(connection, state).await?;
+    if let Err(error) = write(connection, entries()).await {
+        return Err(roll_back(connection, Failure::of(error)).await);
+    }
+    commit(connection, count, started).await
+}
+
+/// Writes jobs one by one: those that are refused leave no trace, and the others are committed.
+async fn commit_each(
+    connection: &mut SqliteConnection,
+    state: &WriterState,
+    jobs: &[Vec<Entry>],
+) -> Result<Vec<Outcome>, Failure> {
+    let started = Instant::now();
+    begin(connection, state).await?;
+    let mut outcomes = Vec::with_capacity(jobs.len());
+    for job in jobs {
+        if state.continues_broken(job) {
+            let gap = JournalError("an earlier entry of the episode was refused".into());
+            outcomes.push(refuse(state, job, gap));
+            continue;
+        }
+        match write_one(connection, job).await {
+            Ok(()) => outcomes.push(Ok(())),
+            Err(Failure::Refused(error)) => {
+                metrics::counter!("swarmbench_jobs_refused_total").increment(1);
+                tracing::error!(%error, "the database refuses an entry: it is not kept, all others are");
+                outcomes.push(refuse(state, job, super::failure(error)));
+            }
+            Err(fatal) => return Err(roll_back(connection, fatal).await),
+        }
+    }
+    let count = jobs.iter().map(Vec::len).sum();
+    commit(connection, count, started).await?;
+    Ok(outcomes)
+}
+
+fn refuse(state: &WriterState, job: &[Entry], error: JournalError) -> Outcome {
+    state.note_refused(job);
+    if job.is_empty() { Ok(()) } else { Err(error) }
+}
+
+/// Writes the entries of one job behind a savepoint.
+async fn write_one(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(), Failure> {
+    execute(connection, "SAVEPOINT job").await?;
+    let written = write(connection, entries.iter()).await.map_err(Failure::of);
+    if let Err(Failure::Refused(_)) = written {
+        execute(connection, "ROLLBACK TO job").await?;
+    }
+    execute(connection, "RELEASE job").await?;
+    written
+}
+
+/// Runs a statement without which the transaction cannot go on.
+async fn execute(
+    connection: &mut SqliteConnection,
+    statement: &'static str,
+) -> Result<(), Failure> {
+    sqlx::query(statement).execute(connection).await.map(|_| ()).map_err(Failure::Fatal)
+}
+
+/// Begins a transaction; tries again where another program holds the lock.
+async fn begin(connection: &mut SqliteConnection, state: &WriterState) -> Result<(), Failure> {
+    let started = Instant::now();
+    let (mut pause, longest) = BEGIN_PAUSES;
+    let begun = loop {
+        let Err(error) = sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await else {
+            break Ok(());
+        };
+        if !has_code(&error, &BUSY_CODES) {
+            break Err(Failure::of(error));
+        }
+        metrics::counter!("swarmbench_begin_retries_total").increment(1);
+        if !state.locked_out.swap(true, Ordering::AcqRel) {
+            tracing::warn!(%error, "another program has locked the database: nothing can be written");
+        }
+        if started.elapsed() > BEGIN_PATIENCE {
+            break Err(Failure::Refused(error));
+        }
+        tokio::time::sleep(pause).await;
+        pause = (pause * 2).min(longest);
+    };
+    if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
+        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing goes on");
+    }
+    begun
+}
+
+/// Ends a transaction of which nothing is to stay.
+async fn roll_back(connection: &mut SqliteConnection, failure: Failure) -> Failure {
+    match execute(connection, "ROLLBACK").await {
+        Ok(()) => failure,
+        // SQLite has rolled back by itself, or cannot: nothing is written any more.
+        Err(fatal) => match failure {
+            Failure::Fatal(_) => failure,
+            Failure::Refused(_) => fatal,
+        },
+    }
+}
+
+async fn commit(
+    connection: &mut SqliteConnection,
+    entries: usize,
+    started: Instant,
+) -> Result<(), Failure> {
+    if let Err(fatal) = execute(connection, "COMMIT").await {
+        return Err(roll_back(connection, fatal).await);
     }
     metrics::counter!("swarmbench_commits_total").increment(1);
     metrics::histogram!("swarmbench_commit_seconds").record(started.elapsed());
-    metrics::counter!("swarmbench_commit_entries_total").increment(entries.len() as u64);
+    metrics::counter!("swarmbench_commit_entries_total").increment(entries as u64);
     Ok(())
 }
 
-async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(), sqlx::Error> {
-    sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await?;
+/// Writes entries into the open transaction.
+async fn write(
+    connection: &mut SqliteConnection,
+    entries: impl Iterator<Item = &Entry>,
+) -> Result<(), sqlx::Error> {
     let mut acts = Vec::new();
     let mut rounds = Vec::new();
     for entry in entries {
@@ -234,9 +494,7 @@ async fn write(connection: &mut SqliteConnection, entries: &[Entry]) -> Result<(
         }
     }
     insert_acts(connection, &acts).await?;
-    insert_rounds(connection, &rounds).await?;
-    sqlx::query("COMMIT").execute(connection).await?;
-    Ok(())
+    insert_rounds(connection, &rounds).await
 }
 
 async fn open(connection: &mut SqliteConnection, row: &OpeningRow) -> Result<(), sqlx::Error> {

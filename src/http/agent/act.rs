@@ -79,13 +79,18 @@ pub(in super::super) async fn post_act(
 impl App {
     /// Refuses acts quickly where the writer cannot keep up.
     pub(in super::super) fn check_backlog(&self) -> Result<(), ApiError> {
-        let most = self.limits.backlog_jobs_max;
-        if self.store.writer().backlog() < most {
-            return Ok(());
+        let (writer, limits) = (self.store.writer(), &self.limits);
+        for (name, queued, most) in [
+            ("backlog_jobs_max", writer.backlog_jobs(), limits.backlog_jobs_max),
+            ("backlog_bytes_max", writer.backlog_bytes(), limits.backlog_bytes_max),
+        ] {
+            if queued >= most {
+                let detail = "the journal cannot keep up; send the same act again later";
+                return Err(ApiError::limit(Code::Overloaded, name, most, detail)
+                    .retry_after(std::time::Duration::from_secs(1)));
+            }
         }
-        let detail = "the journal cannot keep up; send the same act again later";
-        Err(ApiError::limit(Code::Overloaded, "backlog_jobs_max", most, detail)
-            .retry_after(std::time::Duration::from_secs(1)))
+        Ok(())
     }
 }
 
