@@ -21,6 +21,6 @@ pub(crate) async fn off_thread<T: Send + 'static>(
     if !heavy {
         return Ok(work());
     }
-    let done = tokio::task::spawn_blocking(work).await;
+    let done = crate::telemetry::spawn_blocking(work).await;
     done.map_err(|error| JournalError(error.to_string().into()))
 }

@@ -45,6 +45,7 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use crate::telemetry;
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -167,7 +168,7 @@ impl App {
     async fn to_its_end<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
-        let done = tokio::spawn(work).await;
+        let done = telemetry::spawn(work).await;
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
@@ -189,7 +190,7 @@ impl App {
             return Err(ApiError::limit(Code::Overloaded, "renders_max", RENDERS_MAX, detail)
                 .retry_after(Duration::from_secs(1)));
         };
-        let done = tokio::task::spawn_blocking(work).await;
+        let done = telemetry::spawn_blocking(work).await;
         done.map_err(|error| ApiError::new(Code::Internal, error.to_string()))
     }
 

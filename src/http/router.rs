@@ -94,6 +94,7 @@ pub fn router(app: App) -> Router {
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
+        .layer(middleware::from_fn(client::check_host))
         .layer(middleware::from_fn_with_state(app.clone(), client::admit))
         .layer(middleware::from_fn(measure))
         .layer(layers)

@@ -337,7 +337,7 @@ fn decode(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> sqlx::E
     sqlx::Error::Decode(error.into())
 }
 
-fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
+pub(super) fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
     let bytes = |column| row.try_get::<Vec<u8>, _>(column);
     let wrong = |_| decode("a salt and a commitment have 32 bytes");
     let seeds = bytes("seeds")?;

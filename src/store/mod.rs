@@ -3,8 +3,10 @@
 //! All that is written goes through one task that commits in groups (`writer.rs`); readers have
 //! connections of their own and never wait for it (WAL).
 
+mod again;
 pub mod audit;
 pub mod backup;
+pub mod check;
 pub mod competitions;
 pub mod episodes;
 mod exports;

@@ -4,8 +4,6 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 
-use unicode_security::confusable_detection::skeleton;
-
 use super::super::App;
 use super::super::answer::with_tokens;
 use super::super::auth::Caller;
@@ -20,6 +18,7 @@ use crate::competition::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
+use crate::names;
 use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
 use crate::wire::problem::Problem;
@@ -119,8 +118,16 @@ async fn register(
         let detail = "as many have entered as there may be; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
-    if others.iter().any(|other| is_same(&other.entrant.name, &request.name)) {
+    if others.iter().any(|other| names::is_look_alike(&other.entrant.name, &request.name)) {
         return Err(ApiError::field("name", "is that of another entrant"));
+    }
+    // Many may play with one model; then all of them write it in the same way.
+    let imitates =
+        |model: &str| model != request.model && names::is_look_alike(model, &request.model);
+    if others.iter().any(|other| imitates(&other.entrant.declaration.model)) {
+        let problem = "looks like the model of another entrant and is written otherwise: write it as that one, or name it so \
+                       that it can be told apart";
+        return Err(ApiError::field("model", problem));
     }
     if let Some(key) = &own_key {
         let own = others.iter().filter(|other| Some(other.owner) == key.number).count();
@@ -197,10 +204,4 @@ async fn invitation(
         Some(true) => refused("this invitation code was used before; each is good once"),
         Some(false) => Ok(hash),
     }
-}
-
-/// Whether two names look the same on a board.
-fn is_same(one: &str, other: &str) -> bool {
-    let seen = |name: &str| skeleton(&name.trim().to_lowercase()).collect::<String>();
-    seen(one) == seen(other)
 }

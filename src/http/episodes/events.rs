@@ -79,7 +79,7 @@ pub(in super::super) async fn stream_events(
         }
     };
     let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
+    crate::telemetry::spawn(async move {
         let stop = app.stop.clone();
         tokio::select! {
             () = tell(&app, &handle, last.unwrap_or(0), &events) => {}

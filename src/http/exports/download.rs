@@ -136,7 +136,7 @@ pub(in super::super) async fn download_export(
     app.store.keep(deed.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
-    tokio::task::spawn_blocking(move || {
+    crate::telemetry::spawn_blocking(move || {
         let may = |stored: &_| app.may_read_journal(&caller, stored);
         let select = Export::select(&app.store, &selection, may, |_, _| (), app.stop.clone());
         let export = match select {

@@ -48,7 +48,7 @@ pub(in super::super) async fn stream_run_events(
     let known = app.known_run(&caller, &id).await?;
     let table = app.runs.follow(known.stored.run).await?;
     let (events, stream) = mpsc::channel(app.limits.events_pending_max);
-    tokio::spawn(async move {
+    crate::telemetry::spawn(async move {
         let stop = app.stop.clone();
         tokio::select! {
             told = tell(&app, &caller, &id, table, &events) => {
