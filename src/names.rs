@@ -27,7 +27,9 @@ pub fn check(name: &str, chars_max: usize) -> Result<(), String> {
 /// What it has to be instead.
 pub fn check_model(model: &str, chars_max: usize) -> Result<(), String> {
     check(model, chars_max)?;
-    if !model.starts_with(BUILT_IN) && seen(model).starts_with(&seen(BUILT_IN)) {
+    let imitates =
+        seen(model).iter().zip(seen(BUILT_IN)).any(|(one, other)| one.starts_with(&other));
+    if imitates && !model.starts_with(BUILT_IN) {
         return Err(format!("looks like a built-in player: only those begin with {BUILT_IN}"));
     }
     Ok(())
@@ -36,12 +38,15 @@ pub fn check_model(model: &str, chars_max: usize) -> Result<(), String> {
 /// Whether two names look the same where they are shown.
 #[must_use]
 pub fn is_look_alike(one: &str, other: &str) -> bool {
-    seen(one) == seen(other)
+    seen(one).iter().zip(seen(other)).any(|(one, other)| *one == other)
 }
 
-/// What is seen of a name: the same for names that look the same.
-fn seen(name: &str) -> String {
-    skeleton(&name.trim().to_lowercase()).collect()
+/// What is seen of a name: one of both is the same for names that look the same. A capital I looks like a small L, which
+/// shows only before letters are made small; other pairs show only afterwards.
+fn seen(name: &str) -> [String; 2] {
+    let name = name.trim();
+    let as_written: String = skeleton(name).collect();
+    [skeleton(&name.to_lowercase()).collect(), as_written.to_lowercase()]
 }
 
 /// Whether a character is not seen, or turns others around.
@@ -120,6 +125,7 @@ mod tests {
             "bui\u{1c0}t-in/random",
             "built-\u{456}n/random",
             " built-in/random",
+            "buiIt-in/random",
         ] {
             assert!(check_model(alike, 50).expect_err(alike).contains("looks like"), "{alike:?}");
         }

@@ -144,7 +144,7 @@ async fn tables(
 ) -> Result<bool, OpenError> {
     let rows =
         sqlx::query("SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version")
-            .fetch_all(database)
+            .fetch_all(&mut *database)
             .await;
     let applied = rows.and_then(|rows| {
         let read = |row: &SqliteRow| {
@@ -164,6 +164,8 @@ async fn tables(
     let known: Vec<_> =
         migrator.iter().map(|known| (known.version, known.checksum.to_vec(), true)).collect();
     if applied == known {
+        let result = schema(database, &migrator).await;
+        checked.note_result("the tables", result);
         return Ok(true);
     }
     if checked.is_sound() && applied.iter().zip(&known).all(|(one, other)| one == other) {
@@ -171,6 +173,23 @@ async fn tables(
     }
     checked.note("the tables", "the note of which migrations made them is damaged");
     Ok(false)
+}
+
+/// Whether all tables and indexes are those that the migrations make.
+async fn schema(
+    database: &mut SqliteConnection,
+    migrator: &sqlx::migrate::Migrator,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND name NOT GLOB '_sqlx*' ORDER BY name";
+    let mut fresh =
+        SqliteConnectOptions::new().in_memory(true).disable_statement_logging().connect().await?;
+    migrator.run(&mut fresh).await.map_err(|error| sqlx::Error::Migrate(Box::new(error)))?;
+    let made: Vec<(String, String)> = sqlx::query_as(query).fetch_all(&mut fresh).await?;
+    fresh.close().await?;
+    let kept: Vec<(String, String)> = sqlx::query_as(query).fetch_all(database).await?;
+    // An operator may have added something.
+    let lost = made.iter().find(|made| !kept.contains(made));
+    Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
