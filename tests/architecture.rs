@@ -15,7 +15,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("keys", &["clock", "ids", "names"]),
     ("telemetry", &[]),
     ("journal", &["ids", "keys"]),
-    ("store", &["competition", "ids", "journal", "keys"]),
+    ("store", &["clock", "competition", "ids", "journal", "keys"]),
     ("episode", &["clock", "ids", "journal", "keys", "telemetry"]),
     ("house", &["episode", "journal"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
@@ -126,7 +126,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("indicatif", &["cli"]),
     ("zip", &["dataset"]),
     ("parquet", &["dataset"]),
-    ("flate2", &["dataset"]),
+    ("flate2", &["dataset", "store"]),
     ("toml", &["cli"]),
     ("csv", &["board", "wire", "http"]),
 ];
