@@ -4,6 +4,7 @@ use jiff::Timestamp;
 
 use crate::clock::Entropy;
 use crate::ids::{Token, TokenHash, TokenKind, dated_id};
+use crate::names;
 
 /// The number of a key in the database; short, and never shown. An episode that was created with
 /// a key belongs to it.
@@ -76,12 +77,7 @@ impl Key {
         now: Timestamp,
         entropy: &dyn Entropy,
     ) -> Result<(Self, Token), String> {
-        let fits = (1..=NAME_CHARS_MAX).contains(&name.chars().count());
-        if !fits || name.chars().any(char::is_control) {
-            return Err(format!(
-                "must be 1 to {NAME_CHARS_MAX} characters without control characters"
-            ));
-        }
+        names::check(name, NAME_CHARS_MAX)?;
         let key = Self {
             number: None,
             id: dated_id("key_", now, entropy),

@@ -5,6 +5,24 @@ use std::sync::OnceLock;
 
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use metrics_process::Collector;
+use tokio::task::JoinHandle;
+use tracing::{Instrument as _, Span};
+
+use crate::fair;
+
+/// Runs a part of a request in a task of its own, whose log lines have the request's id as well.
+/// It shares what is scarce as the request does.
+pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
+    tokio::spawn(fair::inherit(work).in_current_span())
+}
+
+/// The same for work that keeps a thread busy.
+pub fn spawn_blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> JoinHandle<T> {
+    let span = Span::current();
+    tokio::task::spawn_blocking(move || span.in_scope(work))
+}
 
 /// Buckets of durations, in seconds.
 const SECONDS: [f64; 12] =

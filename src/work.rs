@@ -214,6 +214,8 @@ impl Workers {
     ) -> Result<T, WorkError> {
         let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
         let (done, result) = oneshot::channel();
+        let span = tracing::Span::current();
+        let work = move |cancelled: &Cancelled<'_>| span.in_scope(|| work(cancelled));
         shared.push(party, rank, Box::new(Task { kind, work, done }))?;
         result.await.map_err(|_| WorkError::BrokeOff)
     }

@@ -53,7 +53,7 @@ enum Command {
     Play(play::Args),
     /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
     Eval(Box<eval::Args>),
-    /// Play a journal file, or all of a competition, again and check every hash, digest, act and score.
+    /// Play a journal file, all of a competition, or all of a database again and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Show who did how well in a suite.
     Leaderboard(leaderboard::Args),
@@ -87,7 +87,7 @@ pub fn main() -> ExitCode {
         Command::Competition(args) => with_runtime(competition::run(*args)),
         Command::Audit(args) => with_runtime(audit::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
-        Command::Verify(args) => verify::run(&args),
+        Command::Verify(args) => with_runtime(verify::run(args)),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
         Command::Board(args) => with_runtime(board::run(args)),

@@ -2,24 +2,32 @@
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use swarmbench_engine::physics::Solver;
 
 use crate::competition::verify::{self as competition, Expected};
 use crate::journal::chain::Head;
 use crate::journal::replay::verify;
+use crate::store::check::{Damage, check};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Get a journal with\n  \
     curl -s http://127.0.0.1:8080/api/v1/episodes/EPISODE/journal > game.jsonl\n\
     and a competition that is closed with\n  \
-    swarmbench competition export COMPETITION > cup.jsonl")]
+    swarmbench competition export COMPETITION > cup.jsonl\n\
+    A database is checked with --db, beside a running server or without one: its pages, what its rows refer to, every \
+    journal by playing it again, and what boards and competitions keep of them. Names, labels, times of acts and \
+    hashes of tokens follow from nothing else, so a change of these is not found.")]
 pub(super) struct Args {
     /// The journal file; - for the standard input.
-    file: PathBuf,
+    #[arg(required_unless_present = "db")]
+    file: Option<PathBuf>,
+    /// Check a whole database instead.
+    #[arg(long, conflicts_with_all = ["file", "competition", "head", "commitment", "solver"])]
+    db: Option<PathBuf>,
     /// The file is the export of a competition: check its commitment and that every game was played on the seed and by
     /// the settings of its place, play all games again, and recompute the board.
     #[arg(long)]
@@ -44,7 +52,40 @@ enum SolverName {
     Both,
 }
 
-pub(super) fn run(args: &Args) -> anyhow::Result<()> {
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    match (&args.db, &args.file) {
+        (Some(db), _) => run_database(db).await,
+        (None, Some(file)) => run_file(&args, file),
+        (None, None) => bail!("name a journal file, or a database with --db"),
+    }
+}
+
+async fn run_database(db: &Path) -> anyhow::Result<()> {
+    let style = "{bar:30} episode {pos} of {len}, {eta} left";
+    let bar = ProgressBar::new(0)
+        .with_style(ProgressStyle::with_template(style).expect("a valid template"))
+        .with_message("pages");
+    let checked = check(db, |done, of| {
+        bar.set_length(of);
+        bar.set_position(done);
+    })
+    .await;
+    bar.finish_and_clear();
+    let checked = checked?;
+    let (episodes, rounds) = (HumanCount(checked.episodes), HumanCount(checked.rounds));
+    println!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
+    if checked.is_sound() {
+        println!("sound: no damage was found");
+        return Ok(());
+    }
+    for Damage { subject, problem } in &checked.damages {
+        println!("damaged: {subject}: {problem}");
+    }
+    let count = checked.damages.len() as u64 + checked.more_damages;
+    bail!("{} is damaged in {count} places; go back to a backup that is sound", db.display())
+}
+
+fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     let head = match &args.head {
         None => None,
         Some(text) => match Head::parse(text) {
@@ -57,14 +98,14 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
         SolverName::Ilp => Solver::Ilp,
         SolverName::Both => Solver::Both,
     };
-    let journal: Box<dyn BufRead> = if args.file.as_os_str() == "-" {
+    let journal: Box<dyn BufRead> = if file.as_os_str() == "-" {
         Box::new(BufReader::new(std::io::stdin()))
     } else {
-        let file = File::open(&args.file);
-        Box::new(BufReader::new(file.with_context(|| format!("{}", args.file.display()))?))
+        let opened = File::open(file);
+        Box::new(BufReader::new(opened.with_context(|| format!("{}", file.display()))?))
     };
     if args.competition {
-        return run_competition(args, journal, head, solver);
+        return run_competition(args, file, journal, head, solver);
     }
     let bar = ProgressBar::new(0).with_style(
         ProgressStyle::with_template("{bar:30} round {pos} of {len}").expect("a valid template"),
@@ -74,7 +115,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
         bar.set_position(round.into());
     });
     bar.finish_and_clear();
-    let report = report.with_context(|| format!("{} does not verify", args.file.display()))?;
+    let report = report.with_context(|| format!("{} does not verify", file.display()))?;
     let mut table = super::play::table(&["", ""]);
     let config = &report.opening.config;
     let end = report.end.as_ref().map_or("none: it was still running".to_owned(), |end| {
@@ -115,6 +156,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
 
 fn run_competition(
     args: &Args,
+    path: &Path,
     file: Box<dyn BufRead>,
     head: Option<Head>,
     solver: Solver,
@@ -128,7 +170,7 @@ fn run_competition(
             }
         },
     };
-    let bytes = std::fs::metadata(&args.file).map_or(0, |file| file.len());
+    let bytes = std::fs::metadata(path).map_or(0, |file| file.len());
     let style = "{bar:30} {bytes} of {total_bytes}, {msg}";
     let bar = ProgressBar::new(bytes)
         .with_style(ProgressStyle::with_template(style).expect("a valid template"));
@@ -137,7 +179,7 @@ fn run_competition(
         bar.set_message(format!("line {line}"));
     });
     bar.finish_and_clear();
-    let report = report.with_context(|| format!("{} does not verify", args.file.display()))?;
+    let report = report.with_context(|| format!("{} does not verify", path.display()))?;
     let told = &report.competition;
     let mut about = super::play::table(&["", ""]);
     let revealed = told.revealed_at.map_or("not yet".to_owned(), |at| at.to_string());

@@ -176,12 +176,8 @@ impl Definition {
     fn problems_of(&self, now: Timestamp, check: Check) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut refuse = |field: &str, problem: String| problems.push((field.to_owned(), problem));
-        let chars = self.name.chars().count();
-        if !(1..=NAME_CHARS_MAX).contains(&chars) || self.name.chars().any(char::is_control) {
-            refuse(
-                "name",
-                format!("must be 1 to {NAME_CHARS_MAX} characters without control characters"),
-            );
+        if let Err(problem) = crate::names::check(&self.name, NAME_CHARS_MAX) {
+            refuse("name", problem);
         }
         let is_odd = |c: char| c.is_control() && c != '\n' && c != '\t';
         if self.description.chars().count() > DESCRIPTION_CHARS_MAX

@@ -2,7 +2,6 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use unicode_security::confusable_detection;
 
 use super::EntrantStatus;
 
@@ -26,12 +25,6 @@ pub struct Entrant {
     pub vouched: bool,
     /// When it registered.
     pub registered_at: Timestamp,
-}
-
-/// What two names have in common that look the same on a board.
-#[must_use]
-pub fn skeleton(name: &str) -> String {
-    confusable_detection::skeleton(&name.trim().to_lowercase()).collect()
 }
 
 /// What an entrant declared of who plays. It never changes: another model is another entrant.

@@ -7,11 +7,10 @@ use flate2::read::MultiGzDecoder;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 use swarmbench_engine::TaskName;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
-use crate::journal::{ImportRow, ImportSettings, ImportedRound};
+use crate::journal::{ImportHash, ImportRow, ImportSettings, ImportedRound};
 use crate::wire::Position;
 use crate::wire::episode::{State, StateAgent};
 
@@ -204,17 +203,11 @@ impl Builder {
         self.pack();
         let last = self.rounds.last().ok_or("it has no states")?;
         let meta = text(&self.meta);
-        let mut hash = Sha256::new();
-        for part in [self.run_id.as_str(), &meta] {
-            hash.update((part.len() as u64).to_be_bytes());
-            hash.update(part);
-        }
+        let mut hash = ImportHash::new(&self.run_id, &meta);
         for round in &self.rounds {
-            hash.update(round.score.to_bits().to_be_bytes());
-            hash.update((round.state.len() as u64).to_be_bytes());
-            hash.update(&round.state);
+            hash.add(round.score, &round.state);
         }
-        let digest: [u8; 32] = hash.finalize().into();
+        let digest = hash.finish();
         Ok(ImportRow {
             id: format!("imp_{}", data_encoding::HEXLOWER.encode(&digest[..16])),
             digest,

@@ -11,6 +11,7 @@ use jiff::Timestamp;
 use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
 
 use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
@@ -354,9 +355,8 @@ impl Registry {
         // In a task of its own: whoever asked may go half-way, and what was begun is ended.
         let (done, created) = oneshot::channel();
         let registry = self.clone();
-        (self.host.spawn)(Box::pin(async move {
-            drop(done.send(registry.create_now(creation).await));
-        }));
+        let creating = async move { drop(done.send(registry.create_now(creation).await)) };
+        (self.host.spawn)(Box::pin(creating.in_current_span()));
         let stopping = || Err(JournalError("the server is stopping".into()).into());
         created.await.unwrap_or_else(|_| stopping())
     }

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use serde_json::{Map, Value};
-use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 
 use super::App;
 use super::error::ApiError;
 use super::limits::Limits;
 use crate::episode::spec::Visibility;
+use crate::names;
 use crate::prompt;
 use crate::wire::problem::FieldProblem;
 
@@ -82,16 +82,15 @@ impl Problems {
 
     /// The name of who plays.
     pub(super) fn model(&mut self, limits: &Limits, model: &str) {
-        self.text("model", model, limits.model_chars_max);
+        if let Err(problem) = names::check_model(model, limits.model_chars_max) {
+            self.refuse("model", problem);
+        }
     }
 
     /// A line of text.
     pub(super) fn text(&mut self, field: &str, text: &str, most: usize) {
-        if !(1..=most).contains(&text.chars().count()) || text.chars().any(char::is_control) {
-            let problem = format!("must be 1 to {most} characters without control characters");
+        if let Err(problem) = names::check(text, most) {
             self.refuse(field, problem);
-        } else if text.trim().is_empty() || text.chars().any(is_invisible) {
-            self.refuse(field, "must be seen: it has invisible characters, or nothing else");
         }
     }
 
@@ -113,18 +112,6 @@ impl Problems {
             self.refuse("prompt_template", error.to_string());
         }
     }
-}
-
-/// Whether a character is not seen, or turns others around: names that look the same would be different ones.
-fn is_invisible(character: char) -> bool {
-    matches!(
-        character.general_category(),
-        GeneralCategory::Format
-            | GeneralCategory::LineSeparator
-            | GeneralCategory::ParagraphSeparator
-            | GeneralCategory::PrivateUse
-            | GeneralCategory::Unassigned
-    )
 }
 
 /// As much of a text as a message shows.

@@ -11,7 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderName, Method, Uri, header};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Uri, Version, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use governor::clock::Clock as _;
@@ -224,6 +225,27 @@ pub(super) fn network(address: IpAddr) -> IpAddr {
         IpAddr::V4(_) => address,
         IpAddr::V6(address) => IpAddr::V6((address.to_bits() & !u128::from(u64::MAX)).into()),
     }
+}
+
+/// Refuses requests that do not say, or say twice, for which host they are: a proxy in front might take another one for
+/// it. HTTP/1.0 knows no such header.
+pub(super) async fn check_host(request: Request, next: Next) -> Result<Response, ApiError> {
+    let mut hosts = request.headers().get_all(header::HOST).iter();
+    let problem = match (hosts.next(), hosts.next()) {
+        (Some(_), Some(_)) => "the request has more than one `Host` header",
+        (None, _) if request.version() >= Version::HTTP_11 => "the request has no `Host` header",
+        (Some(host), None) if !is_host(host) => {
+            "the `Host` header is not a name, or an address, and a port"
+        }
+        _ => return Ok(next.run(request).await),
+    };
+    Err(ApiError::new(Code::Malformed, problem))
+}
+
+/// Whether it is the name of a host with or without a port, or nothing, as requests may have it.
+fn is_host(value: &HeaderValue) -> bool {
+    value.is_empty()
+        || value.to_str().is_ok_and(|host| !host.contains('@') && host.parse::<Authority>().is_ok())
 }
 
 /// Finds out who asks, and counts it.

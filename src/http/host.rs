@@ -67,7 +67,7 @@ pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health
 fn problems(app: &App) -> Vec<String> {
     let mut problems = Vec::new();
     if let Err(lost) = app.store.check_files() {
-        problems.push(format!("{lost}: nothing is acknowledged until the server is restarted"));
+        problems.push(format!("{lost}: nothing is acknowledged any more"));
     }
     let writer = app.store.writer();
     if writer.has_failed() {

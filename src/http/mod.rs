@@ -44,7 +44,7 @@ use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::Registry;
 use crate::episode::replay::state_at;
-use crate::fair::{self, Busy, FairLimit, Party, Rank, Shares};
+use crate::fair::{Busy, FairLimit, Party, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::journal::CompetitionKey;
@@ -53,6 +53,7 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use crate::telemetry;
 use crate::work::{JOBS_WAITING_MAX, Workers};
 use agent::look::Sights;
 use auth::Access;
@@ -196,7 +197,7 @@ impl App {
     async fn to_its_end<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
-        let done = tokio::spawn(fair::inherit(work)).await;
+        let done = telemetry::spawn(work).await;
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 

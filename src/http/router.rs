@@ -95,6 +95,7 @@ pub fn router(app: App) -> Router {
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(middleware::from_fn_with_state(app.clone(), stream::reserve))
+        .layer(middleware::from_fn(client::check_host))
         .layer(middleware::from_fn_with_state(app.clone(), client::admit))
         .layer(middleware::from_fn(measure))
         .layer(layers)

@@ -3,6 +3,7 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 /// The number of an imported game; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,6 +36,36 @@ pub struct ImportRow {
     pub acts: u64,
     /// Its states, the layout first.
     pub rounds: Vec<ImportedRound>,
+}
+
+/// Computes the digest of an imported game, state by state.
+#[derive(Debug)]
+pub struct ImportHash(Sha256);
+
+impl ImportHash {
+    /// Begins with the name and the settings of the game.
+    #[must_use]
+    pub fn new(run_id: &str, meta: &str) -> Self {
+        let mut hash = Sha256::new();
+        for part in [run_id, meta] {
+            hash.update((part.len() as u64).to_be_bytes());
+            hash.update(part);
+        }
+        Self(hash)
+    }
+
+    /// Adds the next state.
+    pub fn add(&mut self, score: f64, state: &str) {
+        self.0.update(score.to_bits().to_be_bytes());
+        self.0.update((state.len() as u64).to_be_bytes());
+        self.0.update(state);
+    }
+
+    /// The digest of all that was added.
+    #[must_use]
+    pub fn finish(self) -> [u8; 32] {
+        self.0.finalize().into()
+    }
 }
 
 /// A state, and what was done in it.

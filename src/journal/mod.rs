@@ -18,7 +18,9 @@ use swarmbench_engine::AgentId;
 use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
-pub use import::{ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport};
+pub use import::{
+    ImportHash, ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport,
+};
 use record::{ActRecord, RawRecord, RecordedConfig, Source};
 
 /// The number of an episode in its journal; short, and never shown.

@@ -340,7 +340,7 @@ impl Runs {
         &self,
         work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
     ) -> Result<T, JournalError> {
-        let done = tokio::spawn(work).await;
+        let done = crate::telemetry::spawn(work).await;
         done.unwrap_or_else(|error| Err(JournalError(error.to_string().into())))
     }
 

@@ -9,11 +9,12 @@ use super::runs::void_reason;
 use super::{Store, failure};
 use crate::competition::EntrantStatus;
 use crate::competition::definition::Definition;
-use crate::competition::entrant::{Declaration, Entrant, skeleton};
+use crate::competition::entrant::{Declaration, Entrant};
 use crate::competition::sealed::{SEED_BYTES, Sealed};
 use crate::ids::TokenHash;
 use crate::journal::{CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey};
 use crate::keys::OwnerKey;
+use crate::names::looks;
 
 /// A competition as it is stored.
 #[derive(Clone, Debug)]
@@ -77,6 +78,8 @@ pub struct EntrantRoom {
     pub active: u32,
     /// Whether somebody has a name that looks the same.
     pub has_name: bool,
+    /// Whether somebody has a model that looks the same and is written otherwise.
+    pub has_look_of_model: bool,
     /// How many entrants the key has.
     pub of_owner: u32,
 }
@@ -201,17 +204,25 @@ impl Store {
     pub async fn room_for(
         &self,
         competition: CompetitionKey,
-        skeleton: &str,
+        name: &str,
+        model: &str,
         owner: Option<OwnerKey>,
     ) -> Result<EntrantRoom, JournalError> {
+        let ([name, other_name], [look, other_look]) = (looks(name), looks(model));
         let row = sqlx::query(
             "SELECT (SELECT entrants FROM competitions WHERE key = ?1),
-                    EXISTS (SELECT 1 FROM entries WHERE competition = ?1 AND skeleton = ?2),
-                    (SELECT count(*) FROM entries INDEXED BY entries_by_owner WHERE owner = ?3 AND competition = ?1)",
+                    EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'name' AND look IN (?3, ?4)),
+                    EXISTS (SELECT 1 FROM looks
+                            WHERE competition = ?1 AND kind = 'model' AND look IN (?5, ?6) AND written != ?7),
+                    (SELECT count(*) FROM entries INDEXED BY entries_by_owner WHERE owner = ?2 AND competition = ?1)",
         )
         .bind(competition.0)
-        .bind(skeleton)
         .bind(owner.map(|owner| owner.0))
+        .bind(name)
+        .bind(other_name)
+        .bind(look)
+        .bind(other_look)
+        .bind(model)
         .fetch_one(&mut *self.read().await?)
         .await
         .map_err(failure)?;
@@ -219,7 +230,8 @@ impl Store {
             Ok(EntrantRoom {
                 active: row.try_get(0)?,
                 has_name: row.try_get(1)?,
-                of_owner: row.try_get(2)?,
+                has_look_of_model: row.try_get(2)?,
+                of_owner: row.try_get(3)?,
             })
         };
         room().map_err(failure)
@@ -331,15 +343,13 @@ pub(super) async fn add_entrant(
     row: &EntrantRow,
 ) -> Result<(), sqlx::Error> {
     let added = sqlx::query(
-        "INSERT INTO entries (id, competition, owner, name, skeleton, model, declaration, template, status, vouched,
-                              registered_at)
-         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, ?, 'active', ?, ?)",
+        "INSERT INTO entries (id, competition, owner, name, model, declaration, template, status, vouched, registered_at)
+         VALUES (?, ?, (SELECT number FROM keys WHERE id = ?), ?, ?, ?, ?, 'active', ?, ?)",
     )
     .bind(&row.id)
     .bind(row.competition.0)
     .bind(&row.owner)
     .bind(&row.name)
-    .bind(skeleton(&row.name))
     .bind(&row.model)
     .bind(&row.declaration)
     .bind(&row.template)
@@ -347,6 +357,7 @@ pub(super) async fn add_entrant(
     .bind(row.at.as_millisecond())
     .execute(&mut *connection)
     .await?;
+    add_looks(connection, row.competition.0, &row.name, &row.model).await?;
     sqlx::query("UPDATE competitions SET entrants = entrants + 1 WHERE key = ?")
         .bind(row.competition.0)
         .execute(&mut *connection)
@@ -361,21 +372,40 @@ pub(super) async fn add_entrant(
     Ok(())
 }
 
-/// Adds to entrants of earlier versions how their names look.
-pub(super) async fn add_skeletons(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
-    let rows = sqlx::query("SELECT key, name FROM entries WHERE skeleton IS NULL")
-        .fetch_all(&mut *connection)
-        .await?;
-    if rows.is_empty() {
-        return Ok(());
+/// Keeps how the name and the model of an entrant look.
+async fn add_looks(
+    connection: &mut SqliteConnection,
+    competition: i64,
+    name: &str,
+    model: &str,
+) -> Result<(), sqlx::Error> {
+    for (kind, written) in [("name", name), ("model", model)] {
+        for look in looks(written) {
+            sqlx::query("INSERT OR IGNORE INTO looks (competition, kind, look, written) VALUES (?, ?, ?, ?)")
+                .bind(competition)
+                .bind(kind)
+                .bind(look)
+                .bind(written)
+                .execute(&mut *connection)
+                .await?;
+        }
     }
+    Ok(())
+}
+
+/// Keeps how the names and models of entrants of earlier versions look.
+pub(super) async fn add_missing_looks(
+    connection: &mut SqliteConnection,
+) -> Result<(), sqlx::Error> {
+    let rows = sqlx::query(
+        "SELECT competition, name, model FROM entries WHERE NOT EXISTS (SELECT 1 FROM looks)",
+    )
+    .fetch_all(&mut *connection)
+    .await?;
     let mut transaction = connection.begin().await?;
     for row in rows {
-        sqlx::query("UPDATE entries SET skeleton = ? WHERE key = ?")
-            .bind(skeleton(row.try_get("name")?))
-            .bind(row.try_get::<i64, _>("key")?)
-            .execute(&mut *transaction)
-            .await?;
+        let (name, model): (&str, &str) = (row.try_get("name")?, row.try_get("model")?);
+        add_looks(&mut transaction, row.try_get("competition")?, name, model).await?;
     }
     transaction.commit().await
 }
@@ -452,7 +482,7 @@ fn decode(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> sqlx::E
     sqlx::Error::Decode(error.into())
 }
 
-fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
+pub(super) fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
     let bytes = |column| row.try_get::<Vec<u8>, _>(column);
     let wrong = |_| decode("a salt and a commitment have 32 bytes");
     let seeds = bytes("seeds")?;

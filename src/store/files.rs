@@ -31,12 +31,18 @@ fn taken() -> MutexGuard<'static, BTreeSet<Identity>> {
 pub(super) struct Lock {
     database: Identity,
     /// The database itself, and the file beside it by which versions before this one keep each other out.
-    _files: [File; 2],
+    files: [File; 2],
 }
 
 impl Drop for Lock {
     fn drop(&mut self) {
         taken().remove(&self.database);
+        for file in &self.files {
+            // Closing is not enough: a process that was just forked has a copy of the descriptor until it runs its program.
+            if let Err(error) = file.unlock() {
+                tracing::warn!(%error, "a lock of the database is held until the process ends");
+            }
+        }
     }
 }
 
@@ -56,7 +62,7 @@ impl Lock {
         }
         let database = (about.dev(), about.ino());
         taken().insert(database);
-        Ok(Self { database, _files: [file, beside] })
+        Ok(Self { database, files: [file, beside] })
     }
 }
 

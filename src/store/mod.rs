@@ -3,8 +3,10 @@
 //! All that is written goes through one task that commits in groups (`writer.rs`); readers have
 //! connections of their own and never wait for it (WAL).
 
+mod again;
 pub mod audit;
 pub mod backup;
+pub mod check;
 pub mod competitions;
 pub mod episodes;
 mod exports;
@@ -223,7 +225,7 @@ async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
         .run(&mut connection)
         .await
         .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
-    competitions::add_skeletons(&mut connection).await.map_err(failed)?;
+    competitions::add_missing_looks(&mut connection).await.map_err(failed)?;
     let files = Files::of(path, &lock)
         .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
     files.check()?;

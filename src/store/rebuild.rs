@@ -1,25 +1,19 @@
 //! Making the table `results` again from the journals.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use futures::TryStreamExt;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row};
-use swarmbench_engine::physics::Solver;
 
-use super::episodes::{hash, head};
+use super::again::{Kept, play_again};
+use super::episodes::head;
 use super::{OpenError, Taken, results, take};
-use crate::journal::chain::Head;
-use crate::journal::record::{ActRecord, End, RawRecord, Record, first_lines, round_record};
-use crate::journal::replay::verify;
+use crate::journal::record::{ActRecord, RawRecord, Record};
 use crate::journal::{EpisodeKey, Tally};
 
 /// Episodes that are listed at once.
 const CHUNK: i64 = 256;
-
-/// Pieces of a journal that are read ahead of whoever plays it again.
-const AHEAD: usize = 4;
 
 /// Why the results were not made again. Then they are as they were.
 #[derive(Debug, thiserror::Error)]
@@ -126,16 +120,6 @@ async fn count(database: &mut SqliteConnection, query: &'static str) -> Result<u
     sqlx::query_scalar::<_, i64>(query).fetch_one(database).await.map(i64::unsigned_abs)
 }
 
-/// An episode that has ended, as its journal has it.
-struct Ended {
-    episode: EpisodeKey,
-    opening: RawRecord,
-    seating: Option<RawRecord>,
-    ending: RawRecord,
-    end: End,
-    head: Head,
-}
-
 /// Makes the row of an episode again, if it is to have one.
 async fn one(
     database: &mut SqliteConnection,
@@ -185,12 +169,13 @@ async fn one(
         );
         return Err(broken(problem));
     }
-    let ended = Ended { episode, opening, seating, ending, end, head };
     if replay {
-        play_again(database, &ended).await?.map_err(broken)?;
+        let ending = Some((ending, head));
+        let kept = Kept { episode, opening, seating, rounds: end.rounds, ending };
+        play_again(database, &kept).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;
-    results::add(database, episode, ended.end.score, ended.end.rounds, tally).await?;
+    results::add(database, episode, end.score, end.rounds, tally).await?;
     Ok(())
 }
 
@@ -219,79 +204,4 @@ async fn tally(
         }
     }
     Ok(Ok(tally))
-}
-
-/// Plays an episode again, line by line of its journal.
-async fn play_again(
-    database: &mut SqliteConnection,
-    ended: &Ended,
-) -> Result<Result<(), String>, sqlx::Error> {
-    let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
-    let head = ended.head;
-    let played = tokio::task::spawn_blocking(move || {
-        let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
-        verify(journal, Some(head), Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
-    });
-    // Where nobody takes the lines any more, a fault was found.
-    let sent = send_lines(database, ended, &send).await;
-    drop(send);
-    sent?;
-    let played = played.await.unwrap_or_else(|panic| Err(panic.to_string()));
-    Ok(played.map(drop))
-}
-
-async fn send_lines(
-    database: &mut SqliteConnection,
-    ended: &Ended,
-    lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
-) -> Result<(), sqlx::Error> {
-    let first = first_lines(&ended.opening, ended.seating.as_ref());
-    let mut go_on = lines.send(first.into()).await.is_ok();
-    for round in 0..ended.end.rounds {
-        if !go_on {
-            return Ok(());
-        }
-        let line = round_line(database, ended.episode, round).await?;
-        go_on = lines.send(line.into()).await.is_ok();
-    }
-    _ = lines.send(ended.ending.line(ended.head).into()).await;
-    Ok(())
-}
-
-async fn round_line(
-    database: &mut SqliteConnection,
-    episode: EpisodeKey,
-    round: u32,
-) -> Result<String, sqlx::Error> {
-    let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
-    let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
-    let raw = |row: &SqliteRow| {
-        RawRecord::from_stored(row.try_get(0)?).map_err(|error| sqlx::Error::Decode(error.into()))
-    };
-    let acts = acts.iter().map(raw).collect::<Result<Vec<_>, _>>()?;
-    let query = "SELECT digest, score, head FROM rounds WHERE episode = ? AND round = ?";
-    let row = sqlx::query(query).bind(episode.0).bind(round).fetch_one(database).await?;
-    let digest = hash(&row.try_get::<Vec<u8>, _>("digest")?)?;
-    let digest = data_encoding::HEXLOWER.encode(&digest);
-    let record = round_record(round, acts.iter(), &digest, row.try_get("score")?);
-    Ok(record.line(head(&row.try_get::<Vec<u8>, _>("head")?)?))
-}
-
-/// Lines that come from somewhere else, as a file.
-struct Lines {
-    receive: tokio::sync::mpsc::Receiver<Vec<u8>>,
-    line: Vec<u8>,
-    read: usize,
-}
-
-impl Read for Lines {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        if self.read == self.line.len() {
-            let Some(next) = self.receive.blocking_recv() else { return Ok(0) };
-            (self.line, self.read) = (next, 0);
-        }
-        let read = (&self.line[self.read..]).read(buffer)?;
-        self.read += read;
-        Ok(read)
-    }
 }

@@ -264,10 +264,10 @@ async fn keep(
         }
     };
     // What went into a file that was removed is not kept, whatever SQLite says.
-    if let Err(lost) = files.check() {
-        state.fail(&lost);
-        return all(&Err(JournalError(lost.to_string().into())));
-    }
+    let kept = kept.and_then(|outcomes| match files.check() {
+        Ok(()) => Ok(outcomes),
+        Err(lost) => Err(Failure::Fatal(sqlx::Error::Io(std::io::Error::other(lost)))),
+    });
     match kept {
         Ok(outcomes) => outcomes,
         Err(Failure::Fatal(error)) => {

@@ -353,6 +353,37 @@ async fn names_that_look_the_same_are_the_same() {
         assert_eq!(refused.json()["fields"][0]["field"], "name");
     }
     assert_eq!(enter("green").await.status, 201);
+    assert_eq!(enter("\u{3164}").await.status, 422);
+}
+
+#[tokio::test]
+async fn models_that_look_the_same_are_written_the_same() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let enter = |name: &str, model: &str| {
+        let entry = json!({ "name": name, "model": model });
+        app.post(&cup.path("/entrants")).json(&entry).send()
+    };
+    assert_eq!(enter("blue", "family-1").await.status, 201);
+    assert_eq!(enter("red", "family-1").await.status, 201, "many may play with one model");
+    for model in [
+        "Family-1",
+        "fam\u{456}ly-1",
+        "family-l",
+        "family\u{3164}-1",
+        "\u{3164}",
+        "buiIt-in/random",
+    ] {
+        let refused = enter("green", model).await;
+        assert_eq!(refused.status, 422, "{model:?}: {}", refused.text());
+        assert_eq!(refused.json()["fields"][0]["field"], "model", "{model:?}");
+    }
+    assert_eq!(enter("green", "family-2").await.status, 201);
+    let hidden = json!({ "task": "Pursuit", "model": "a\u{ffa0}" });
+    app.post("/api/v1/episodes").token(&app.organizer).json(&hidden).problem(422, "invalid").await;
+    let label = json!({ "labels": ["good", "\u{3164}"] });
+    let call = app.post(&cup.path("/codes")).token(&app.organizer).json(&label);
+    assert_eq!(call.problem(422, "invalid").await["fields"][0]["field"], "labels[1]");
 }
 
 #[tokio::test]

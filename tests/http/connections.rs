@@ -314,3 +314,31 @@ async fn a_request_that_is_sent_by_halves_does_not_hold_up_the_end() {
     body.closed().await;
     assert!(body.received.is_empty());
 }
+
+#[tokio::test]
+async fn a_request_says_once_for_which_host_it_is() {
+    let app = TestApp::start().await;
+    for (line, headers, status) in [
+        ("GET /healthz HTTP/1.1", "Host: test\r\n", 200),
+        ("GET /healthz HTTP/1.1", "Host: [::1]:8080\r\n", 200),
+        ("GET /healthz HTTP/1.1", "Host:\r\n", 200),
+        ("GET /healthz HTTP/1.0", "", 200),
+        ("GET /healthz HTTP/1.0", "Host: test\r\n", 200),
+        ("GET /healthz HTTP/1.1", "", 400),
+        ("GET /healthz HTTP/1.1", "Host: test\r\nHost: test\r\n", 400),
+        ("GET /healthz HTTP/1.0", "Host: test\r\nhost: other\r\n", 400),
+        ("GET /healthz HTTP/1.1", "Host: one, two\r\n", 400),
+        ("GET /healthz HTTP/1.1", "Host: user@test\r\n", 400),
+        ("GET http://test/healthz HTTP/1.1", "", 400),
+        ("GET /no-such-route HTTP/1.1", "", 400),
+    ] {
+        let mut raw = Raw::open(&app).await;
+        raw.send(&format!("{line}\r\n{headers}\r\n")).await;
+        let answer = raw.answer().await.expect("an answer");
+        assert_eq!(answer.status, status, "{line} {headers:?}: {}", answer.head);
+        if status == 400 {
+            assert_eq!(answer.json()["code"], "malformed", "{headers:?}");
+            assert!(answer.json()["detail"].to_string().contains("Host"), "{headers:?}");
+        }
+    }
+}

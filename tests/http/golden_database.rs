@@ -14,7 +14,6 @@ use std::fs::{self, File};
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
@@ -583,12 +582,20 @@ async fn commands_work(app: &mut TestApp) {
     let folder = tempfile::tempdir().expect("a folder");
     let (db, copy) = (app.database(), folder.path().join("copy.db"));
     let (db, copy) = (db.display().to_string(), copy.display().to_string());
+    sound(&db).await;
     let output = swarmbench(&["backup", &copy, "--db", &db]).await;
     assert!(output.status.success(), "{}", said(&output));
     app.stop().await;
+    sound(&copy).await;
     let output = swarmbench(&["board", "rebuild", "--replay", "--db", &copy]).await;
     assert!(output.status.success(), "{}", said(&output));
     assert!(said(&output).contains("All are as they were."), "{}", said(&output));
+}
+
+async fn sound(db: &str) {
+    let output = swarmbench(&["verify", "--db", db]).await;
+    let said = said(&output);
+    assert!(output.status.success() && said.contains("no damage was found"), "{said}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -627,6 +634,7 @@ async fn every_golden_database_is_played_on() {
         }
         competitions_go_on(&app, &facts.cups).await;
         app.restart().await;
+        sound(&app.database().display().to_string()).await;
     }
 }
 

@@ -21,6 +21,7 @@ mod clocks;
 mod competitions;
 mod concurrency;
 mod connections;
+mod damage;
 mod episode;
 mod episodes;
 mod exports;

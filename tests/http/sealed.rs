@@ -266,3 +266,31 @@ async fn nothing_of_a_sealed_game_reaches_anybody_but_organizers() {
     let path = format!("/api/v1/episodes/{}/state?round=0", ids[4]);
     assert!(app.get(&path).ok().await["grid"].is_array());
 }
+
+/// What is done in tasks of their own, so that it is not broken off, belongs to its request all the same.
+#[tokio::test]
+async fn log_lines_of_spawned_tasks_have_the_id_of_their_request() {
+    listen();
+    let app = server().await;
+    let cup = Cup::open(&app, json!({})).await;
+    let blue = cup.enter(&app, "blue").await;
+    let run = json!({ "suite": "quick", "model": "m" });
+    for (path, token, body, target) in [
+        (
+            "/api/v1/episodes".to_owned(),
+            &app.organizer,
+            json!({ "task": "Pursuit" }),
+            "episode::registry",
+        ),
+        ("/api/v1/runs".to_owned(), &app.organizer, run, "run::manager"),
+        (cup.path("/attempts"), &blue.key, json!({}), "run::manager"),
+    ] {
+        let answer = app.post(&path).token(token).json(&body).send().await;
+        assert_eq!(answer.status, 201, "{path}: {}", answer.text());
+        let id = format!("id=\"{}\"", answer.header("x-request-id"));
+        let logged = String::from_utf8(log().clone()).expect("text");
+        let mut created =
+            logged.lines().filter(|line| line.contains("created") && line.contains(target));
+        assert!(created.any(|line| line.contains(&id)), "{path} {id}");
+    }
+}

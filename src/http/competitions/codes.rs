@@ -14,6 +14,7 @@ use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefus
 use crate::ids::{Token, TokenKind};
 use crate::journal::{Entry, Journal};
 use crate::keys::NAME_CHARS_MAX;
+use crate::names;
 use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
 use crate::wire::problem::Problem;
 
@@ -55,14 +56,10 @@ pub(in super::super) async fn create_codes(
         let is = labels.len();
         return Err(ApiError::field("labels", format!("must be 1 to {CODES_MAX}, are {is}")));
     }
-    let is_label = |label: &String| {
-        (1..=NAME_CHARS_MAX).contains(&label.chars().count())
-            && !label.chars().any(char::is_control)
-    };
-    if let Some(place) = labels.iter().position(|label| !is_label(label)) {
-        let problem =
-            format!("must be 1 to {NAME_CHARS_MAX} characters without control characters");
-        return Err(ApiError::field(&format!("labels[{place}]"), problem));
+    for (place, label) in labels.iter().enumerate() {
+        if let Err(problem) = names::check(label, NAME_CHARS_MAX) {
+            return Err(ApiError::field(&format!("labels[{place}]"), problem));
+        }
     }
     let now = app.clock.now();
     if stored.definition.closes_at <= now {

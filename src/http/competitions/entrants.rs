@@ -11,7 +11,6 @@ use super::super::extract::{Id, Ids, Nothing, PageParams, Params};
 use super::super::page::ROWS_MAX;
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::EntryKey;
-use crate::store::competitions::Declared;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 use crate::wire::problem::Problem;
 

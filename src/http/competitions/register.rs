@@ -16,7 +16,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::definition::Admission;
-use crate::competition::entrant::{Declaration, skeleton};
+use crate::competition::entrant::Declaration;
 use crate::competition::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::journal::{EntrantRow, Entry, Journal};
@@ -115,9 +115,8 @@ async fn register(
         return Err(ApiError::new(Code::Closed, detail));
     }
     let invitation = invitation(app, competition, request.code.as_deref()).await?;
-    let looks = skeleton(&request.name);
     let number = own_key.as_ref().and_then(|key| key.number);
-    let room = app.store.room_for(competition.key, &looks, number).await?;
+    let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
     let most = app.limits.entrants_max;
     // Whoever was excluded leaves a place to somebody else.
     if room.active as usize >= most {
@@ -126,6 +125,12 @@ async fn register(
     }
     if room.has_name {
         return Err(ApiError::field("name", "is that of another entrant"));
+    }
+    // Many may play with one model; then all of them write it in the same way.
+    if room.has_look_of_model {
+        let problem = "looks like the model of another entrant and is written otherwise: write it as that one, or name it so \
+                       that it can be told apart";
+        return Err(ApiError::field("model", problem));
     }
     if own_key.is_some() && room.of_owner >= definition.entries_per_key {
         let own = room.of_owner;

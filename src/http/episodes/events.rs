@@ -25,7 +25,7 @@ use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::budget::{NoMemory, Reservation};
 use crate::episode::actor::Handle;
 use crate::episode::memory;
-use crate::fair::{self, Party, Permit};
+use crate::fair::{Party, Permit};
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 use crate::wire::problem::Problem;
 
@@ -82,13 +82,13 @@ pub(in super::super) async fn stream_events(
         }
     };
     let (feed, events) = app.feed().await?;
-    tokio::spawn(fair::inherit(async move {
+    crate::telemetry::spawn(async move {
         tokio::select! {
             () = tell(&app, &handle, last.unwrap_or(0), &feed) => {}
             () = feed.gone() => {}
             () = app.stop.cancelled() => {}
         }
-    }));
+    });
     Ok(events)
 }
 

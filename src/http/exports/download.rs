@@ -160,7 +160,7 @@ pub(in super::super) async fn download_export(
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
     };
-    tokio::task::spawn_blocking(move || fair::blocking(party, Rank::Normal, export));
+    crate::telemetry::spawn_blocking(move || fair::blocking(party, Rank::Normal, export));
     let stopped = |_| ApiError::new(Code::Internal, "the export ended before it began");
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),

@@ -11,7 +11,6 @@ use super::super::episodes::events::{Events, Feed};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::fair;
 use crate::run::manager::Table;
 use crate::wire::run::StreamedRunEvent;
 
@@ -43,7 +42,7 @@ pub(in super::super) async fn stream_run_events(
     let known = app.known_run(&caller, &id).await?;
     let table = app.runs.follow(known.stored.run).await?;
     let (feed, events) = app.feed().await?;
-    tokio::spawn(fair::inherit(async move {
+    crate::telemetry::spawn(async move {
         tokio::select! {
             told = tell(&app, &caller, &id, table, &feed) => {
                 if let Err(error) = told {
@@ -53,7 +52,7 @@ pub(in super::super) async fn stream_run_events(
             () = feed.gone() => {}
             () = app.stop.cancelled() => {}
         }
-    }));
+    });
     Ok(events)
 }
 

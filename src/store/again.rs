@@ -1,0 +1,104 @@
+//! An episode of the database, played again: its lines are read as they are needed, so that memory does not grow with
+//! the journal.
+
+use std::io::Read;
+
+use sqlx::Row;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use swarmbench_engine::physics::Solver;
+
+use super::episodes::{hash, head};
+use crate::journal::EpisodeKey;
+use crate::journal::chain::Head;
+use crate::journal::record::{RawRecord, first_lines, round_record};
+use crate::journal::replay::{Report, verify};
+
+/// Lines of a journal that are read ahead of their replay.
+const AHEAD: usize = 4;
+
+/// An episode as the database has it.
+pub(super) struct Kept {
+    pub(super) episode: EpisodeKey,
+    pub(super) opening: RawRecord,
+    pub(super) seating: Option<RawRecord>,
+    /// How many rounds were resolved.
+    pub(super) rounds: u32,
+    /// The end and the head of the whole, where it has ended.
+    pub(super) ending: Option<(RawRecord, Head)>,
+}
+
+/// Plays an episode again, line by line of its journal.
+pub(super) async fn play_again(
+    database: &mut SqliteConnection,
+    kept: &Kept,
+) -> Result<Result<Report, String>, sqlx::Error> {
+    let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
+    let head = kept.ending.as_ref().map(|(_, head)| *head);
+    let played = tokio::task::spawn_blocking(move || {
+        let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
+        verify(journal, head, Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
+    });
+    // Where nobody takes the lines any more, a fault was found.
+    let sent = send_lines(database, kept, &send).await;
+    drop(send);
+    sent?;
+    Ok(played.await.unwrap_or_else(|panic| Err(panic.to_string())))
+}
+
+async fn send_lines(
+    database: &mut SqliteConnection,
+    kept: &Kept,
+    lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
+) -> Result<(), sqlx::Error> {
+    let first = first_lines(&kept.opening, kept.seating.as_ref());
+    let mut go_on = lines.send(first.into()).await.is_ok();
+    for round in 0..kept.rounds {
+        if !go_on {
+            return Ok(());
+        }
+        let line = round_line(database, kept.episode, round).await?;
+        go_on = lines.send(line.into()).await.is_ok();
+    }
+    if let Some((ending, head)) = &kept.ending {
+        _ = lines.send(ending.line(*head).into()).await;
+    }
+    Ok(())
+}
+
+async fn round_line(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+    round: u32,
+) -> Result<String, sqlx::Error> {
+    let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
+    let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
+    let raw = |row: &SqliteRow| {
+        RawRecord::from_stored(row.try_get(0)?).map_err(|error| sqlx::Error::Decode(error.into()))
+    };
+    let acts = acts.iter().map(raw).collect::<Result<Vec<_>, _>>()?;
+    let query = "SELECT digest, score, head FROM rounds WHERE episode = ? AND round = ?";
+    let row = sqlx::query(query).bind(episode.0).bind(round).fetch_one(database).await?;
+    let digest = hash(&row.try_get::<Vec<u8>, _>("digest")?)?;
+    let digest = data_encoding::HEXLOWER.encode(&digest);
+    let record = round_record(round, acts.iter(), &digest, row.try_get("score")?);
+    Ok(record.line(head(&row.try_get::<Vec<u8>, _>("head")?)?))
+}
+
+/// Lines that come from somewhere else, as a file.
+struct Lines {
+    receive: tokio::sync::mpsc::Receiver<Vec<u8>>,
+    line: Vec<u8>,
+    read: usize,
+}
+
+impl Read for Lines {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if self.read == self.line.len() {
+            let Some(next) = self.receive.blocking_recv() else { return Ok(0) };
+            (self.line, self.read) = (next, 0);
+        }
+        let read = (&self.line[self.read..]).read(buffer)?;
+        self.read += read;
+        Ok(read)
+    }
+}

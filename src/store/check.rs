@@ -1,0 +1,649 @@
+//! Whether a database is whole: its pages, what its rows refer to, every journal, and all that follows from journals.
+//!
+//! It only reads, also beside a server: each episode is read in a transaction of its own, so that the server's log does
+//! not grow meanwhile. What cannot be read is damage, and the check goes on behind it. Memory does not grow with the
+//! database.
+
+use std::path::Path;
+use std::time::Duration;
+
+use futures::TryStreamExt;
+use serde::Deserialize;
+use serde_json::value::RawValue;
+use sha2::{Digest, Sha256};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
+use sqlx::{ConnectOptions, Connection, Row};
+
+use super::again::{Kept, play_again};
+use super::episodes::{hash, head};
+use super::files::may_lack_log;
+use super::{OpenError, competitions};
+use crate::competition::entrant::Declaration;
+use crate::journal::chain::Head;
+use crate::journal::record::{ActRecord, End, Opening, RawRecord};
+use crate::journal::replay::Report;
+use crate::journal::{EpisodeKey, ImportHash, Tally};
+
+/// Damages that are told one by one; those beyond are counted.
+pub const DAMAGES_MAX: usize = 1000;
+
+/// What `PRAGMA integrity_check` tells at most.
+const PROBLEMS_MAX: u32 = 100;
+
+/// Rows that are listed at once.
+const CHUNK: i64 = 256;
+
+/// Something that is not as it should be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// What is damaged: the pages, or the id of an episode or of something else.
+    pub subject: String,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+/// What was checked, and what is damaged.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Episodes that were played again.
+    pub episodes: u64,
+    /// Their rounds.
+    pub rounds: u64,
+    /// The damages, [`DAMAGES_MAX`] at most.
+    pub damages: Vec<Damage>,
+    /// Those that are not told.
+    pub more_damages: u64,
+}
+
+impl Checked {
+    /// Whether nothing is damaged.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        self.damages.is_empty()
+    }
+
+    fn note(&mut self, subject: impl Into<String>, problem: impl Into<String>) {
+        if self.damages.len() < DAMAGES_MAX {
+            self.damages.push(Damage { subject: subject.into(), problem: problem.into() });
+        } else {
+            self.more_damages += 1;
+        }
+    }
+
+    /// Notes what is wrong with a subject, if anything is, or cannot be read of it.
+    fn note_result(&mut self, subject: &str, result: Result<Result<(), String>, sqlx::Error>) {
+        match result {
+            Ok(Ok(())) => {}
+            Ok(Err(problem)) => self.note(subject, problem),
+            Err(error) => self.note(subject, unreadable(&error)),
+        }
+    }
+}
+
+fn unreadable(error: &sqlx::Error) -> String {
+    format!("it cannot be read: {error}")
+}
+
+/// Checks all of a database. `progress` is told how many episodes of how many are done.
+///
+/// # Errors
+/// Where there is no database of this version; whatever is wrong with it is no error.
+pub async fn check(path: &Path, mut progress: impl FnMut(u64, u64)) -> Result<Checked, OpenError> {
+    if !path.is_file() {
+        return Err(OpenError::Missing(path.to_owned()));
+    }
+    if may_lack_log(path) {
+        return Err(OpenError::Linked(path.to_owned()));
+    }
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .read_only(true)
+        .busy_timeout(Duration::from_secs(10))
+        .disable_statement_logging();
+    let mut checked = Checked::default();
+    let mut connection = match options.connect().await {
+        Ok(connection) => connection,
+        Err(error) => {
+            checked.note("the file", format!("it cannot be opened: {error}"));
+            return Ok(checked);
+        }
+    };
+    pages(&mut connection, &mut checked).await;
+    if tables(&mut connection, path, &mut checked).await? {
+        references(&mut connection, &mut checked).await;
+        statements(&mut connection, &mut checked).await;
+        definitions(&mut connection, &mut checked).await;
+        imports(&mut connection, &mut checked).await;
+        episodes(&mut connection, &mut checked, &mut progress).await;
+    }
+    // Nothing was written.
+    drop(connection.close().await);
+    Ok(checked)
+}
+
+/// Pages, indexes and types, as far as SQLite can tell.
+async fn pages(database: &mut SqliteConnection, checked: &mut Checked) {
+    let pragma = format!("PRAGMA integrity_check({PROBLEMS_MAX})");
+    let told =
+        sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(pragma)).fetch_all(database).await;
+    match told {
+        Ok(told) => {
+            for problem in told.into_iter().filter(|told| told != "ok") {
+                checked.note("the pages", problem);
+            }
+        }
+        Err(error) => checked.note("the pages", unreadable(&error)),
+    }
+}
+
+/// Whether the tables are there to be checked: exactly those of this version.
+async fn tables(
+    database: &mut SqliteConnection,
+    path: &Path,
+    checked: &mut Checked,
+) -> Result<bool, OpenError> {
+    let rows =
+        sqlx::query("SELECT version, checksum, success FROM _sqlx_migrations ORDER BY version")
+            .fetch_all(&mut *database)
+            .await;
+    let applied = rows.and_then(|rows| {
+        let read = |row: &SqliteRow| {
+            let checksum = row.try_get::<Vec<u8>, _>("checksum")?;
+            Ok((row.try_get::<i64, _>("version")?, checksum, row.try_get::<bool, _>("success")?))
+        };
+        rows.iter().map(read).collect::<Result<Vec<_>, sqlx::Error>>()
+    });
+    let applied = match applied {
+        Ok(applied) => applied,
+        Err(error) => {
+            checked.note("the tables", unreadable(&error));
+            return Ok(false);
+        }
+    };
+    let migrator = sqlx::migrate!();
+    let known: Vec<_> =
+        migrator.iter().map(|known| (known.version, known.checksum.to_vec(), true)).collect();
+    if applied == known {
+        let result = schema(database, &migrator).await;
+        checked.note_result("the tables", result);
+        return Ok(true);
+    }
+    if checked.is_sound() && applied.iter().zip(&known).all(|(one, other)| one == other) {
+        return Err(OpenError::Tables(path.to_owned()));
+    }
+    checked.note("the tables", "the note of which migrations made them is damaged");
+    Ok(false)
+}
+
+/// Whether all tables and indexes are those that the migrations make.
+async fn schema(
+    database: &mut SqliteConnection,
+    migrator: &sqlx::migrate::Migrator,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = "SELECT name, sql FROM sqlite_schema WHERE sql IS NOT NULL AND name NOT GLOB '_sqlx*' ORDER BY name";
+    let mut fresh =
+        SqliteConnectOptions::new().in_memory(true).disable_statement_logging().connect().await?;
+    migrator.run(&mut fresh).await.map_err(|error| sqlx::Error::Migrate(Box::new(error)))?;
+    let made: Vec<(String, String)> = sqlx::query_as(query).fetch_all(&mut fresh).await?;
+    fresh.close().await?;
+    let kept: Vec<(String, String)> = sqlx::query_as(query).fetch_all(database).await?;
+    // An operator may have added something.
+    let lost = made.iter().find(|made| !kept.contains(made));
+    Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
+}
+
+/// Columns that name a row of another table: the table, the column, and the key of the other.
+const REFERENCES: [(&str, &str, &str, &str); 19] = [
+    ("acts", "episode", "episodes", "key"),
+    ("rounds", "episode", "episodes", "key"),
+    ("tokens", "episode", "episodes", "key"),
+    ("tokens", "run", "runs", "key"),
+    ("seats", "episode", "episodes", "key"),
+    ("seats", "owner", "keys", "number"),
+    ("claims", "episode", "episodes", "key"),
+    ("claims", "owner", "keys", "number"),
+    ("claims", "key", "keys", "id"),
+    ("results", "episode", "episodes", "key"),
+    ("episodes", "owner", "keys", "number"),
+    ("episodes", "run", "runs", "key"),
+    ("runs", "owner", "keys", "number"),
+    ("runs", "entry", "entries", "key"),
+    ("entries", "competition", "competitions", "key"),
+    ("entries", "owner", "keys", "number"),
+    ("invitations", "competition", "competitions", "key"),
+    ("invitations", "entry", "entries", "key"),
+    ("import_rounds", "import", "imports", "key"),
+];
+
+async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
+    for (table, column, other, key) in REFERENCES {
+        let query = format!(
+            "SELECT count(*) FROM {table} WHERE {column} IS NOT NULL AND {column} NOT IN (SELECT {key} FROM {other})"
+        );
+        let count = sqlx::query_scalar::<_, i64>(sqlx::AssertSqlSafe(query));
+        let result = count.fetch_one(&mut *database).await.map(|count| match count {
+            0 => Ok(()),
+            _ => Err(format!("{count} rows have a {column} that is not in {other}")),
+        });
+        checked.note_result(&format!("the table {table}"), result);
+    }
+}
+
+/// What holds for every row of a table. Each statement gives the names of the rows for which it does not hold.
+const STATEMENTS: [(&str, &str); 13] = [
+    (
+        "its status does not fit its times",
+        "SELECT id FROM episodes WHERE CASE
+             WHEN status IN ('waiting', 'running') THEN ended_at IS NOT NULL OR ending IS NOT NULL OR reason IS NOT NULL
+             WHEN status IN ('finished', 'aborted', 'abandoned') THEN ended_at IS NULL OR ending IS NULL OR reason IS NULL
+             ELSE 1 END",
+    ),
+    (
+        "it was voided with no reason, or the other way round",
+        "SELECT id FROM episodes WHERE (voided_at IS NULL) <> (void_reason IS NULL) OR revealed NOT IN (0, 1)
+         UNION ALL SELECT id FROM runs WHERE (voided_at IS NULL) <> (void_reason IS NULL)",
+    ),
+    (
+        "its place in a run is not known",
+        "SELECT id FROM episodes WHERE (run IS NULL) <> (slot IS NULL)
+         UNION ALL SELECT id FROM runs WHERE (entry IS NULL) <> (attempt IS NULL)",
+    ),
+    (
+        "a name for its creation has no hash, or the other way round",
+        "SELECT id FROM episodes WHERE (idempotency_key IS NULL) <> (idempotency_body IS NULL)
+             OR length(idempotency_body) <> 32
+         UNION ALL SELECT id FROM runs WHERE (idempotency_key IS NULL) <> (idempotency_body IS NULL)
+             OR length(idempotency_body) <> 32",
+    ),
+    (
+        "its status does not fit its times",
+        "SELECT id FROM runs WHERE CASE
+             WHEN status = 'running' THEN ended_at IS NOT NULL
+             WHEN status IN ('finished', 'aborted', 'abandoned', 'closed') THEN ended_at IS NULL
+             ELSE 1 END",
+    ),
+    (
+        "it is finished, and has a game that is not",
+        "SELECT r.id FROM runs r WHERE r.status = 'finished' AND EXISTS (
+             SELECT 1 FROM episodes e WHERE e.run = r.key AND e.ended_at IS NULL AND e.voided_at IS NULL)",
+    ),
+    (
+        "it is no key",
+        "SELECT id FROM keys WHERE role NOT IN ('member', 'organizer', 'entrant') OR length(hash) <> 32
+             OR id NOT GLOB 'key_*'",
+    ),
+    (
+        "it is no token of an episode or a run",
+        "SELECT hex(hash) FROM tokens WHERE length(hash) <> 32 OR (episode IS NULL) = (run IS NULL)",
+    ),
+    (
+        "its times are in no order",
+        "SELECT id FROM competitions WHERE opens_at >= closes_at OR revealed_at < closes_at",
+    ),
+    (
+        "its status is none",
+        "SELECT id FROM entries WHERE status NOT IN ('active', 'withdrawn', 'disqualified') OR vouched NOT IN (0, 1)",
+    ),
+    ("it is no invitation", "SELECT hex(hash) FROM invitations WHERE length(hash) <> 32"),
+    (
+        "what it tells is no JSON",
+        "SELECT 'audit ' || number FROM audit WHERE NOT json_valid(detail)
+         UNION ALL SELECT 'claim ' || holder || ' of episode ' || episode FROM claims WHERE NOT json_valid(agent_meta)
+         UNION ALL SELECT id FROM imports WHERE NOT json_valid(settings)",
+    ),
+    (
+        "its seats and its claims do not fit",
+        "SELECT 'episode ' || s.episode FROM seats s WHERE NOT EXISTS (
+             SELECT 1 FROM claims c WHERE c.episode = s.episode AND c.holder = s.holder AND c.model = s.model
+                 AND c.owner IS s.owner AND c.player IS s.player)",
+    ),
+];
+
+async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
+    for (problem, query) in STATEMENTS {
+        let query = format!("{query} LIMIT {PROBLEMS_MAX}");
+        let names = sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(query));
+        match names.fetch_all(&mut *database).await {
+            Ok(names) => names.into_iter().for_each(|name| checked.note(name, problem)),
+            Err(error) => checked.note("the rows", unreadable(&error)),
+        }
+    }
+}
+
+/// What was decided about runs, competitions and entrants, and the hashes that follow from it.
+async fn definitions(database: &mut SqliteConnection, checked: &mut Checked) {
+    let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
+    each(database, checked, runs, |row| {
+        #[derive(Deserialize)]
+        struct Run {
+            suite: Box<RawValue>,
+            model: String,
+        }
+        #[derive(Deserialize)]
+        struct Suite {
+            name: String,
+        }
+        let run: Run = parsed(row.try_get("definition")?)?;
+        let suite: Suite = parsed(run.suite.get())?;
+        let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(run.suite.get())[..6]);
+        let is_same = digest == row.try_get::<&str, _>("digest")?
+            && run.model == row.try_get::<&str, _>("model")?
+            && suite.name == row.try_get::<&str, _>("suite")?;
+        Ok(if is_same {
+            Ok(())
+        } else {
+            Err("its suite or model is not that of its list".to_owned())
+        })
+    })
+    .await;
+    let competitions = "SELECT key, id, definition, salt, seeds, commitment, created_at, revealed_at, opens_at, closes_at
+                        FROM competitions";
+    each(database, checked, competitions, |row| {
+        let stored = competitions::competition(row)?;
+        if stored.sealed.commitment() != stored.commitment {
+            return Ok(Err("its seeds are not those of its commitment".to_owned()));
+        }
+        let times = (
+            stored.definition.opens_at.as_millisecond(),
+            stored.definition.closes_at.as_millisecond(),
+        );
+        if times != (row.try_get("opens_at")?, row.try_get("closes_at")?) {
+            return Ok(Err("its times are not those of its definition".to_owned()));
+        }
+        Ok(Ok(()))
+    })
+    .await;
+    let entries = "SELECT key, id, model, declaration, template FROM entries";
+    each(database, checked, entries, |row| {
+        let declaration: Declaration = parsed(row.try_get("declaration")?)?;
+        let is_same = declaration.model == row.try_get::<&str, _>("model")?
+            && declaration.template_digest() == row.try_get::<Option<String>, _>("template")?;
+        Ok(if is_same {
+            Ok(())
+        } else {
+            Err("its model or template is not the declared one".to_owned())
+        })
+    })
+    .await;
+}
+
+fn parsed<'a, T: Deserialize<'a>>(json: &'a str) -> Result<T, sqlx::Error> {
+    serde_json::from_str(json).map_err(|error| sqlx::Error::Decode(error.into()))
+}
+
+/// Checks all rows of a table that has a key and an id, a few at a time.
+async fn each(
+    database: &mut SqliteConnection,
+    checked: &mut Checked,
+    select: &str,
+    check: impl Fn(&SqliteRow) -> Result<Result<(), String>, sqlx::Error>,
+) {
+    let mut last = i64::MIN;
+    loop {
+        let query = format!("{select} WHERE key > ? ORDER BY key LIMIT ?");
+        let rows = sqlx::query(sqlx::AssertSqlSafe(query)).bind(last).bind(CHUNK);
+        let rows = match rows.fetch_all(&mut *database).await {
+            Ok(rows) if rows.is_empty() => return,
+            Ok(rows) => rows,
+            Err(error) => return checked.note("the rows", unreadable(&error)),
+        };
+        for row in &rows {
+            let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "a row".to_owned());
+            match row.try_get("key") {
+                Ok(key) => last = key,
+                Err(error) => return checked.note(id, unreadable(&error)),
+            }
+            checked.note_result(&id, check(row));
+        }
+    }
+}
+
+/// Imported games: their digest follows from all but their acts.
+async fn imports(database: &mut SqliteConnection, checked: &mut Checked) {
+    let mut last = i64::MIN;
+    loop {
+        let next = "SELECT key, id, digest, run_id, meta, score, rounds FROM imports WHERE key > ? ORDER BY key LIMIT 1";
+        let row = match sqlx::query(next).bind(last).fetch_optional(&mut *database).await {
+            Ok(Some(row)) => row,
+            Ok(None) => return,
+            Err(error) => return checked.note("the imports", unreadable(&error)),
+        };
+        let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "an import".to_owned());
+        match row.try_get("key") {
+            Ok(key) => last = key,
+            Err(error) => return checked.note(id, unreadable(&error)),
+        }
+        let result = import(database, last, &row).await;
+        checked.note_result(&id, result);
+    }
+}
+
+async fn import(
+    database: &mut SqliteConnection,
+    key: i64,
+    row: &SqliteRow,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let mut digest = ImportHash::new(row.try_get("run_id")?, row.try_get("meta")?);
+    let mut last: Option<(i64, f64)> = None;
+    let query =
+        "SELECT round, score, state, acts FROM import_rounds WHERE import = ? ORDER BY round";
+    let mut rounds = sqlx::query(query).bind(key).fetch(database);
+    while let Some(round) = rounds.try_next().await? {
+        let number = round.try_get("round")?;
+        if number != last.map_or(0, |(round, _)| round + 1) {
+            return Ok(Err(format!("before round {number} one is missing")));
+        }
+        let score = round.try_get("score")?;
+        digest.add(score, round.try_get("state")?);
+        last = Some((number, score));
+        let acts = round.try_get::<Option<&[u8]>, _>("acts")?;
+        let unpacked = acts.map(|acts| {
+            std::io::copy(&mut flate2::read::GzDecoder::new(acts), &mut std::io::sink())
+        });
+        if let Some(Err(error)) = unpacked {
+            return Ok(Err(format!("the acts of round {number} cannot be unpacked: {error}")));
+        }
+    }
+    drop(rounds);
+    let told = Some((row.try_get("rounds")?, row.try_get("score")?));
+    if hash(row.try_get("digest")?)? != digest.finish() || last != told {
+        return Ok(Err("it is not the game of its digest".to_owned()));
+    }
+    Ok(Ok(()))
+}
+
+async fn episodes(
+    database: &mut SqliteConnection,
+    checked: &mut Checked,
+    progress: &mut impl FnMut(u64, u64),
+) {
+    let count = sqlx::query_scalar::<_, i64>("SELECT count(*) FROM episodes");
+    let of = count.fetch_one(&mut *database).await.unwrap_or_default().unsigned_abs();
+    let mut last = i64::MIN;
+    let mut done = 0;
+    loop {
+        let next = sqlx::query("SELECT key, id FROM episodes WHERE key > ? ORDER BY key LIMIT ?");
+        let rows = match next.bind(last).bind(CHUNK).fetch_all(&mut *database).await {
+            Ok(rows) if rows.is_empty() => return,
+            Ok(rows) => rows,
+            Err(error) => return checked.note("the episodes", unreadable(&error)),
+        };
+        for row in rows {
+            let id = row.try_get::<String, _>("id").unwrap_or_else(|_| "an episode".to_owned());
+            match row.try_get("key") {
+                Ok(key) => last = key,
+                Err(error) => return checked.note(id, unreadable(&error)),
+            }
+            let result = in_one_view(database, EpisodeKey(last)).await.map(|judged| {
+                judged.map(|rounds| {
+                    checked.episodes += 1;
+                    checked.rounds += u64::from(rounds);
+                })
+            });
+            checked.note_result(&id, result);
+            done += 1;
+            progress(done, of);
+        }
+    }
+}
+
+/// Checks an episode as it is at one moment; tells how many rounds it has.
+async fn in_one_view(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+) -> Result<Result<u32, String>, sqlx::Error> {
+    let mut view = database.begin().await?;
+    let judged = episode(&mut view, key).await;
+    view.rollback().await?;
+    judged
+}
+
+async fn episode(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+) -> Result<Result<u32, String>, sqlx::Error> {
+    let query = "SELECT opening, seating, ending, head, id, task, model, visibility, status, reason, clocked, created_at,
+                        (SELECT id FROM runs WHERE runs.key = episodes.run) AS run
+                 FROM episodes WHERE key = ?";
+    let row = sqlx::query(query).bind(key.0).fetch_one(&mut *database).await?;
+    let raw = |column| -> Result<Option<RawRecord>, sqlx::Error> {
+        let text = row.try_get::<Option<String>, _>(column)?;
+        text.map(RawRecord::from_stored)
+            .transpose()
+            .map_err(|error| sqlx::Error::Decode(error.into()))
+    };
+    let Some(opening) = raw("opening")? else { return Ok(Err("it has no opening".to_owned())) };
+    let (seating, ending) = (raw("seating")?, raw("ending")?);
+    let stored_head = head(row.try_get("head")?)?;
+    if ending.is_none() {
+        let first = [Some(&opening), seating.as_ref()].into_iter().flatten();
+        let linked = first.fold(Head::START, |head, raw| head.link(raw.as_str().as_bytes()));
+        if linked != stored_head {
+            return Ok(Err("its opening was changed: the hash differs".to_owned()));
+        }
+    }
+    let rounds = match rounds(database, key).await? {
+        Ok(rounds) => rounds,
+        Err(problem) => return Ok(Err(problem)),
+    };
+    let ending = ending.map(|ending| (ending, stored_head));
+    let kept = Kept { episode: key, opening, seating, rounds, ending };
+    let report = match play_again(database, &kept).await? {
+        Ok(report) => report,
+        Err(problem) => return Ok(Err(problem)),
+    };
+    if let Err(problem) = columns(&row, &report.opening, report.end.as_ref())? {
+        return Ok(Err(problem));
+    }
+    if let Err(problem) = open_acts(database, key, &report).await? {
+        return Ok(Err(problem));
+    }
+    Ok(result(database, key, &report).await?.map(|()| rounds))
+}
+
+/// How many rounds there are, where none is missing.
+async fn rounds(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+) -> Result<Result<u32, String>, sqlx::Error> {
+    let query = "SELECT count(*), coalesce(max(round) + 1, 0) FROM rounds WHERE episode = ?";
+    let row = sqlx::query(query).bind(key.0).fetch_one(database).await?;
+    let (count, next) = (row.try_get::<u32, _>(0)?, row.try_get::<u32, _>(1)?);
+    Ok(if count == next { Ok(count) } else { Err(format!("it has {count} of {next} rounds")) })
+}
+
+/// What stands beside the records so that lists can be filtered.
+fn columns(
+    row: &SqliteRow,
+    opening: &Opening,
+    end: Option<&End>,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let config = &opening.config;
+    let told = [
+        ("id", Some(opening.episode.as_str())),
+        ("task", Some(config.task.as_str())),
+        ("model", Some(config.model.as_str())),
+        ("visibility", Some(config.visibility.as_str())),
+        ("reason", end.map(|end| end.reason.as_str())),
+        ("run", opening.run.as_deref()),
+    ];
+    for (column, told) in told {
+        if row.try_get::<Option<&str>, _>(column)? != told {
+            return Ok(Err(format!("its {column} is not the one that its journal tells")));
+        }
+    }
+    if let Some(end) = end
+        && row.try_get::<&str, _>("status")? != end.status
+    {
+        return Ok(Err("its status is not the one that its journal tells".to_owned()));
+    }
+    if config.round_deadline_ms.is_some() && !row.try_get::<bool, _>("clocked")? {
+        return Ok(Err("it has a clock, and would not be taken up for it".to_owned()));
+    }
+    if row.try_get::<i64, _>("created_at")? != opening.created_at.as_millisecond() {
+        return Ok(Err("it was created at another time than its journal tells".to_owned()));
+    }
+    Ok(Ok(()))
+}
+
+/// The acts of the round that was not resolved: those of the end, where there is one.
+async fn open_acts(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+    report: &Report,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = "SELECT round, agent, record FROM acts WHERE episode = ? AND round >= ? ORDER BY round, agent";
+    let rows = sqlx::query(query).bind(key.0).bind(report.rounds).fetch_all(database).await?;
+    let mut acts = Vec::new();
+    for row in rows {
+        let act: ActRecord = parsed(row.try_get("record")?)?;
+        let agent = format!("Agent_{}", row.try_get::<u16, _>("agent")?);
+        if row.try_get::<u32, _>("round")? != report.rounds || act.agent != agent {
+            return Ok(Err(format!("an act of {agent} belongs to no round")));
+        }
+        acts.push(act);
+    }
+    let is_same = report.end.as_ref().is_none_or(|end| end.open_acts == acts);
+    Ok(if is_same { Ok(()) } else { Err("its open acts are not those of its end".to_owned()) })
+}
+
+/// The row that boards are made of, which follows from the journal.
+async fn result(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+    report: &Report,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens
+                 FROM results WHERE episode = ?";
+    let row = sqlx::query(query).bind(key.0).fetch_optional(database).await?;
+    let end = report.end.as_ref().filter(|_| report.opening.counts());
+    let (row, end) = match (row, end) {
+        (None, None) => return Ok(Ok(())),
+        (Some(row), Some(end)) => (row, end),
+        (None, Some(_)) => return Ok(Err(format!("{NO_RESULT} it has none"))),
+        (Some(_), None) => return Ok(Err(format!("{NO_RESULT} it has one, and is to have none"))),
+    };
+    let count = |column| row.try_get::<i64, _>(column).map(i64::unsigned_abs);
+    let tally = Tally {
+        acts: count("acts")?,
+        invalid: count("invalid")?,
+        clock_outs: count("clock_outs")?,
+        prompt_tokens: count("prompt_tokens")?,
+        completion_tokens: count("completion_tokens")?,
+    };
+    let most = |number: u64| number.min(i64::MAX.unsigned_abs());
+    let played = Tally {
+        prompt_tokens: most(report.tally.prompt_tokens),
+        completion_tokens: most(report.tally.completion_tokens),
+        ..report.tally
+    };
+    let is_same = tally == played
+        && row.try_get::<&str, _>("task")? == report.opening.config.task
+        && row.try_get::<i64, _>("seed")?.unsigned_abs() == report.opening.config.seed
+        && row.try_get::<f64, _>("score")?.to_bits() == report.score.to_bits()
+        && row.try_get::<u32, _>("rounds")? == report.rounds
+        && row.try_get::<&str, _>("status")? == end.status;
+    Ok(if is_same { Ok(()) } else { Err(format!("{NO_RESULT} its own is another")) })
+}
+
+const NO_RESULT: &str = "its row in `results` is not the one of its journal (`swarmbench board rebuild` makes it again):";
