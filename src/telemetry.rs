@@ -82,7 +82,10 @@ fn describe() {
     describe_gauge!("swarmbench_episodes_unfinished", "Episodes that have not ended.");
     describe_gauge!("swarmbench_episodes_in_memory", "Episodes in memory.");
     describe_gauge!("swarmbench_backlog_jobs", "Jobs that are queued for the writer.");
-    describe_gauge!("swarmbench_backlog_bytes", "Bytes of the jobs that are queued for the writer.");
+    describe_gauge!(
+        "swarmbench_backlog_bytes",
+        "Bytes of the jobs that are queued for the writer."
+    );
     describe_counter!(
         "swarmbench_jobs_refused_total",
         "Jobs that the database refused; all others were kept."
@@ -90,6 +93,18 @@ fn describe() {
     describe_counter!(
         "swarmbench_begin_retries_total",
         "Tries to begin a transaction while another program held the lock of the database."
+    );
+    describe_gauge!(
+        "swarmbench_clock_in_doubt",
+        "1 as long as the time of day is in doubt, and nothing irreversible happens because of it."
+    );
+    describe_counter!(
+        "swarmbench_stopped_ms_total",
+        "Milliseconds in which the process did not run, and no player's clock."
+    );
+    describe_counter!(
+        "swarmbench_closing_failures_total",
+        "Competitions that could not be closed, by try."
     );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(

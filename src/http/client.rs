@@ -6,6 +6,7 @@
 use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::extract::{Request, State};
@@ -39,6 +40,12 @@ pub(super) struct Client {
     /// another site in a browser.
     pub(super) is_local: bool,
 }
+
+/// Addresses that are remembered for their rates between two sweeps, about.
+const ADDRESSES_REMEMBERED: usize = 65_536;
+
+/// After so many requests of addresses it is looked how many are remembered.
+const ADDRESSES_COUNTED_EVERY: usize = 4096;
 
 /// The headers by which proxies say that they are some.
 const FORWARDED: [HeaderName; 5] = [
@@ -105,7 +112,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     is_loopback(name)
 }
 
-/// Time for rate limits, from the server's clock.
+/// Time for rate limits: it only goes on, also while the process is stopped.
 #[derive(Clone)]
 struct RateClock(Arc<dyn Clock>);
 
@@ -113,7 +120,7 @@ impl governor::clock::Clock for RateClock {
     type Instant = Nanos;
 
     fn now(&self) -> Nanos {
-        let millis = u64::try_from(self.0.now().as_millisecond()).unwrap_or(0);
+        let millis = u64::try_from(self.0.steady().as_millisecond()).unwrap_or(0);
         Nanos::from(Duration::from_millis(millis))
     }
 }
@@ -123,6 +130,8 @@ type Keyed<K> = RateLimiter<K, DashMapStateStore<K>, RateClock, NoOpMiddleware<N
 /// How many requests came lately, by address and by key.
 pub(super) struct Rates {
     clock: RateClock,
+    /// How many requests of addresses came.
+    seen: AtomicUsize,
     by_address: Option<Keyed<IpAddr>>,
     by_key: Option<Keyed<OwnerKey>>,
 }
@@ -142,6 +151,7 @@ impl Rates {
         Self {
             by_address: keyed(limits.address_requests_per_s_max, &clock),
             by_key: keyed(limits.key_requests_per_s_max, &clock),
+            seen: AtomicUsize::new(0),
             clock,
         }
     }
@@ -151,6 +161,7 @@ impl Rates {
         let Some(rates) = self.by_address.as_ref().filter(|_| !address.is_loopback()) else {
             return Ok(());
         };
+        Self::forget_if_many(rates, &self.seen);
         let most = limits.address_requests_per_s_max;
         rates.check_key(&network(address)).map_err(|until| {
             let wait = until.wait_time_from(self.clock.now());
@@ -171,12 +182,26 @@ impl Rates {
     /// Forgets whoever has not asked for a while.
     pub(super) fn forget_idle(&self) {
         if let Some(rates) = &self.by_address {
-            rates.retain_recent();
+            forget(rates);
         }
         if let Some(rates) = &self.by_key {
-            rates.retain_recent();
+            forget(rates);
         }
     }
+
+    /// Forgets addresses in time where many come within a minute.
+    fn forget_if_many(rates: &Keyed<IpAddr>, seen: &AtomicUsize) {
+        let is_due = seen.fetch_add(1, Ordering::Relaxed) % ADDRESSES_COUNTED_EVERY == 0;
+        if is_due && rates.len() > ADDRESSES_REMEMBERED {
+            forget(rates);
+        }
+    }
+}
+
+/// Forgets whoever may send as much as anybody who never came, and gives the memory back.
+fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
+    rates.retain_recent();
+    rates.shrink_to_fit();
 }
 
 fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {

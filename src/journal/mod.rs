@@ -182,9 +182,11 @@ impl Entry {
             Self::OpenRun(row) => row.definition.len(),
             Self::AddCompetition(row) => row.definition.len() + row.seeds.0.len(),
             Self::AddEntrant(row) => row.declaration.len(),
-            Self::Import { game, .. } => {
-                game.rounds.iter().map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len)).sum()
-            }
+            Self::Import { game, .. } => game
+                .rounds
+                .iter()
+                .map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len))
+                .sum(),
             Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
             _ => 0,
         };
@@ -534,6 +536,8 @@ pub struct StoredEpisode {
     pub score: f64,
     /// When it was created.
     pub created_at: Timestamp,
+    /// When its newest record came; in summaries, when it was created.
+    pub newest_at: Timestamp,
     /// When the last act of a player came, or else the manual start; not told in summaries.
     pub last_act_at: Option<Timestamp>,
     /// When it ended.

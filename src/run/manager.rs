@@ -167,7 +167,7 @@ impl Runs {
             return Err(CreateError::DiskFull(least));
         }
         registry.check_room(owner)?;
-        let now = clock.now();
+        let now = clock.wall();
         let id = new_id(now, &**entropy);
         for game in definition.suite.plan() {
             definition.spec(&id, &game, None).map_err(CreateError::Definition)?;
@@ -324,7 +324,12 @@ impl Runs {
         let Parts { store, clock, .. } = &self.0.parts;
         let definition = Definition::of(stored)?;
         let games = store.games_of(stored.run).await?;
-        match due(&definition, &games, clock.now()) {
+        let now = clock.wall();
+        if definition.closes_at.is_some_and(|at| at <= now) && clock.doubt().is_some() {
+            // Perhaps it has not closed: it waits until the time of day is certain.
+            return Ok(());
+        }
+        match due(&definition, &games, now) {
             Due::Open(games) => self.open(stored, &definition, games).await,
             Due::Nothing => Ok(()),
             Due::End(status) => self.keep_end(stored, status, Vec::new()).await,
@@ -353,7 +358,7 @@ impl Runs {
                 .spec(&stored.id, &game, salt)
                 .map_err(|problem| JournalError(problem.into()))?;
             let creation = Creation {
-                id: EpisodeId::new(clock.now(), &**entropy),
+                id: EpisodeId::new(clock.wall(), &**entropy),
                 owner: stored.owner,
                 run: Some((stored.run, game.slot)),
                 spec,
@@ -378,7 +383,7 @@ impl Runs {
     ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
-        let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
+        let entry = Entry::EndRun { run: stored.run, status, at: clock.wall() };
         store.keep([entry].into_iter().chain(deeds).collect()).await?;
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
         tracing::info!(run = %stored.id, status, "ended");

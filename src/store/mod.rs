@@ -5,6 +5,7 @@
 
 pub mod audit;
 pub mod backup;
+pub mod clock;
 pub mod competitions;
 pub mod episodes;
 mod exports;

@@ -52,7 +52,7 @@ pub(in super::super) async fn list_competitions(
     let has_more = stored.len() > limit as usize;
     stored.truncate(limit as usize);
     let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key.0));
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let items = stored.iter().map(|stored| shown(stored, now)).collect();
     Ok(Json(CompetitionList { items, next_cursor }))
 }

@@ -104,7 +104,7 @@ async fn new_episode(
     if app.disk.is_full(least) {
         return Err(ApiError::disk_full(least));
     }
-    let id = EpisodeId::new(app.clock.now(), &*app.entropy);
+    let id = EpisodeId::new(app.clock.wall(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let creation = Creation { id, owner, run: None, spec, tokens: tokens.rows(), idempotency };
     let handle = app.registry.create(creation).await?;

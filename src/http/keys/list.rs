@@ -30,7 +30,7 @@ pub(in super::super) async fn list_keys(
     _: Organizer,
     _: Params<Nothing>,
 ) -> Result<Json<KeyList>, ApiError> {
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let items = app.store.keys().await?.iter().map(|key| KeySummary::of(key, now)).collect();
     Ok(Json(KeyList { items, next_cursor: None }))
 }
