@@ -200,7 +200,7 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
     let mut was_in_doubt = false;
     loop {
         let doubt = clock.doubt();
-        metrics::gauge!("swarmbench_clock_in_doubt").set(if doubt.is_some() { 1 } else { 0 });
+        metrics::gauge!("swarmbench_clock_in_doubt").set(f64::from(u8::from(doubt.is_some())));
         match doubt {
             Some(doubt) if !was_in_doubt => tracing::error!("{doubt}"),
             None if was_in_doubt => tracing::info!(now = %clock.wall(), "the clock is right again"),

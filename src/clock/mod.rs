@@ -4,7 +4,7 @@
 //! rounds, waits, timeouts. It is never set, and stands still while the process does. The *time of
 //! day* is for what is written down and for what happens at a moment that was announced; nothing that
 //! cannot be undone happens because of it while it is in [`Doubt`]. Both begin at the same moment, so
-//! a running time is a timestamp, too: [`Clock::to_wall`] and [`Clock::from_wall`] lead from one to the
+//! a running time is a timestamp, too: [`Clock::to_wall`] and [`Clock::running_at`] lead from one to the
 //! other.
 
 mod agreement;
@@ -41,7 +41,7 @@ pub trait Clock: Send + Sync + 'static {
     }
 
     /// The running time at a moment of the time of day, as if the process always ran.
-    fn from_wall(&self, wall: Timestamp) -> Timestamp {
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
         wall
     }
 
@@ -156,7 +156,7 @@ impl Clock for ServerClock {
         to_millisecond(moved(running, self.times().ahead()))
     }
 
-    fn from_wall(&self, wall: Timestamp) -> Timestamp {
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
         to_millisecond(moved(wall, -self.times().ahead()))
     }
 
@@ -257,7 +257,7 @@ impl Clock for ManualClock {
         moved(running, self.ahead())
     }
 
-    fn from_wall(&self, wall: Timestamp) -> Timestamp {
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
         moved(wall, -self.ahead())
     }
 

@@ -29,7 +29,7 @@ impl Running {
             self.seen = monotonic + CATCH_UP;
         }
         self.seen = self.seen.max(monotonic);
-        self.seen - self.lost
+        self.seen.saturating_sub(self.lost)
     }
 
     /// How much time was no running time.

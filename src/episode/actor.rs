@@ -509,7 +509,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh) -> Handle {
 /// nothing is closed or abandoned.
 fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
     let is_in_doubt = clock.doubt().is_some();
-    let closes_at = spec.closes_at.filter(|_| !is_in_doubt).map(|at| clock.from_wall(at));
+    let closes_at = spec.closes_at.filter(|_| !is_in_doubt).map(|at| clock.running_at(at));
     lockstep.note_time_of_day(closes_at, is_in_doubt);
 }
 

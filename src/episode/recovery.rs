@@ -79,11 +79,11 @@ pub(super) async fn recover(
         given: (open.into_iter().flat_map(|(_, acts)| acts))
             .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
-        last_act_at: clock.from_wall(stored.last_act_at.unwrap_or(stored.created_at)),
+        last_act_at: clock.running_at(stored.last_act_at.unwrap_or(stored.created_at)),
     };
     let holders =
         if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
-    let seating = Seating::new(&spec, clock.from_wall(stored.created_at), holders);
+    let seating = Seating::new(&spec, clock.running_at(stored.created_at), holders);
     let clocks = clocks(&spec);
     Ok(Fresh {
         id: stored.id,

@@ -331,7 +331,7 @@ impl Registry {
         let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
         let seating = Seating::new(
             spec,
-            self.host.clock.from_wall(now),
+            self.host.clock.running_at(now),
             vec![(holder.clone(), agents.clone())],
         );
         let tokens = Vec::new();
@@ -466,10 +466,10 @@ impl Registry {
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
         let spec = described(&stored)?;
         let clock = &self.host.clock;
-        let last_act_at = clock.from_wall(stored.last_act_at.unwrap_or(stored.created_at));
+        let last_act_at = clock.running_at(stored.last_act_at.unwrap_or(stored.created_at));
         let idle = after(last_act_at, spec.idle_timeout);
         let closes_at = spec.closes_at.filter(|_| stored.status == "waiting");
-        let closes_at = closes_at.map(|at| clock.from_wall(at));
+        let closes_at = closes_at.map(|at| clock.running_at(at));
         Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
     }
 

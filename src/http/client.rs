@@ -191,7 +191,7 @@ impl Rates {
 
     /// Forgets addresses in time where many come within a minute.
     fn forget_if_many(rates: &Keyed<IpAddr>, seen: &AtomicUsize) {
-        let is_due = seen.fetch_add(1, Ordering::Relaxed) % ADDRESSES_COUNTED_EVERY == 0;
+        let is_due = seen.fetch_add(1, Ordering::Relaxed).is_multiple_of(ADDRESSES_COUNTED_EVERY);
         if is_due && rates.len() > ADDRESSES_REMEMBERED {
             forget(rates);
         }
