@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use crate::budget::Budget;
-use crate::clock::{Clock, Entropy, SystemClock, SystemEntropy, after};
+use crate::clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
 use crate::competition::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
@@ -47,7 +47,7 @@ pub struct Parts {
 impl Default for Parts {
     fn default() -> Self {
         Self {
-            clock: Arc::new(SystemClock),
+            clock: Arc::new(ServerClock::default()),
             entropy: Arc::new(SystemEntropy),
             disk: None,
             limits: Limits::default(),
@@ -118,6 +118,9 @@ impl Server {
         let Parts { clock, entropy, disk, limits, access } = parts;
         let last_key = store.last_key().await?;
         let has_keys = store.has_keys().await?;
+        if let Some(newest) = store.newest_at().await?.filter(|newest| *newest > clock.host()) {
+            clock.not_before(newest);
+        }
         let quotas = Quotas::new(limits.caps());
         for (owner, bytes) in store.bytes_by_owner().await? {
             quotas.note_bytes(owner, bytes);
@@ -194,6 +197,7 @@ impl Server {
         if let Some(hosted) = app.registry.take_hosted() {
             tokio::spawn(house::run(hosted, app.registry.host().clone(), stop.clone()));
         }
+        let clock = tokio::spawn(watch_clock(Arc::clone(&app.clock)));
         let recovery = tokio::spawn(take_up(app.clone()));
         let runs = tokio::spawn(look_after_runs(app.clone()));
         let competitions = tokio::spawn(close_competitions(app.clone()));
@@ -208,8 +212,34 @@ impl Server {
         runs.abort();
         competitions.abort();
         sweeper.abort();
+        clock.abort();
         app.store.clone().close().await;
         Ok(())
+    }
+}
+
+/// Looks at the clock often enough for it to notice that the process was stopped, and tells of that and
+/// of doubts about the time of day once each.
+async fn watch_clock(clock: Arc<dyn Clock>) {
+    let mut lost = clock.lost();
+    let mut was_in_doubt = false;
+    loop {
+        let doubt = clock.doubt();
+        metrics::gauge!("swarmbench_clock_in_doubt").set(f64::from(u8::from(doubt.is_some())));
+        match doubt {
+            Some(doubt) if !was_in_doubt => tracing::error!("{doubt}"),
+            None if was_in_doubt => tracing::info!(now = %clock.wall(), "the clock is right again"),
+            Some(_) | None => {}
+        }
+        was_in_doubt = doubt.is_some();
+        let stopped = clock.lost().saturating_sub(lost);
+        if !stopped.is_zero() {
+            lost += stopped;
+            metrics::counter!("swarmbench_stopped_ms_total").increment(millis(stopped));
+            let stopped_ms = millis(stopped);
+            tracing::info!(stopped_ms, "the process was stopped: no player's clock ran meanwhile");
+        }
+        clock.sleep_until(after(clock.now(), BEAT)).await;
     }
 }
 

@@ -134,6 +134,18 @@ fn describe() {
         "swarmbench_heavy_seconds",
         "How long a piece of heavy work takes, by kind."
     );
+    describe_gauge!(
+        "swarmbench_clock_in_doubt",
+        "1 as long as the time of day is in doubt, and nothing irreversible happens because of it."
+    );
+    describe_counter!(
+        "swarmbench_stopped_ms_total",
+        "Milliseconds in which the process did not run, and no player's clock."
+    );
+    describe_counter!(
+        "swarmbench_closing_failures_total",
+        "Competitions that could not be closed, by try."
+    );
     describe_gauge!("swarmbench_disk_free_percent", "How much of the database's disk is free.");
     describe_counter!(
         "swarmbench_rate_limited_total",

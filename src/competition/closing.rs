@@ -1,7 +1,12 @@
 //! What a server does with competitions whose time is over: it ends their runs once the last rounds have been played,
 //! and then opens everything to all.
+//!
+//! What was opened cannot be closed again. So nothing of this happens while the time of day is in doubt.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
+
+use jiff::Timestamp;
 
 use crate::clock::{Clock, after};
 use crate::journal::{Entry, Journal, JournalError};
@@ -13,21 +18,65 @@ use crate::store::competitions::StoredCompetition;
 /// How often it looks.
 const PAUSE: Duration = Duration::from_secs(1);
 
+/// The longest pause before a competition that could not be closed is tried again.
+const PAUSE_MAX: Duration = Duration::from_mins(1);
+
 /// Looks after competitions that have closed, for ever.
 pub async fn look_after(store: &Store, runs: &Runs, clock: &dyn Clock) {
+    let mut failed = Failed::default();
     loop {
-        if let Err(error) = close_all(store, runs, clock).await {
-            tracing::error!(%error, "competitions cannot be closed");
+        if clock.doubt().is_none() {
+            failed = close_all(store, runs, clock, failed).await;
         }
         clock.sleep_until(after(clock.now(), PAUSE)).await;
     }
 }
 
-async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock) -> Result<(), JournalError> {
-    for competition in store.closing_competitions(clock.now()).await? {
-        close(store, runs, clock, &competition).await?;
+/// Competitions that could not be closed, by their public ids.
+type Failed = BTreeMap<String, Failure>;
+
+/// Why a competition could not be closed, and when it is tried again.
+struct Failure {
+    error: String,
+    pause: Duration,
+    again_at: Timestamp,
+}
+
+/// Closes each competition by itself: one that cannot be closed keeps no other open. Returns those that
+/// could not be closed.
+async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Failed) -> Failed {
+    let closing = match store.closing_competitions(clock.wall()).await {
+        Ok(closing) => closing,
+        Err(error) => {
+            tracing::error!(%error, "competitions that have closed cannot be listed");
+            return before;
+        }
+    };
+    let mut failed = Failed::new();
+    for id in closing {
+        let last = match before.remove(&id) {
+            Some(last) if last.again_at > clock.now() => {
+                failed.insert(id, last);
+                continue;
+            }
+            last => last,
+        };
+        if let Err(error) = close(store, runs, clock, &id).await {
+            let failure = failure(&id, error.to_string(), last, clock.now());
+            failed.insert(id, failure);
+        }
     }
-    Ok(())
+    failed
+}
+
+/// Notes that a competition could not be closed; the log is told where the reason is another than before.
+fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Failure {
+    metrics::counter!("swarmbench_closing_failures_total").increment(1);
+    if last.as_ref().is_none_or(|last| last.error != error) {
+        tracing::error!(competition = id, error, "a competition cannot be closed");
+    }
+    let pause = last.map_or(PAUSE, |last| (last.pause * 2).min(PAUSE_MAX));
+    Failure { error, pause, again_at: after(now, pause) }
 }
 
 /// Does what can be done now to close a competition.
@@ -35,8 +84,9 @@ async fn close(
     store: &Store,
     runs: &Runs,
     clock: &dyn Clock,
-    competition: &StoredCompetition,
+    id: &str,
 ) -> Result<(), JournalError> {
+    let Some(competition) = store.find_competition(id).await? else { return Ok(()) };
     for attempt in store.attempts(competition.key, None).await? {
         // A run ends with its last game; where none is open it may not know yet that its time is over.
         if attempt.status == RunStatus::Running.name() {
@@ -45,12 +95,21 @@ async fn close(
     }
     // Whoever began to start an attempt in time has started it.
     let _closed = runs.while_nobody_enters().await;
+    reveal_if_over(store, clock, &competition).await
+}
+
+/// Opens everything to all once all games have ended.
+async fn reveal_if_over(
+    store: &Store,
+    clock: &dyn Clock,
+    competition: &StoredCompetition,
+) -> Result<(), JournalError> {
     let attempts = store.attempts(competition.key, None).await?;
     let is_over = attempts
         .iter()
         .all(|attempt| attempt.status != RunStatus::Running.name() && attempt.unfinished == 0);
-    if is_over {
-        let reveal = Entry::Reveal { competition: competition.key, at: clock.now() };
+    if is_over && clock.doubt().is_none() {
+        let reveal = Entry::Reveal { competition: competition.key, at: clock.wall() };
         store.keep(vec![reveal]).await?;
         tracing::info!(competition = %competition.id, attempts = attempts.len(), "closed");
     }

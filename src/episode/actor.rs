@@ -7,6 +7,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::time::Duration;
 
 use futures::future::BoxFuture;
 use jiff::Timestamp;
@@ -24,7 +25,7 @@ use super::seating::{Seating, Taken, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::budget::{Budget, Reservation};
-use crate::clock::Clock;
+use crate::clock::{Clock, after};
 use crate::fair::{Group, Party, Rank};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::chain::Head;
@@ -45,6 +46,9 @@ const TEXT_BYTES_PER_MICRO: u64 = 100;
 
 /// Bytes of records that an actor writes in one piece, before others have their turn on its thread.
 const PIECE_BYTES: u64 = 256 * 1024;
+
+/// After how long an actor looks at the time of day again, where something waits for it.
+const LOOKS_AGAIN_AFTER: Duration = Duration::from_secs(10);
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -479,6 +483,8 @@ pub(super) struct Fresh {
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
     pub(super) keyframes: Keyframes,
+    /// When its newest record came.
+    pub(super) newest_at: Timestamp,
     /// Bytes that its acts take in the journal.
     pub(super) bytes: u64,
     /// What its acts were.
@@ -488,7 +494,8 @@ pub(super) struct Fresh {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
+pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle {
+    note_time_of_day(&mut fresh.lockstep, &fresh.spec, &*host.clock);
     let (mailbox, messages) = mpsc::unbounded_channel();
     match fresh.lockstep.outcome() {
         None => host.quotas.note(fresh.key, Party::of_key(fresh.owner)),
@@ -499,7 +506,8 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
     let memory = Arc::new(memory);
     let weight = Arc::downgrade(&memory);
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
-    let ends_at = Arc::new(AtomicI64::new(fresh.lockstep.ends_at().as_millisecond()));
+    let ends_at = ends_at(&fresh.lockstep, &*host.clock).as_millisecond();
+    let ends_at = Arc::new(AtomicI64::new(ends_at));
     let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
     snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
@@ -545,6 +553,7 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
         world: fresh.world,
         head: fresh.head,
         lockstep: fresh.lockstep,
+        newest_at: fresh.newest_at,
         bytes: fresh.bytes,
         tally: fresh.tally,
         seating: fresh.seating,
@@ -560,6 +569,19 @@ pub(super) fn spawn(host: Host, fresh: Fresh, memory: Reservation) -> Handle {
     };
     spawn(Box::pin(actor.run(messages)));
     handle
+}
+
+/// Tells the barrier, which goes by the running time, what the time of day says: while that is in doubt
+/// nothing is closed or abandoned.
+fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
+    let is_in_doubt = clock.doubt().is_some();
+    let closes_at = spec.closes_at.filter(|_| !is_in_doubt).map(|at| clock.running_at(at));
+    lockstep.note_time_of_day(closes_at, is_in_doubt);
+}
+
+/// When the episode ends unless somebody asks for something, or when that is to be looked at again.
+fn ends_at(lockstep: &Lockstep, clock: &dyn Clock) -> Timestamp {
+    if lockstep.is_held() { after(clock.now(), LOOKS_AGAIN_AFTER) } else { lockstep.ends_at() }
 }
 
 fn snapshot(lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot> {
@@ -590,6 +612,8 @@ struct Actor {
     world: Arc<World>,
     head: Head,
     lockstep: Lockstep,
+    /// When its newest record came, by the time of day, which may be set back; records never go back.
+    newest_at: Timestamp,
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
@@ -614,6 +638,7 @@ impl Actor {
         let failed = self.failed.clone();
         self.take_up().await;
         loop {
+            note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
             let wake = self.wakes_at();
             let clock = Arc::clone(&self.host.clock);
             let tick = async {
@@ -635,7 +660,9 @@ impl Actor {
                     let now = self.host.clock.now();
                     self.note_opening();
                     let effects = self.tick(now);
-                    self.perform(now, effects, |_| {}).await;
+                    if !effects.is_empty() || !self.ahead.is_empty() {
+                        self.perform(now, effects, |_| {}).await;
+                    }
                 }
             }
         }
@@ -645,7 +672,17 @@ impl Actor {
     fn wakes_at(&self) -> Option<Timestamp> {
         let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
         let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
-        [self.lockstep.wakes_at(), fills_at].into_iter().flatten().min()
+        [self.lockstep.wakes_at(), fills_at, self.looks_again_at()].into_iter().flatten().min()
+    }
+
+    /// When to look at the time of day again, where something waits for it: it may be in doubt, and set.
+    fn looks_again_at(&self) -> Option<Timestamp> {
+        let rests_on_it = match self.lockstep.status() {
+            Status::Waiting => self.lockstep.is_held() || self.spec.closes_at.is_some(),
+            Status::Running => self.lockstep.is_held(),
+            Status::Finished | Status::Aborted | Status::Abandoned => false,
+        };
+        rests_on_it.then(|| after(self.host.clock.now(), LOOKS_AGAIN_AFTER))
     }
 
     /// What is due now: clocks run out, open seats are filled.
@@ -655,7 +692,8 @@ impl Actor {
             && let Some((holder, agents)) =
                 self.seating.as_mut().and_then(|seating| seating.fill(now))
         {
-            self.ahead.push(self.claim_entry(holder, agents, Vec::new(), None));
+            let entry = self.claim_entry(holder, agents, Vec::new(), None);
+            self.ahead.push(entry);
             effects.extend(self.start_if_seated(now));
         }
         effects
@@ -685,8 +723,10 @@ impl Actor {
 
     /// Tells the barrier what happens, and when.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
+        note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
-        self.ends_at.store(self.lockstep.ends_at().as_millisecond(), Ordering::Release);
+        let ends_at = ends_at(&self.lockstep, &*self.host.clock);
+        self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
         effects
     }
 
@@ -788,13 +828,14 @@ impl Actor {
     }
 
     fn claim_entry(
-        &self,
+        &mut self,
         holder: Holder,
         agents: Vec<AgentId>,
         tokens: Vec<TokenRow>,
         idempotency: Option<(String, [u8; 32])>,
     ) -> Entry {
         let episode = self.key;
+        let holder = Holder { at: self.stamp(holder.at), ..holder };
         Entry::Claim(Box::new(ClaimRow { episode, holder, agents, tokens, idempotency }))
     }
 
@@ -872,6 +913,7 @@ impl Actor {
             match effect {
                 Effect::KeepStart => {
                     entries.extend(self.seating_entry());
+                    let at = self.stamp(at);
                     entries.push(Entry::Start { episode: self.key, at });
                 }
                 Effect::KeepAct { agent, given } => {
@@ -932,12 +974,19 @@ impl Actor {
         Some(Entry::Seat(SeatingRow { episode: self.key, record, head }))
     }
 
+    /// The time of day at a moment of the running time, as it is written down.
+    fn stamp(&mut self, at: Timestamp) -> Timestamp {
+        self.newest_at = self.newest_at.max(self.host.clock.to_wall(at));
+        self.newest_at
+    }
+
     fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
         let record = RawRecord::write(&given.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
         self.tally.add(&given.record);
         self.host.quotas.add_bytes(self.key, bytes, at);
+        let at = self.stamp(at);
         Entry::Act(ActRow {
             episode: self.key,
             round: self.world.round(),
@@ -982,7 +1031,7 @@ impl Actor {
             digest: digest.0,
             score: self.world.score(),
             head: self.head,
-            at: now,
+            at: self.stamp(now),
         }));
         let ending = if self.world.is_done() {
             Some(Ending::TaskDone)
@@ -990,7 +1039,7 @@ impl Actor {
             self.world.is_over().then_some(Ending::RoundsPlayed)
         };
         let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
-        for effect in self.lockstep.apply(now, Event::Resolved { alive, ending }) {
+        for effect in self.apply(now, Event::Resolved { alive, ending }) {
             // The next round is published with whatever else is to be kept.
             if let Effect::End(ending) = effect {
                 entries.push(self.end_entry(ending));
@@ -1019,6 +1068,7 @@ impl Actor {
             open_acts: self.lockstep.records().cloned().collect(),
         }));
         self.head = self.head.link(record.as_str().as_bytes());
+        let at = self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at);
         Entry::End(EndRow {
             episode: self.key,
             status,
@@ -1030,7 +1080,7 @@ impl Actor {
             rounds: self.world.round(),
             tally: self.tally,
             counts: self.spec.counts(),
-            at: self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at),
+            at: self.stamp(at),
         })
     }
 }

@@ -175,6 +175,8 @@ pub struct Clocks {
 #[derive(Clone, Debug)]
 pub struct Lockstep {
     clocks: Clocks,
+    /// Whether it is not abandoned, however long nobody acts.
+    is_held: bool,
     phase: Phase,
     round: u32,
     seats: Vec<Seat>,
@@ -224,6 +226,7 @@ impl Lockstep {
         let seats = standing.alive.iter().zip(&standing.bank_spent);
         let mut lockstep = Self {
             clocks,
+            is_held: false,
             phase,
             round: standing.round,
             seats: seats
@@ -270,9 +273,25 @@ impl Lockstep {
         self.round
     }
 
+    /// Notes what the time of day says: when no round begins any more, and whether the episode is not to be
+    /// abandoned for now.
+    pub fn note_time_of_day(&mut self, closes_at: Option<Timestamp>, is_held: bool) {
+        self.clocks.closes_at = closes_at;
+        self.is_held = is_held;
+    }
+
+    /// Whether it is not abandoned for now.
+    #[must_use]
+    pub const fn is_held(&self) -> bool {
+        self.is_held
+    }
+
     /// When the episode is abandoned unless somebody acts.
     #[must_use]
     pub fn idle_at(&self) -> Timestamp {
+        if self.is_held {
+            return Timestamp::MAX;
+        }
         after(self.last_act_at, self.clocks.idle_timeout)
     }
 

@@ -83,11 +83,11 @@ pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh,
         given: (open.into_iter().flat_map(|(_, acts)| acts))
             .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
-        last_act_at: stored.last_act_at.unwrap_or(stored.created_at),
+        last_act_at: clock.running_at(stored.last_act_at.unwrap_or(stored.created_at)),
     };
     let holders =
         if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
-    let seating = Seating::new(&spec, stored.created_at, holders);
+    let seating = Seating::new(&spec, clock.running_at(stored.created_at), holders);
     let clocks = clocks(&spec);
     Ok(Fresh {
         id: stored.id,
@@ -101,6 +101,7 @@ pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh,
         head: stored.head,
         lockstep: Lockstep::new(clocks, standing, clock.now()),
         keyframes: track.keyframes,
+        newest_at: stored.newest_at,
         bytes: track.bytes,
         tally: track.tally,
         seating,

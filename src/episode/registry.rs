@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
+use futures::future::select;
 use futures::{StreamExt, stream};
 use jiff::Timestamp;
 use swarmbench_engine::World;
@@ -50,6 +51,9 @@ const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
 /// How long an episode that nobody asks for stays in memory where memory is short.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
+
+/// How long whoever takes up an episode whose time is over waits for its end.
+const END_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
@@ -390,7 +394,7 @@ impl Registry {
         let share = (party, Rank::Normal);
         let world = off_thread(&self.host.workers, "layout", share, heavy, lay_out).await?;
         let world = Arc::new(world);
-        let now = self.host.clock.now();
+        let (now, running) = (self.host.clock.wall(), self.host.clock.now());
         if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
             return Err(CreateError::Closed(closes_at));
         }
@@ -430,7 +434,7 @@ impl Registry {
             alive: vec![true; agents],
             bank_spent: vec![Duration::ZERO; agents],
             given: Vec::new(),
-            last_act_at: now,
+            last_act_at: running,
         };
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
@@ -443,6 +447,7 @@ impl Registry {
             created_at: now,
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
+            newest_at: now,
             spec,
             world,
             head,
@@ -486,7 +491,11 @@ impl Registry {
         };
         let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
         let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
-        let seating = Seating::new(spec, now, vec![(holder.clone(), agents.clone())]);
+        let seating = Seating::new(
+            spec,
+            self.host.clock.running_at(now),
+            vec![(holder.clone(), agents.clone())],
+        );
         let tokens = Vec::new();
         let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
         Ok((seating, Some(Entry::Claim(Box::new(row)))))
@@ -569,7 +578,11 @@ impl Registry {
         }
         if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
             // Its time ended while it was not in memory; nobody is to find it running.
-            drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
+            let mut published = handle.follow();
+            let over = Box::pin(published.wait_for(|snapshot| snapshot.status.is_over()));
+            // Where the time of day has come in doubt this moment, it goes on.
+            let up = self.host.clock.sleep_until(after(self.host.clock.now(), END_PATIENCE));
+            drop(select(over, up).await);
         }
         if let Some(slot) = self.slots().get_mut(id) {
             slot.ends_at = None;
@@ -653,13 +666,17 @@ impl Registry {
     /// which that is not known.
     pub async fn look_after_idle(&self) {
         let now = self.host.clock.now();
+        let is_in_doubt = self.host.clock.doubt().is_some();
         let mut due: Vec<(EpisodeId, bool)> = Vec::new();
         for (id, slot) in self.slots().iter_mut() {
             slot.empty_if_dead(now);
             if slot.handle.initialized() {
                 // Its actor looks after it.
                 slot.ends_at = None;
-            } else if slot.ends_at.is_some_and(|at| at <= now) && !slot.in_line {
+            } else if slot.ends_at.is_some_and(|at| at <= now)
+                && !slot.in_line
+                && (slot.clocked || !is_in_doubt)
+            {
                 due.push((id.clone(), slot.clocked));
             }
         }
@@ -682,8 +699,11 @@ impl Registry {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
         let spec = described(&stored)?;
-        let idle = after(stored.last_act_at.unwrap_or(stored.created_at), spec.idle_timeout);
+        let clock = &self.host.clock;
+        let last_act_at = clock.running_at(stored.last_act_at.unwrap_or(stored.created_at));
+        let idle = after(last_act_at, spec.idle_timeout);
         let closes_at = spec.closes_at.filter(|_| stored.status == "waiting");
+        let closes_at = closes_at.map(|at| clock.running_at(at));
         Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
     }
 

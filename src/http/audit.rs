@@ -99,7 +99,7 @@ fn deed(
     detail: serde_json::Value,
 ) -> Entry {
     Entry::Audit(Box::new(AuditRow {
-        at: app.clock.now(),
+        at: app.clock.wall(),
         who: who.to_owned(),
         action,
         subject: subject.to_owned(),

@@ -102,7 +102,7 @@ impl FromRequestParts<App> for Caller {
                 check_rate(app, owner)?;
                 Ok(Self::Run(run))
             }
-            Grant::Key(key) if key.is_good(app.clock.now()) => {
+            Grant::Key(key) if key.is_good(app.clock.wall()) => {
                 check_rate(app, key.number)?;
                 Ok(Self::Key(key))
             }

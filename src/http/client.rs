@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::net::IpAddr;
 use std::num::NonZeroU32;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -50,6 +51,12 @@ impl Client {
         Party::of(Group::Address(network(self.address)))
     }
 }
+
+/// Addresses that are remembered for their rates between two sweeps, about.
+const ADDRESSES_REMEMBERED: usize = 65_536;
+
+/// After so many requests of addresses it is looked how many are remembered.
+const ADDRESSES_COUNTED_EVERY: usize = 4096;
 
 /// The headers by which proxies say that they are some.
 const FORWARDED: [HeaderName; 5] = [
@@ -116,7 +123,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     is_loopback(name)
 }
 
-/// Time for rate limits, from the server's clock.
+/// Time for rate limits: it only goes on, also while the process is stopped.
 #[derive(Clone)]
 struct RateClock(Arc<dyn Clock>);
 
@@ -124,7 +131,7 @@ impl governor::clock::Clock for RateClock {
     type Instant = Nanos;
 
     fn now(&self) -> Nanos {
-        let millis = u64::try_from(self.0.now().as_millisecond()).unwrap_or(0);
+        let millis = u64::try_from(self.0.steady().as_millisecond()).unwrap_or(0);
         Nanos::from(Duration::from_millis(millis))
     }
 }
@@ -134,6 +141,8 @@ type Keyed<K> = RateLimiter<K, DashMapStateStore<K>, RateClock, NoOpMiddleware<N
 /// How many requests came lately, by address and by key.
 pub(super) struct Rates {
     clock: RateClock,
+    /// How many requests of addresses came.
+    seen: AtomicUsize,
     by_address: Option<Keyed<IpAddr>>,
     by_key: Option<Keyed<OwnerKey>>,
     entries: Option<Keyed<IpAddr>>,
@@ -159,6 +168,7 @@ impl Rates {
             entries,
             by_address: keyed(limits.address_requests_per_s_max, &clock),
             by_key: keyed(limits.key_requests_per_s_max, &clock),
+            seen: AtomicUsize::new(0),
             clock,
         }
     }
@@ -168,6 +178,7 @@ impl Rates {
         let Some(rates) = self.by_address.as_ref().filter(|_| !address.is_loopback()) else {
             return Ok(());
         };
+        Self::forget_if_many(rates, &self.seen);
         let most = limits.address_requests_per_s_max;
         rates.check_key(&network(address)).map_err(|until| {
             let wait = until.wait_time_from(self.clock.now());
@@ -205,12 +216,26 @@ impl Rates {
     /// Forgets whoever has not asked for a while.
     pub(super) fn forget_idle(&self) {
         for rates in self.by_address.iter().chain(&self.entries) {
-            rates.retain_recent();
+            forget(rates);
         }
         if let Some(rates) = &self.by_key {
-            rates.retain_recent();
+            forget(rates);
         }
     }
+
+    /// Forgets addresses in time where many come within a minute.
+    fn forget_if_many(rates: &Keyed<IpAddr>, seen: &AtomicUsize) {
+        let is_due = seen.fetch_add(1, Ordering::Relaxed).is_multiple_of(ADDRESSES_COUNTED_EVERY);
+        if is_due && rates.len() > ADDRESSES_REMEMBERED {
+            forget(rates);
+        }
+    }
+}
+
+/// Forgets whoever may send as much as anybody who never came, and gives the memory back.
+fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
+    rates.retain_recent();
+    rates.shrink_to_fit();
 }
 
 fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {

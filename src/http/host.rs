@@ -78,6 +78,7 @@ fn problems(app: &App) -> Vec<String> {
     if writer.is_locked_out() {
         problems.push("another program has locked the database: nothing can be written".to_owned());
     }
+    problems.extend(app.clock.doubt().map(|doubt| doubt.to_string()));
     if !app.ready.load(Ordering::Acquire) {
         problems.push("unfinished episodes are still being taken up".to_owned());
     }
@@ -103,6 +104,8 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
         metrics::gauge!("swarmbench_memory_reserved_bytes")
             .set(app.registry.budget().used() as f64);
         let writer = app.store.writer();
+        metrics::gauge!("swarmbench_clock_in_doubt")
+            .set(f64::from(u8::from(app.clock.doubt().is_some())));
         metrics::gauge!("swarmbench_backlog_jobs").set(writer.backlog_jobs() as f64);
         metrics::gauge!("swarmbench_backlog_bytes").set(writer.backlog_bytes() as f64);
         let (running, waiting) = app.workers.load();

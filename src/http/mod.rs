@@ -8,6 +8,7 @@ mod boards;
 mod checks;
 mod claims;
 mod client;
+mod clock;
 mod competitions;
 mod episodes;
 pub mod error;

@@ -23,8 +23,8 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
 use super::{
-    App, agent, audit, boards, claims, client, competitions, episodes, exports, host, imports,
-    keys, openapi, runs, stream, swarm,
+    App, agent, audit, boards, claims, client, clock, competitions, episodes, exports, host,
+    imports, keys, openapi, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -74,6 +74,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))
+        .routes(routes!(clock::confirm_clock))
 }
 
 /// The whole service.

@@ -538,6 +538,8 @@ pub struct StoredEpisode {
     pub score: f64,
     /// When it was created.
     pub created_at: Timestamp,
+    /// When its newest record came; in summaries, when it was created.
+    pub newest_at: Timestamp,
     /// When the last act of a player came, or else the manual start; not told in summaries.
     pub last_act_at: Option<Timestamp>,
     /// When it ended.

@@ -11,6 +11,7 @@ use futures::stream::FuturesUnordered;
 use tokio_util::sync::CancellationToken;
 
 use super::client::{Client, ClientError};
+use super::recent::Recent;
 use crate::clock::{Clock, SystemClock, after};
 use crate::wire::act::{Receipt, SwarmAct, SwarmActResponse, SwarmObsResponse, SwarmReceipt};
 use crate::wire::observation::Observation;
@@ -128,7 +129,7 @@ struct Drive<'a, E: Display, N> {
     delayed: FuturesUnordered<BoxFuture<'static, Vec<SwarmAct>>>,
     /// The last round for which each seat was asked, by episode and agent. After a restart of the server all that waits
     /// comes again.
-    decided: HashMap<(String, String), u32>,
+    decided: Recent<HashMap<String, u32>>,
     outbox: Vec<SwarmAct>,
     /// How many times in a row acts were put off and none was taken.
     put_off: u32,
@@ -144,7 +145,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
             note,
             thinking: FuturesUnordered::new(),
             delayed: FuturesUnordered::new(),
-            decided: HashMap::new(),
+            decided: Recent::default(),
             outbox: Vec::new(),
             put_off: 0,
             halted: None,
@@ -233,8 +234,8 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
     fn begin<S: Swarm<Error = E>>(&mut self, swarm: &mut S, mut looked: Vec<Observation>) {
         looked.retain(|seen| {
             let sight = &seen.sight;
-            let seat = (sight.episode.clone(), sight.agent.clone());
-            self.decided.insert(seat, sight.round).is_none_or(|round| round < sight.round)
+            let decided = self.decided.of(&sight.episode, HashMap::new);
+            decided.insert(sight.agent.clone(), sight.round).is_none_or(|round| round < sight.round)
         });
         (self.note)(Note::Looked(&looked));
         self.thinking.extend(swarm.decide(looked));

@@ -3,3 +3,4 @@
 pub mod client;
 pub mod drive;
 pub mod play;
+mod recent;

@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::client::Client;
 use super::drive::{DriveError, Note, Swarm, Thought, drive};
+use super::recent::Recent;
 use crate::journal::replay::verify_seen;
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::episode::{CreatedEpisode, EpisodeSummary};
@@ -140,7 +141,7 @@ pub struct BuiltIns {
     table: Arc<Table>,
     seed: u64,
     players: Players,
-    games: BTreeMap<String, Arc<Mutex<Game>>>,
+    games: Recent<Arc<Mutex<Game>>>,
 }
 
 impl BuiltIns {
@@ -153,7 +154,7 @@ impl BuiltIns {
             table: Arc::new(table),
             seed,
             players,
-            games: BTreeMap::new(),
+            games: Recent::default(),
         }
     }
 
@@ -166,7 +167,7 @@ impl BuiltIns {
         else {
             return Box::pin(async move { Err(Puzzled::Task(name)) });
         };
-        let game = self.games.entry(episode.clone()).or_insert_with(|| {
+        let game = self.games.of(&episode, || {
             let (table, seed) = (Arc::clone(&self.table), self.seed);
             let make = move |agent| Some(built_in.make(&table.seat(task, agent, seed)?));
             Arc::new(Mutex::new(Game {

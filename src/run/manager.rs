@@ -196,7 +196,7 @@ impl Runs {
             return Err(CreateError::DiskFull(least));
         }
         registry.check_room(party, purpose)?;
-        let now = clock.now();
+        let now = clock.wall();
         let id = new_id(now, &**entropy);
         for game in definition.suite.plan() {
             definition.spec(&id, &game, None).map_err(CreateError::Definition)?;
@@ -356,7 +356,12 @@ impl Runs {
         let Parts { store, clock, .. } = &self.0.parts;
         let definition = Definition::of(stored)?;
         let games = store.games_of(stored.run).await?;
-        match due(&definition, &games, clock.now()) {
+        let now = clock.wall();
+        if definition.closes_at.is_some_and(|at| at <= now) && clock.doubt().is_some() {
+            // Perhaps it has not closed: it waits until the time of day is certain.
+            return Ok(());
+        }
+        match due(&definition, &games, now) {
             Due::Open(due) => {
                 let is_playing = games.iter().any(|game| game.counts() && !game.is_over());
                 let purpose = if is_playing { Purpose::Usual } else { Purpose::NextGame };
@@ -392,7 +397,7 @@ impl Runs {
                 .spec(&stored.id, &game, salt)
                 .map_err(|problem| JournalError(problem.into()))?;
             let creation = Creation {
-                id: EpisodeId::new(clock.now(), &**entropy),
+                id: EpisodeId::new(clock.wall(), &**entropy),
                 party,
                 purpose: std::mem::replace(&mut purpose, Purpose::Usual),
                 run: Some((stored.run, game.slot)),
@@ -426,7 +431,7 @@ impl Runs {
     ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
-        let entry = Entry::EndRun { run: stored.run, status, at: clock.now() };
+        let entry = Entry::EndRun { run: stored.run, status, at: clock.wall() };
         store.keep([entry].into_iter().chain(deeds).collect()).await?;
         self.keyless().remove(&stored.run);
         self.waiting().remove(&stored.run);

@@ -144,19 +144,18 @@ impl Store {
         rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
     }
 
-    /// The competitions that have closed and are not open to all yet.
+    /// The public ids of the competitions that have closed and are not open to all yet.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn closing_competitions(
-        &self,
-        now: Timestamp,
-    ) -> Result<Vec<StoredCompetition>, JournalError> {
-        let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
-        query.push("WHERE revealed_at IS NULL AND closes_at <= ");
-        query.push_bind(now.as_millisecond()).push(" ORDER BY key");
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
+    pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, JournalError> {
+        sqlx::query_scalar(
+            "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= ? ORDER BY key",
+        )
+        .bind(now.as_millisecond())
+        .fetch_all(&mut *self.read().await?)
+        .await
+        .map_err(failure)
     }
 
     /// Finds an entrant of a competition by its public id.

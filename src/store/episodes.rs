@@ -76,8 +76,8 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
     match detail {
-        Detail::Summary => query.push("NULL AS ending, NULL"),
-        Detail::All => query.push(END).push(LAST_ACT_AT),
+        Detail::Summary => query.push("e.created_at AS newest_at, NULL AS ending, NULL"),
+        Detail::All => query.push(NEWEST_AT).push(" AS newest_at, ").push(END).push(LAST_ACT_AT),
     };
     query.push(
         " AS last_act_at FROM episodes e
@@ -91,6 +91,12 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
 /// Where it waits and has, or had, open seats: whoever has a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
                           AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
+
+/// When the newest record came.
+const NEWEST_AT: &str = "
+    max(e.created_at, coalesce(e.started_at, 0), coalesce(r.at, 0), coalesce(e.ended_at, 0),
+        coalesce((SELECT max(a.at) FROM acts a
+                  WHERE a.episode = e.key AND a.round >= coalesce(r.round, 0)), 0))";
 
 /// The last act of a player, or else the manual start: a clock that runs out is no act.
 const LAST_ACT_AT: &str = "
@@ -344,6 +350,7 @@ fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
             rounds: row.try_get("rounds")?,
             score: row.try_get("score")?,
             created_at: time(row.try_get("created_at")?)?,
+            newest_at: time(row.try_get("newest_at")?)?,
             last_act_at: row.try_get::<Option<i64>, _>("last_act_at")?.map(time).transpose()?,
             ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
             void_reason: row.try_get("void_reason")?,

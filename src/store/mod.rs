@@ -7,6 +7,7 @@ mod again;
 pub mod audit;
 pub mod backup;
 pub mod check;
+pub mod clock;
 pub mod competitions;
 pub mod episodes;
 mod exports;

@@ -674,3 +674,89 @@ pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
         Some(chunk)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use futures::future::join_all;
+    use swarmbench_engine::AgentId;
+
+    use super::*;
+    use crate::journal::record::{ActRecord, RawRecord};
+    use crate::journal::{Journal, RunKey};
+    use crate::store::Store;
+
+    fn act(episode: i64, round: u32) -> Entry {
+        Entry::Act(ActRow {
+            episode: EpisodeKey(episode),
+            round,
+            agent: AgentId(0),
+            waiting_for: 0,
+            at: jiff::Timestamp::UNIX_EPOCH,
+            record: RawRecord::write(&ActRecord::clock_ran_out(AgentId(0), 0)),
+        })
+    }
+
+    async fn store() -> (tempfile::TempDir, Store) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&folder.path().join("a.db")).await.expect("it opens");
+        (folder, store)
+    }
+
+    /// Hands jobs over at once, and tells which were kept.
+    async fn kept(store: &Store, jobs: Vec<Vec<Entry>>) -> Vec<bool> {
+        let told: Vec<_> = jobs.into_iter().map(|job| store.keep(job)).collect();
+        join_all(told).await.iter().map(Result::is_ok).collect()
+    }
+
+    /// The rounds of which an episode has acts.
+    async fn rounds(store: &Store, episode: i64) -> Vec<u32> {
+        let acts = store.acts(EpisodeKey(episode), 0, u32::MAX).await.expect("it can be read");
+        acts.into_iter().map(|(round, _)| round).collect()
+    }
+
+    #[tokio::test]
+    async fn a_refused_job_fails_alone_and_leaves_no_gap() {
+        let (_folder, store) = store().await;
+        // The second act of a seat in a round is refused; all are in one transaction.
+        let jobs = vec![
+            vec![act(1, 0)],
+            vec![act(2, 0)],
+            vec![act(1, 1), act(1, 0)],
+            vec![act(1, 2)],
+            vec![act(2, 1)],
+            vec![],
+            vec![act(2, 2), act(3, 0)],
+        ];
+        let expected = [true, true, false, false, true, true, true];
+        assert_eq!(kept(&store, jobs).await, expected);
+        assert!(!store.writer().has_failed());
+        assert_eq!(store.writer().backlog_jobs() + store.writer().backlog_bytes(), 0);
+        // Nor later, as long as nobody looked at what is on the disk.
+        assert_eq!(kept(&store, vec![vec![act(1, 1)], vec![act(2, 3)]]).await, [false, true]);
+        store.recovered(EpisodeKey(1));
+        assert_eq!(kept(&store, vec![vec![act(1, 1)]]).await, [true]);
+        assert_eq!(rounds(&store, 1).await, [0, 1]);
+        assert_eq!(rounds(&store, 2).await, [0, 1, 2, 3]);
+        store.close().await;
+    }
+
+    #[tokio::test]
+    async fn a_group_with_many_refused_jobs_keeps_the_others() {
+        let (_folder, store) = store().await;
+        let jobs = (0..3_000).map(|n| vec![act(n % 100, u32::try_from(n / 200).expect("small"))]);
+        let kept = kept(&store, jobs.collect()).await;
+        // Of each episode the first act is kept; its second is of the same round, and nothing comes after that.
+        assert!(
+            kept.iter().take(100).all(|kept| *kept) && !kept.iter().skip(100).any(|kept| *kept)
+        );
+        store.close().await;
+    }
+
+    #[tokio::test]
+    async fn games_of_more_runs_than_a_statement_takes_are_read() {
+        let (_folder, store) = store().await;
+        let runs: Vec<RunKey> = (0..40_000).map(RunKey).collect();
+        assert!(store.games_of_all(&runs).await.expect("any number").is_empty());
+        store.close().await;
+    }
+}

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::net::TcpStream;
+use std::time::Duration;
 
 use reqwest::RequestBuilder;
 use serde_json::{Value, json};
@@ -63,9 +64,13 @@ struct Waiting {
 
 impl Waiting {
     async fn new(site: &Site, run: u64) -> Self {
+        let request = json!({ "task": "Synchronization", "num_agents": 4, "seed": 1 });
+        Self::at(site, run, request).await
+    }
+
+    async fn at(site: &Site, run: u64, request: Value) -> Self {
         let http = reqwest::Client::new();
         let base = site.door.after(run - 1).await.base;
-        let request = json!({ "task": "Synchronization", "num_agents": 4, "seed": 1 });
         let created = http.post(format!("{base}/api/v1/episodes")).json(&request).send().await;
         let episode = created.expect("an answer").json().await.expect("an episode");
         Self { http, base, episode }
@@ -207,6 +212,30 @@ async fn a_client_that_never_ends_its_request_holds_nobody_up() {
     server.ready().await;
     let again = Waiting { base: site.door.after(1).await.base, ..waiting };
     assert!(Waiting::read::<ActResponse>(again.act(1, "", 0)).await.receipt.duplicate);
+    stop(&site, server).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn acts_that_came_while_the_process_was_frozen_are_in_time() {
+    let site = Site::new();
+    let mut server = site.start();
+    server.ready().await;
+    let request = json!({
+        "task": "Synchronization", "num_agents": 4, "seed": 1, "round_deadline_s": 1.5, "max_round": 200,
+    });
+    let waiting = Waiting::at(&site, server.run, request).await;
+    let seen: Observation = Waiting::read(waiting.get("/obs", waiting.token(0))).await;
+    let round = seen.sight.round;
+    server.freeze();
+    let acts: Vec<_> =
+        (0..4).map(|seat| tokio::spawn(waiting.act(seat, "", round).send())).collect();
+    // Longer than the clock of the round.
+    tokio::time::sleep(Duration::from_secs(4)).await;
+    server.thaw();
+    for act in acts {
+        let answer = act.await.expect("no panic").expect("an answer");
+        assert_eq!(answer.status(), 200, "{:?}", answer.text().await);
+    }
     stop(&site, server).await;
 }
 

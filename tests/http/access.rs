@@ -199,9 +199,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
-        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit" => {
-            organizers_alone(kind)
-        }
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit"
+        | "confirm_clock" => organizers_alone(kind),
         of_competitions => refusal_in_competitions(of_competitions, kind, stage),
     }
 }

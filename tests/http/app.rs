@@ -164,6 +164,49 @@ impl TestApp {
 
     /// Starts a server over the same database.
     pub(crate) async fn start_again(&mut self) {
+        self.launch().await;
+        for _ in 0..10_000 {
+            if self.problems().await.is_empty() {
+                return;
+            }
+        }
+        panic!("it does not get ready: {}", self.problems().await);
+    }
+
+    /// Starts a server whose clock lies behind what the database holds.
+    pub(crate) async fn start_in_doubt(&mut self) {
+        self.launch().await;
+        for _ in 0..10_000 {
+            let problems = self.problems().await;
+            assert!(problems.contains("behind the newest entry"), "{problems}");
+            if !problems.contains("taken up") {
+                return;
+            }
+        }
+        panic!("it does not get ready: {}", self.problems().await);
+    }
+
+    /// What keeps the server from being used, as it says itself; empty where nothing does.
+    pub(crate) async fn problems(&self) -> String {
+        let answer = self.get("/readyz").send().await;
+        if answer.status == 200 {
+            return String::new();
+        }
+        assert_eq!(answer.status, 503, "{}", answer.text());
+        answer.json()["detail"].as_str().expect("a detail").to_owned()
+    }
+
+    /// Asks until the server says that it has this problem.
+    pub(crate) async fn until_problem(&self, problem: &str) {
+        for _ in 0..100_000 {
+            if self.problems().await.contains(problem) {
+                return;
+            }
+        }
+        panic!("no {problem:?}: {:?}", self.problems().await);
+    }
+
+    async fn launch(&mut self) {
         assert!(self.running.is_none(), "it runs");
         let parts = self.parts();
         let server = Server::open(&self.database(), parts).await.expect("it opens");
@@ -173,12 +216,6 @@ impl TestApp {
         // The sender may go without a word; that stops it as well.
         let task = tokio::spawn(server.run(listener, async move { drop(stopped.await) }));
         self.running = Some(Running { base, stop, task });
-        for _ in 0..10_000 {
-            if self.get("/readyz").send().await.status == 200 {
-                return;
-            }
-        }
-        panic!("it does not get ready");
     }
 
     /// Another process would be made of such parts. Every start draws other random bytes.
@@ -256,6 +293,28 @@ impl TestApp {
     /// Lets time pass.
     pub(crate) fn pass(&self, time: Duration) {
         self.clock.as_ref().expect("a manual clock").advance(time);
+    }
+
+    /// The clock that is moved by hand.
+    pub(crate) fn clock(&self) -> &ManualClock {
+        self.clock.as_ref().expect("a manual clock")
+    }
+
+    /// Sets the host's time of day, forward or back.
+    pub(crate) fn step(&self, ms: i64) {
+        self.clock().step(jiff::SignedDuration::from_millis(ms));
+    }
+
+    /// Changes the database as another program would.
+    pub(crate) async fn tamper(&self, statement: &'static str) {
+        let mut database = self.other_program().await;
+        sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
+    }
+
+    /// Another program's connection to the database.
+    pub(crate) async fn other_program(&self) -> sqlx::SqliteConnection {
+        let path = format!("sqlite://{}", self.database().display());
+        <sqlx::SqliteConnection as sqlx::Connection>::connect(&path).await.expect("the database")
     }
 
     /// Lets time pass, second by second, until an answer is there.

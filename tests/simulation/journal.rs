@@ -280,6 +280,11 @@ impl State {
             rounds: last.map_or(0, |round| round.round + 1),
             score: last.map_or(0.0, |round| round.score),
             created_at: row.at,
+            newest_at: (self.rounds(key).map(|round| round.at))
+                .chain(self.acts(key).map(|act| act.at))
+                .chain(started_at)
+                .chain(end.map(|end| end.at))
+                .fold(row.at, jiff::Timestamp::max),
             last_act_at: self.acts(key).filter(by_player).map(|act| act.at).max().or(started_at),
             ended_at: end.map(|end| end.at),
             void_reason: None,

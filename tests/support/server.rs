@@ -194,6 +194,16 @@ impl Server {
         self.log()
     }
 
+    /// SIGSTOP: the process does not run.
+    pub(crate) fn freeze(&self) {
+        kill_process(Pid::from_child(&self.child), Signal::STOP).expect("it can be told");
+    }
+
+    /// SIGCONT: it goes on.
+    pub(crate) fn thaw(&self) {
+        kill_process(Pid::from_child(&self.child), Signal::CONT).expect("it can be told");
+    }
+
     /// SIGTERM. Returns how the process ended, how long that took, and its log.
     pub(crate) async fn terminate(mut self) -> (ExitStatus, Duration, Vec<String>) {
         self.door.ended.store(self.run, Ordering::SeqCst);

@@ -171,7 +171,7 @@ impl Look {
         let bank = snapshot.banks[agent.index()].min(left);
         Moment {
             acted,
-            deadline: Some(deadline),
+            deadline: Some(app.clock.to_wall(deadline)),
             remaining_ms: Some(millis(left)),
             bank_ms: Some(millis(bank)),
             prompt: None,

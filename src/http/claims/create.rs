@@ -67,7 +67,7 @@ pub(in super::super) async fn create_claim(
     problems.agent_meta(&app.limits, &agent_meta);
     let wanted = wanted(&request, &spec, &mut problems);
     let wanted = problems.none_or(wanted)?;
-    let at = app.clock.now();
+    let at = app.clock.wall();
     let holder = Holder { number: 0, owner, key, model, agent_meta, player: None, at };
     // Everybody has names of their own in each episode.
     let name = name.map(|name| format!("{}/{name}", stored.id));

@@ -66,7 +66,7 @@ pub(in super::super) async fn show_board(
     let view = if caller.is_organizer() {
         BoardView::All
     } else {
-        board_view(&competition.definition, is_revealed, app.clock.now())
+        board_view(&competition.definition, is_revealed, app.clock.wall())
     };
     let (shows, before) = match view {
         BoardView::Nothing => ("nothing", None),

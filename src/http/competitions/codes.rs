@@ -61,7 +61,7 @@ pub(in super::super) async fn create_codes(
             return Err(ApiError::field(&format!("labels[{place}]"), problem));
         }
     }
-    let now = app.clock.now();
+    let now = app.clock.wall();
     if stored.definition.closes_at <= now {
         let detail = format!("the competition closed at {}", stored.definition.closes_at);
         return Err(ApiError::new(Code::Closed, detail));

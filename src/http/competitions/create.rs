@@ -50,7 +50,7 @@ pub(in super::super) async fn create_competition(
     _: Params<Nothing>,
     Json(request, _): Json<CompetitionRequest>,
 ) -> Result<Response, ApiError> {
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let definition = definition(request, now)?;
     let sealed = Sealed::draw(definition.sealed_seeds(), &*app.entropy);
     let id = new_id(now, &*app.entropy);

@@ -49,7 +49,7 @@ pub(in super::super) async fn list_competitions(
     caller.may_look_around(&app.access)?;
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
-    let now = app.clock.now();
+    let now = app.clock.wall();
     while let Some(rows) = page.wants(ROWS_MAX) {
         let stored = app.store.list_competitions(page.place().map(CompetitionKey), rows).await?;
         page.add(rows, stored, |stored| Ok((stored.key.0, shown(&stored, now))))?;

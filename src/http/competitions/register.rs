@@ -108,7 +108,7 @@ async fn register(
     }
     // Nothing is revealed meanwhile.
     let _open = app.runs.while_closed_competitions_wait().await;
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let definition = &competition.definition;
     if definition.closes_at <= now {
         let detail = format!("the competition closed at {}", definition.closes_at);

@@ -33,5 +33,5 @@ pub(in super::super) async fn show_competition(
     _: Params<Nothing>,
 ) -> Result<Json<Competition>, ApiError> {
     let stored = app.competition(&caller, &id).await?;
-    Ok(Json(shown(&stored, app.clock.now())))
+    Ok(Json(shown(&stored, app.clock.wall())))
 }

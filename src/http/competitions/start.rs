@@ -1,5 +1,7 @@
 //! `POST /api/v1/competitions/{id}/attempts`.
 
+use std::time::Duration;
+
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -22,6 +24,9 @@ use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
 use crate::store::tokens::Grant;
 use crate::wire::competition::{AttemptRequest, StartedAttempt};
 use crate::wire::problem::Problem;
+
+/// After how long it is worth a try again where the time of day is in doubt.
+const DOUBT_PAUSE: Duration = Duration::from_secs(5);
 
 /// Start an attempt: the next one that is open, or the one that is asked for.
 ///
@@ -46,6 +51,7 @@ use crate::wire::problem::Problem;
         TokenRefusals,
         (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "`closed`: no attempt is open, or all were started", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`: the server's clock is in doubt; `overloaded`", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(in super::super) async fn start_attempt(
@@ -138,11 +144,19 @@ async fn start(
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // Nothing is revealed between the look at the clock and the new run.
     let _open = app.runs.while_closed_competitions_wait().await;
+    let stored = app.store.find_competition(&competition.id).await?;
+    if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
+        let detail = "the competition is closed: its seeds are open to all";
+        return Err(ApiError::new(Code::Closed, detail));
+    }
+    if let Some(doubt) = app.clock.doubt() {
+        return Err(ApiError::new(Code::Unavailable, doubt.to_string()).retry_after(DOUBT_PAUSE));
+    }
     let attempts = app.store.attempts(competition.key, Some(entrant.key)).await?;
     let counting = attempts.iter().filter(|attempt| attempt.void_reason.is_none());
     let used: Vec<u32> = counting.map(|attempt| attempt.number).collect();
     let definition = &competition.definition;
-    let number = choose(definition, wanted, &used, app.clock.now())
+    let number = choose(definition, wanted, &used, app.clock.wall())
         .map_err(|why| ApiError::new(Code::Closed, why.to_string()))?;
     let seeds = competition.sealed.of_attempt(number, definition.seeds);
     let run = definition.run(&competition.id, &entrant.entrant.declaration, number, seeds);

@@ -58,7 +58,7 @@ pub(in super::super) async fn void_attempt(
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
         if attempt.void_reason.is_none() {
             let detail = json!({ "competition": id, "attempt": attempt.number, "reason": reason });
-            let at = app.clock.now();
+            let at = app.clock.wall();
             let deeds = vec![
                 Entry::VoidRun { run: attempt.run, reason, at },
                 organizer.deed(&app, "attempt.void", &run, detail),

@@ -41,7 +41,7 @@ pub(in super::super) async fn abort_episode(
 ) -> Result<Json<EpisodeSummary>, ApiError> {
     let handle = app.owned(&caller, id).await?;
     let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let deed = caller.audit(owner, now, "episode.abort", handle.id.as_str(), json!({}));
     handle.abort_with(deed.into_iter().collect()).await?;
     let snapshot = handle.snapshot();

@@ -112,7 +112,7 @@ async fn new_episode(
     if app.disk.is_full(least) {
         return Err(ApiError::disk_full(least));
     }
-    let id = EpisodeId::new(app.clock.now(), &*app.entropy);
+    let id = EpisodeId::new(app.clock.wall(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
     let creation = Creation { id, party, purpose, run: None, spec, tokens: rows, idempotency };

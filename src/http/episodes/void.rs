@@ -60,7 +60,7 @@ async fn void(
     let stored = app.store.find_summary(&id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     if stored.void_reason.is_none() {
-        let at = app.clock.now();
+        let at = app.clock.wall();
         let audit = AuditRow {
             at,
             who: key.id.clone(),

@@ -46,7 +46,7 @@ pub(in super::super) async fn create_key(
         let names = Role::ALL.map(Role::name).join(", ");
         ApiError::field("role", format!("must be one of {names}"))
     })?;
-    let now = app.clock.now();
+    let now = app.clock.wall();
     if request.expires_at.is_some_and(|at| at <= now) {
         return Err(ApiError::field("expires_at", "must be in the future"));
     }

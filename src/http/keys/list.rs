@@ -33,7 +33,7 @@ pub(in super::super) async fn list_keys(
     _: Organizer,
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
-    let now = app.clock.now();
+    let now = app.clock.wall();
     let mut page = params.page(&app)?;
     while let Some(rows) = page.wants(ROWS_MAX) {
         let keys = app.store.list_keys(page.place().map(OwnerKey), rows).await?;

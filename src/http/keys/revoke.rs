@@ -41,7 +41,7 @@ pub(in super::super) async fn revoke_key(
 ) -> Result<Json<KeySummary>, ApiError> {
     // What is revoked must be forgotten, too, whoever has hung up meanwhile.
     App::to_its_end(async move {
-        let now = app.clock.now();
+        let now = app.clock.wall();
         let find = async || {
             let key = app.store.keys().await?.into_iter().find(|key| key.id == id);
             key.ok_or_else(|| ApiError::not_found("the key"))

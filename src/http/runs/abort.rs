@@ -50,7 +50,7 @@ pub(in super::super) async fn abort_run(
     }
     App::to_its_end(async move {
         let run = known.stored.run;
-        let at = app.clock.now();
+        let at = app.clock.wall();
         let deed = caller.audit(known.stored.owner, at, "run.abort", &id, json!({}));
         app.runs.end_with(run, RunStatus::Aborted, deed.into_iter().collect()).await?;
         let known = app.known_run(&caller, &id).await?;

@@ -54,7 +54,7 @@ pub(in super::super) async fn replace_run_token(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     App::to_its_end(async move {
-        let deed = caller.audit(owner, app.clock.now(), "run.token", &id, json!({}));
+        let deed = caller.audit(owner, app.clock.wall(), "run.token", &id, json!({}));
         let token = app.new_run_token(run, deed.into_iter().collect()).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))

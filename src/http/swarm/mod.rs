@@ -73,6 +73,14 @@ impl Source {
         }
     }
 
+    /// Finds its episode again, where it is one whose actor has ended.
+    async fn find_again(&mut self, app: &App) -> Result<(), ApiError> {
+        if let Self::Episode(Seated { handle, .. }) = self {
+            *handle = app.episode(&handle.id.clone()).await?;
+        }
+        Ok(())
+    }
+
     /// The seats in one episode, also after its end; none where the token stands for no seat there.
     async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
         match self {

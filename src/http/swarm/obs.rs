@@ -92,6 +92,9 @@ pub(in super::super) async fn get_swarm_obs(
 /// Bytes of an answer beside its observations.
 const REST_BYTES_MAX: usize = 256;
 
+/// How long it takes to look again for an episode whose actor has ended by a fault.
+const GONE_PAUSE: Duration = Duration::from_secs(1);
+
 /// A seat that waits for an act.
 struct Open {
     seat: Cursor,
@@ -131,7 +134,16 @@ async fn wait_for_seats(
                 waiting = Some(app.start_waiting()?);
             }
             tokio::select! {
-                () = any_changed(&mut followed) => {}
+                are_told = any_changed(&mut followed) => if !are_told {
+                    // The actor of one has ended by a fault: it is found again, recovered.
+                    tokio::select! {
+                        () = app.clock.sleep_until(clock::after(app.clock.now(), GONE_PAUSE)) => {}
+                        () = &mut up => is_up = true,
+                        () = app.stop.cancelled() => is_up = true,
+                    }
+                    source.find_again(app).await?;
+                    break;
+                },
                 () = source.changed() => break,
                 () = &mut up => is_up = true,
                 () = app.stop.cancelled() => is_up = true,
@@ -151,19 +163,25 @@ impl Followed {
         Self { published: seated.handle.follow(), seated: Arc::new(seated) }
     }
 
-    /// Completes when another state is published; never, where that cannot be any more.
-    async fn changed(&mut self) {
-        if self.published.changed().await.is_err() {
+    /// Completes when another state is published, with true; or when its actor has ended before the
+    /// episode. Never, where it is over.
+    async fn changed(&mut self) -> bool {
+        if self.published.changed().await.is_ok() {
+            return true;
+        }
+        if self.published.borrow().status.is_over() {
             std::future::pending::<()>().await;
         }
+        false
     }
 }
 
-/// Completes when any of them has changed since it was looked at.
-async fn any_changed(followed: &mut [Followed]) {
+/// Completes when any of them has changed since it was looked at; with false where its actor has ended.
+async fn any_changed(followed: &mut [Followed]) -> bool {
     let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
-    if { changes }.next().await.is_none() {
-        std::future::pending::<()>().await;
+    match { changes }.next().await {
+        Some(is_told) => is_told,
+        None => std::future::pending().await,
     }
 }
 

@@ -1,0 +1,180 @@
+//! Whether the time of day can be relied on.
+//!
+//! The server keeps the time of day by a steady clock, one that nobody sets. The host's own is only
+//! compared with it: small differences are followed slowly, and after a jump neither is believed.
+
+use std::fmt;
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+
+/// How far the host's time of day may lie from the server's. Programs that keep a host's clock change it
+/// by less at once.
+const JUMP_MIN: SignedDuration = SignedDuration::from_secs(1);
+
+/// Smaller differences are followed by one part in this many of the time that has passed.
+const FOLLOWED_PART: i64 = 100;
+
+/// Why the time of day is in doubt. As long as it is, nothing happens because of it that cannot be undone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// The host's clock has jumped by this much against the steady one.
+    Jumped(SignedDuration),
+    /// The host's clock lies behind the newest entry of the database, which is of this moment.
+    Behind(Timestamp),
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Jumped(by) => write!(
+                f,
+                "the clock of the host has jumped by {:+.1} s against the time since the start",
+                by.as_secs_f64()
+            )?,
+            Self::Behind(newest) => write!(
+                f,
+                "the clock of the host lies behind the newest entry of the database, of {newest}"
+            )?,
+        }
+        f.write_str(
+            ": nothing is revealed, closed or abandoned and no attempt starts until it is right \
+             again, or an organizer confirms it",
+        )
+    }
+}
+
+/// What the server takes for the time of day, against a steady clock.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Agreement {
+    /// How far the server's time of day is ahead of the steady clock.
+    ahead: SignedDuration,
+    /// When, by the steady clock, it was last compared with the host's.
+    compared_at: Timestamp,
+    /// An entry of the database that was newer than the host's clock at the start.
+    newest: Option<Timestamp>,
+}
+
+impl Agreement {
+    /// Both clocks agree now.
+    pub(super) fn new(now: Timestamp) -> Self {
+        Self { ahead: SignedDuration::ZERO, compared_at: now, newest: None }
+    }
+
+    /// How far the server's time of day is ahead of the steady clock.
+    pub(super) const fn ahead(&self) -> SignedDuration {
+        self.ahead
+    }
+
+    /// Compares the steady clock with the host's time of day.
+    pub(super) fn compare(&mut self, steady: Timestamp, host: Timestamp) -> Option<Doubt> {
+        let difference = host.duration_since(steady);
+        if let Some(newest) = self.newest {
+            // It is known to be wrong; whoever sets it right need not tell.
+            self.ahead = difference;
+            if host < newest {
+                return Some(Doubt::Behind(newest));
+            }
+            self.newest = None;
+        }
+        let jump = difference - self.ahead;
+        if jump.abs() > JUMP_MIN {
+            return Some(Doubt::Jumped(jump));
+        }
+        let most = millis(steady.duration_since(self.compared_at)) / FOLLOWED_PART;
+        if most > 0 {
+            let step = millis(jump).clamp(-most, most);
+            self.ahead += SignedDuration::from_millis(step);
+            self.compared_at = steady;
+        }
+        None
+    }
+
+    /// Takes the host's time of day for right.
+    pub(super) fn confirm(&mut self, steady: Timestamp, host: Timestamp) {
+        *self = Self { ahead: host.duration_since(steady), compared_at: steady, newest: None };
+    }
+
+    /// Something is known to have happened at `newest`.
+    pub(super) fn not_before(&mut self, newest: Timestamp) {
+        self.newest = Some(newest);
+    }
+}
+
+fn millis(duration: SignedDuration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// A moment moved by a duration that may be negative.
+pub(super) fn moved(at: Timestamp, by: SignedDuration) -> Timestamp {
+    at.saturating_add(by).unwrap_or(at)
+}
+
+/// A duration that can be subtracted.
+pub(super) fn signed(duration: Duration) -> SignedDuration {
+    SignedDuration::try_from(duration).unwrap_or(SignedDuration::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: i64) -> Timestamp {
+        Timestamp::from_millisecond(ms).expect("a time")
+    }
+
+    fn ms(ms: i64) -> SignedDuration {
+        SignedDuration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_jump_is_doubted_until_it_is_taken_back_or_confirmed() {
+        let mut agreement = Agreement::new(at(0));
+        assert_eq!(agreement.compare(at(1_000), at(1_000)), None);
+        for jump in [2_500, -14_000, 3_600_000, 1_001, -1_001] {
+            let doubt = Some(Doubt::Jumped(ms(jump)));
+            assert_eq!(agreement.compare(at(2_000), at(2_000 + jump)), doubt);
+            assert_eq!(agreement.ahead(), ms(0), "the server's own time goes on");
+            assert_eq!(agreement.compare(at(3_000), at(3_000)), None);
+        }
+        agreement.confirm(at(4_000), at(1_000));
+        assert_eq!(agreement.ahead(), ms(-3_000));
+        assert_eq!(agreement.compare(at(5_000), at(2_000)), None);
+        assert_eq!(agreement.compare(at(6_000), at(6_000)), Some(Doubt::Jumped(ms(3_000))));
+    }
+
+    #[test]
+    fn small_differences_are_followed_slowly() {
+        let mut agreement = Agreement::new(at(0));
+        for second in 1..=100 {
+            assert_eq!(agreement.compare(at(second * 1_000), at(second * 1_000 + 900)), None);
+            assert_eq!(agreement.ahead(), ms((second * 10).min(900)));
+        }
+        // However often it is asked.
+        let mut agreement = Agreement::new(at(0));
+        for tick in 1..=1_000 {
+            agreement.compare(at(tick), at(tick + 900));
+        }
+        assert_eq!(agreement.ahead(), ms(10));
+    }
+
+    #[test]
+    fn a_clock_behind_the_newest_entry_is_doubted_until_it_has_passed_it() {
+        let mut agreement = Agreement::new(at(0));
+        agreement.not_before(at(5_000));
+        assert_eq!(agreement.compare(at(1_000), at(1_000)), Some(Doubt::Behind(at(5_000))));
+        assert_eq!(agreement.compare(at(5_000), at(5_000)), None);
+        assert_eq!(agreement.compare(at(6_000), at(4_000)), Some(Doubt::Jumped(ms(-2_000))));
+        // Somebody sets it right.
+        let mut agreement = Agreement::new(at(0));
+        agreement.not_before(at(5_000));
+        assert_eq!(agreement.compare(at(1_000), at(1_000)), Some(Doubt::Behind(at(5_000))));
+        assert_eq!(agreement.compare(at(2_000), at(9_000)), None);
+        assert_eq!(agreement.ahead(), ms(7_000));
+        // Or an organizer says that it is.
+        let mut agreement = Agreement::new(at(0));
+        agreement.not_before(at(5_000));
+        agreement.confirm(at(1_000), at(1_000));
+        assert_eq!(agreement.compare(at(2_000), at(2_000)), None);
+    }
+}

@@ -1,0 +1,356 @@
+//! Time and randomness, the two things that a server takes from its host, as arguments.
+//!
+//! A server goes by two times (ADR 8). The *running time* is for all that takes time:
+//! rounds, waits, timeouts. It is never set, and stands still while the process does. The *time of
+//! day* is for what is written down and for what happens at a moment that was announced; nothing that
+//! cannot be undone happens because of it while it is in [`Doubt`]. Both begin at the same moment, so
+//! a running time is a timestamp, too: [`Clock::to_wall`] and [`Clock::running_at`] lead from one to the
+//! other.
+
+mod agreement;
+mod running;
+
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+use jiff::{SignedDuration, Timestamp};
+use tokio::sync::watch;
+
+pub use agreement::Doubt;
+use agreement::{Agreement, moved, signed};
+pub use running::BEAT;
+use running::Running;
+
+/// Where the time comes from.
+pub trait Clock: Send + Sync + 'static {
+    /// The running time, to the millisecond.
+    fn now(&self) -> Timestamp;
+
+    /// Completes once [`Clock::now`] has reached `at`.
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>>;
+
+    /// The time of day, to the millisecond.
+    fn wall(&self) -> Timestamp {
+        self.to_wall(self.now())
+    }
+
+    /// The time of day at a moment of the running time.
+    fn to_wall(&self, running: Timestamp) -> Timestamp {
+        running
+    }
+
+    /// The running time at a moment of the time of day, as if the process always ran.
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
+        wall
+    }
+
+    /// A time that only goes on, also while the process is stopped.
+    fn steady(&self) -> Timestamp {
+        self.now()
+    }
+
+    /// For how long the process was stopped so far.
+    fn lost(&self) -> Duration {
+        Duration::ZERO
+    }
+
+    /// Why the time of day is in doubt at this moment, if it is.
+    fn doubt(&self) -> Option<Doubt> {
+        None
+    }
+
+    /// The time of day by the host's own clock, whether it is in doubt or not.
+    fn host(&self) -> Timestamp {
+        self.wall()
+    }
+
+    /// Takes the host's time of day for right.
+    fn confirm(&self) {}
+
+    /// Something happened at `newest` for certain: an earlier time of day is in doubt.
+    fn not_before(&self, _newest: Timestamp) {}
+}
+
+/// The host's clock as it is, for programs that only ask and wait.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SystemClock;
+
+impl Clock for SystemClock {
+    #[expect(clippy::disallowed_methods, reason = "the one place that reads the host's clock")]
+    fn now(&self) -> Timestamp {
+        to_millisecond(Timestamp::now())
+    }
+
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        // The time is cut to milliseconds, so the sleeper waits for the end of the last one.
+        let wait = until(self.now(), at) + Duration::from_millis(1);
+        Box::pin(tokio::time::sleep(wait))
+    }
+}
+
+/// The clock of a server: it is to be looked at every [`BEAT`] at least. Cloning shares it.
+#[derive(Clone, Debug)]
+pub struct ServerClock(Arc<Started>);
+
+#[derive(Debug)]
+struct Started {
+    at: Timestamp,
+    since: Instant,
+    times: Mutex<Times>,
+}
+
+/// The running time and the time of day.
+#[derive(Debug)]
+struct Times {
+    running: Running,
+    agreement: Agreement,
+}
+
+impl Times {
+    /// How far the time of day is ahead of the running time.
+    fn ahead(&self) -> SignedDuration {
+        signed(self.running.lost()) + self.agreement.ahead()
+    }
+}
+
+impl Default for ServerClock {
+    fn default() -> Self {
+        let at = SystemClock.now();
+        let times = Times { running: Running::default(), agreement: Agreement::new(at) };
+        Self(Arc::new(Started { at, since: Instant::now(), times: Mutex::new(times) }))
+    }
+}
+
+impl ServerClock {
+    fn times(&self) -> MutexGuard<'_, Times> {
+        self.0.times.lock().expect("nothing panics while it holds this")
+    }
+}
+
+impl Clock for ServerClock {
+    fn now(&self) -> Timestamp {
+        let running = self.times().running.at(self.0.since.elapsed());
+        to_millisecond(after(self.0.at, running))
+    }
+
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        let clock = self.clone();
+        Box::pin(async move {
+            // Where the process was stopped meanwhile, some of the time has not passed.
+            loop {
+                let wait = until(clock.now(), at);
+                if wait.is_zero() {
+                    return;
+                }
+                tokio::time::sleep(wait + Duration::from_millis(1)).await;
+            }
+        })
+    }
+
+    fn wall(&self) -> Timestamp {
+        to_millisecond(moved(self.steady(), self.times().agreement.ahead()))
+    }
+
+    fn to_wall(&self, running: Timestamp) -> Timestamp {
+        to_millisecond(moved(running, self.times().ahead()))
+    }
+
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
+        to_millisecond(moved(wall, -self.times().ahead()))
+    }
+
+    fn steady(&self) -> Timestamp {
+        to_millisecond(after(self.0.at, self.0.since.elapsed()))
+    }
+
+    fn lost(&self) -> Duration {
+        self.times().running.lost()
+    }
+
+    fn doubt(&self) -> Option<Doubt> {
+        let mut times = self.times();
+        times.agreement.compare(self.steady(), self.host())
+    }
+
+    fn host(&self) -> Timestamp {
+        SystemClock.now()
+    }
+
+    fn confirm(&self) {
+        self.times().agreement.confirm(self.steady(), self.host());
+    }
+
+    fn not_before(&self, newest: Timestamp) {
+        self.times().agreement.not_before(newest);
+    }
+}
+
+/// A clock that moves only when it is told to: for tests, which never sleep.
+#[derive(Debug)]
+pub struct ManualClock {
+    now: watch::Sender<Timestamp>,
+    /// What was done to the host.
+    host: Mutex<ManualHost>,
+}
+
+#[derive(Debug)]
+struct ManualHost {
+    /// How far its time of day is ahead of the steady clock.
+    ahead: SignedDuration,
+    /// For how long the process was stopped.
+    lost: Duration,
+    agreement: Agreement,
+}
+
+impl ManualClock {
+    /// A clock that stands at `start`.
+    #[must_use]
+    pub fn new(start: Timestamp) -> Self {
+        let start = to_millisecond(start);
+        let agreement = Agreement::new(start);
+        let host = ManualHost { ahead: SignedDuration::ZERO, lost: Duration::ZERO, agreement };
+        Self { now: watch::Sender::new(start), host: Mutex::new(host) }
+    }
+
+    /// Moves the clock forward and wakes whoever waited for that.
+    pub fn advance(&self, by: Duration) {
+        self.now.send_modify(|now| *now = after(*now, by));
+    }
+
+    /// Sets the host's time of day by `by` forward, or back.
+    pub fn step(&self, by: SignedDuration) {
+        self.manual().ahead += by;
+    }
+
+    /// Time passes while the process is stopped.
+    pub fn stop(&self, by: Duration) {
+        self.manual().lost += by;
+    }
+
+    fn manual(&self) -> MutexGuard<'_, ManualHost> {
+        self.host.lock().expect("nothing panics while it holds this")
+    }
+
+    fn ahead(&self) -> SignedDuration {
+        let host = self.manual();
+        signed(host.lost) + host.agreement.ahead()
+    }
+}
+
+impl Clock for ManualClock {
+    fn now(&self) -> Timestamp {
+        *self.now.borrow()
+    }
+
+    fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        let mut now = self.now.subscribe();
+        Box::pin(async move {
+            // A clock that is gone moves no more.
+            if now.wait_for(|now| *now >= at).await.is_err() {
+                std::future::pending::<()>().await;
+            }
+        })
+    }
+
+    fn to_wall(&self, running: Timestamp) -> Timestamp {
+        moved(running, self.ahead())
+    }
+
+    fn running_at(&self, wall: Timestamp) -> Timestamp {
+        moved(wall, -self.ahead())
+    }
+
+    fn steady(&self) -> Timestamp {
+        after(self.now(), self.lost())
+    }
+
+    fn lost(&self) -> Duration {
+        self.manual().lost
+    }
+
+    fn doubt(&self) -> Option<Doubt> {
+        let (steady, host) = (self.steady(), self.host());
+        self.manual().agreement.compare(steady, host)
+    }
+
+    fn host(&self) -> Timestamp {
+        let steady = self.steady();
+        moved(steady, self.manual().ahead)
+    }
+
+    fn confirm(&self) {
+        let (steady, host) = (self.steady(), self.host());
+        self.manual().agreement.confirm(steady, host);
+    }
+
+    fn not_before(&self, newest: Timestamp) {
+        self.manual().agreement.not_before(newest);
+    }
+}
+
+/// The moment `by` after `at`; the last representable one where that is too late.
+#[must_use]
+pub fn after(at: Timestamp, by: Duration) -> Timestamp {
+    at.saturating_add(by).unwrap_or(Timestamp::MAX)
+}
+
+/// How long it is from `now` until `at`; zero where it has passed.
+#[must_use]
+pub fn until(now: Timestamp, at: Timestamp) -> Duration {
+    Duration::try_from(at.duration_since(now)).unwrap_or_default()
+}
+
+/// A duration in whole milliseconds.
+#[must_use]
+pub fn millis(duration: Duration) -> u64 {
+    u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
+}
+
+fn to_millisecond(at: Timestamp) -> Timestamp {
+    Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at)
+}
+
+/// Where random bytes come from: ids, tokens and drawn seeds.
+pub trait Entropy: Send + Sync + 'static {
+    /// Fills `bytes` with bytes that nobody can foresee.
+    fn fill(&self, bytes: &mut [u8]);
+}
+
+/// The host's source of secure random bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SystemEntropy;
+
+impl Entropy for SystemEntropy {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the one place that asks the host for randomness"
+    )]
+    fn fill(&self, bytes: &mut [u8]) {
+        getrandom::fill(bytes).expect("the host gives random bytes");
+    }
+}
+
+/// Random bytes that follow from a seed: for tests that must be repeatable.
+#[derive(Debug)]
+pub struct SeededEntropy(Mutex<u64>);
+
+impl SeededEntropy {
+    /// The sequence that belongs to `seed`.
+    #[must_use]
+    pub const fn new(seed: u64) -> Self {
+        Self(Mutex::new(seed))
+    }
+}
+
+impl Entropy for SeededEntropy {
+    fn fill(&self, bytes: &mut [u8]) {
+        use sha2::{Digest, Sha256};
+        let mut counter = self.0.lock().expect("nothing panics while it holds this");
+        for chunk in bytes.chunks_mut(32) {
+            *counter = counter.wrapping_add(1);
+            let block = Sha256::digest(counter.to_le_bytes());
+            chunk.copy_from_slice(&block[..chunk.len()]);
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! `POST /api/v1/clock/confirm`.
+
+use axum::Json;
+use axum::extract::State;
+use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::json;
+use utoipa::ToSchema;
+
+use super::App;
+use super::auth::Organizer;
+use super::error::ApiError;
+use super::extract::{Nothing, Params};
+use super::refusals::{QueryRefusals, TokenRefusals};
+use crate::journal::{AuditRow, Entry, Journal};
+use crate::store::clock::CONFIRMED;
+use crate::wire::problem::Problem;
+
+/// The time of day that the server goes by.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub(super) struct ConfirmedClock {
+    /// The time of day from now on: that of the host.
+    #[schema(value_type = String, format = "date-time")]
+    now: Timestamp,
+    /// By how many milliseconds the server's time of day was set; negative where it was set back.
+    moved_ms: i64,
+}
+
+/// Confirm that the clock of the server's host is right.
+///
+/// While the time of day is in doubt (`/readyz` says so) nothing is revealed, closed or abandoned because of it and no
+/// attempt starts. From now on the server goes by the host's clock. Look at that clock first: what is revealed by a
+/// wrong one stays revealed.
+#[utoipa::path(
+    post,
+    path = "/api/v1/clock/confirm",
+    operation_id = "confirm_clock",
+    tag = "host",
+    security(("key" = [])),
+    responses(
+        (status = 200, description = "The server goes by the host's clock", body = ConfirmedClock),
+        QueryRefusals,
+        TokenRefusals,
+        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn confirm_clock(
+    State(app): State<App>,
+    organizer: Organizer,
+    _: Params<Nothing>,
+) -> Result<Json<ConfirmedClock>, ApiError> {
+    App::to_its_end(async move {
+        let newest = app.store.newest_entry_at().await?;
+        let (before, host) = (app.clock.wall(), app.clock.host());
+        let doubt = app.clock.doubt().map(|doubt| doubt.to_string());
+        let moved_ms = host.as_millisecond() - before.as_millisecond();
+        let detail = json!({
+            "moved_ms": moved_ms, "doubt": doubt, "newest_ms": newest.map(Timestamp::as_millisecond),
+        });
+        let deed = AuditRow {
+            at: host,
+            who: organizer.key.id.clone(),
+            action: CONFIRMED,
+            subject: "clock".to_owned(),
+            detail,
+        };
+        app.store.keep(vec![Entry::Audit(Box::new(deed))]).await?;
+        app.clock.confirm();
+        tracing::warn!(now = %app.clock.wall(), moved_ms, "an organizer confirmed the clock");
+        Ok(Json(ConfirmedClock { now: app.clock.wall(), moved_ms }))
+    })
+    .await
+}
