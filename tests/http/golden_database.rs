@@ -14,7 +14,6 @@ use std::fs::{self, File};
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
