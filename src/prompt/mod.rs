@@ -6,17 +6,21 @@
 //!
 //! - it may print, branch and loop over what it is given, with a few filters, but make nothing that
 //!   could grow: no assignments, no lists, no calls, no concatenation, nothing included;
-//! - it runs for a bounded number of instructions, and its text is bounded.
+//! - it runs for a bounded number of instructions, what it reads is bounded, and its text is.
 
 pub mod tasks;
+mod work;
 
 use std::io;
+use std::sync::Arc;
 
 use minijinja::machinery::ast::{BinOpKind, CallArg, Expr, Stmt};
 use minijinja::syntax::SyntaxConfig;
 use minijinja::{Environment, Error, ErrorKind, UndefinedBehavior};
 use serde::Serialize;
 use swarmbench_engine::{Action, AgentId, Config, Control};
+
+use work::{READ_BYTES_MAX, Work, count_filters, counted};
 
 use crate::wire::Position;
 use crate::wire::observation::{Cell, HistoryEntry, Sight};
@@ -30,8 +34,15 @@ pub const TEMPLATE_BYTES_MAX: usize = 32 * 1024;
 /// Instructions that a template may run for.
 const FUEL_MAX: u64 = 200_000;
 
-/// Bytes that a prompt may have.
-const PROMPT_BYTES_MAX: usize = 1024 * 1024;
+/// Bytes that a prompt may have in any case: many times those of the built-in one in the standard setting.
+pub const PROMPT_BYTES_MAX: usize = 128 * 1024;
+
+/// Bytes that it may have beside that for each cell that the seat sees or remembers: the built-in prompt
+/// needs 5.
+pub const PROMPT_BYTES_PER_CELL_MAX: usize = 8;
+
+/// Bytes of a text in an expression. Text outside of expressions may be as long as the template.
+const CONSTANT_BYTES_MAX: usize = 1024;
 
 /// Filters that a template may use; none of them can make a value larger than its parts.
 const FILTERS: [&str; 8] =
@@ -74,22 +85,39 @@ pub fn check(template: &str) -> Result<(), TemplateError> {
 /// # Errors
 /// Where the template fails on it or exceeds its bounds.
 pub fn render(template: &str, sight: &Sight, config: &Config) -> Result<String, TemplateError> {
-    let environment = environment();
+    let work = Work::new();
+    let environment = environment(&work);
     let template = environment.template_from_str(template)?;
-    let mut text = Bounded(Vec::new());
+    let mut text = Bounded { bytes: Vec::new(), most: bytes_max(sight) };
+    let most = text.most;
     let context = minijinja::Value::from(minijinja::value::Serde(Context::new(sight, config)));
-    template.render_captured_to(context, &mut text).map_err(|error| {
+    let rendered = template.render_captured_to(counted(context, &work), &mut text).map(drop);
+    if work.is_over() {
+        return Err(TemplateError(format!("the template reads more than {READ_BYTES_MAX} bytes")));
+    }
+    rendered.map_err(|error| {
         if error.kind() == ErrorKind::WriteFailure {
-            TemplateError(format!("the prompt has more than {PROMPT_BYTES_MAX} bytes"))
+            TemplateError(format!("the prompt has more than {most} bytes"))
         } else {
             error.into()
         }
     })?;
-    String::from_utf8(text.0).map_err(|error| TemplateError(error.to_string()))
+    String::from_utf8(text.bytes).map_err(|error| TemplateError(error.to_string()))
 }
 
-fn environment() -> Environment<'static> {
+/// Bytes that a prompt may have for what a seat sees.
+fn bytes_max(sight: &Sight) -> usize {
+    let cells = |rows: &Vec<Vec<Cell>>| rows.iter().map(Vec::len).sum::<usize>();
+    let now: usize = sight.view.iter().map(|view| cells(&view.cells)).sum();
+    let past: usize = sight.past_views.iter().map(|past| cells(&past.cells)).sum();
+    // A line for each, with what stands around it.
+    let messages: usize = sight.messages.iter().map(|message| 16 + 2 * message.len()).sum();
+    PROMPT_BYTES_MAX + PROMPT_BYTES_PER_CELL_MAX * (now + past) + messages
+}
+
+fn environment(work: &Arc<Work>) -> Environment<'static> {
     let mut environment = Environment::new();
+    count_filters(&mut environment, work);
     environment.set_fuel(Some(FUEL_MAX));
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_syntax(syntax());
@@ -103,14 +131,17 @@ fn syntax() -> SyntaxConfig {
 }
 
 /// Text of a bounded length.
-struct Bounded(Vec<u8>);
+struct Bounded {
+    bytes: Vec<u8>,
+    most: usize,
+}
 
 impl io::Write for Bounded {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.0.len() + bytes.len() > PROMPT_BYTES_MAX {
+        if self.bytes.len() + bytes.len() > self.most {
             return Err(io::ErrorKind::FileTooLarge.into());
         }
-        self.0.extend_from_slice(bytes);
+        self.bytes.extend_from_slice(bytes);
         Ok(bytes.len())
     }
 
@@ -155,6 +186,11 @@ fn check_expression(expression: &Expr<'_>) -> Result<(), TemplateError> {
         _ => refuse("named and spread arguments"),
     };
     match expression {
+        Expr::Const(text)
+            if text.value.as_str().is_some_and(|text| text.len() > CONSTANT_BYTES_MAX) =>
+        {
+            refuse(&format!("a text of more than {CONSTANT_BYTES_MAX} bytes in an expression"))
+        }
         Expr::Var(_) | Expr::Const(_) => Ok(()),
         Expr::UnaryOp(operation) => check_expression(&operation.expr),
         Expr::BinOp(operation) => {
@@ -215,7 +251,7 @@ struct Context<'a> {
     /// The oldest first, as one reads.
     history: Vec<&'a HistoryEntry>,
     /// The current one first.
-    views: Vec<ViewContext>,
+    views: Vec<ViewContext<'a>>,
     actions: Vec<ActionContext>,
     /// The size of a view.
     height: usize,
@@ -225,14 +261,14 @@ struct Context<'a> {
 }
 
 #[derive(Serialize)]
-struct ViewContext {
+struct ViewContext<'a> {
     round: u32,
     /// How many rounds ago it was seen.
     ago: u32,
     /// `Now`, `1 step ago`, `2 steps ago` …
     label: String,
     origin: Position,
-    cells: Vec<Vec<Cell>>,
+    cells: &'a [Vec<Cell>],
     /// A table with the numbers of rows and columns at its edges.
     text: String,
 }
@@ -247,21 +283,14 @@ impl<'a> Context<'a> {
     fn new(sight: &'a Sight, config: &Config) -> Self {
         let now = sight.view.iter().map(|view| (sight.round, view.origin, &view.cells));
         let past = sight.past_views.iter().map(|past| (past.round, past.origin, &past.cells));
-        let view = |(round, origin, cells): (u32, Position, &Vec<Vec<Cell>>)| {
+        let view = |(round, origin, cells): (u32, Position, &'a Vec<Vec<Cell>>)| {
             let ago = sight.round - round;
             let label = match ago {
                 0 => "Now".to_owned(),
                 1 => "1 step ago".to_owned(),
                 _ => format!("{ago} steps ago"),
             };
-            ViewContext {
-                round,
-                ago,
-                label,
-                origin,
-                cells: cells.clone(),
-                text: table(origin, cells),
-            }
+            ViewContext { round, ago, label, origin, cells, text: table(origin, cells) }
         };
         let centralized = config.control() == Control::Centralized;
         let current = sight.view.as_ref().map(|view| &view.cells);
@@ -297,10 +326,15 @@ impl<'a> Context<'a> {
 fn table(origin: Position, cells: &[Vec<Cell>]) -> String {
     use std::fmt::Write;
     const WIDTH: usize = 5;
-    let mut text = " ".repeat(WIDTH);
     let width = cells.first().map_or(0, Vec::len);
+    let mut text = String::with_capacity(WIDTH * (width + 1) * (cells.len() + 1));
+    text.push_str("     ");
     let write = |text: &mut String, what: &dyn std::fmt::Display| {
-        write!(text, "{:<WIDTH$}", what.to_string()).expect("a string takes everything");
+        let end = text.len() + WIDTH;
+        write!(text, "{what}").expect("a string takes everything");
+        while text.len() < end {
+            text.push(' ');
+        }
     };
     for (j, _) in (origin.j..).zip(0..width) {
         write(&mut text, &j);
@@ -444,6 +478,7 @@ mod tests {
             "{{ debug() }}",
             "{{ agent.upper() }}",
             "{{ agent is matching('a') }}",
+            &format!("{{{{ '{}' in agent }}}}", "a".repeat(1025)),
         ] {
             assert!(check(refused).is_err(), "{refused}");
         }
@@ -465,9 +500,72 @@ mod tests {
         assert!(fuel.contains("fuel"), "{fuel}");
         let (loops, ends) = ("{% for a in views[0].cells %}".repeat(4), "{% endfor %}".repeat(4));
         let long = fails(&format!("{loops}{}{ends}", "long ".repeat(5000)));
-        assert!(long.contains("bytes"), "{long}");
+        assert!(long.contains("more than 132"), "{long}");
         let missing = fails("{{ seed }}");
         assert!(missing.contains("undefined"), "{missing}");
+    }
+
+    /// A template of its own finds what it is given as it always did: lists, fields, keys, whole values.
+    #[test]
+    fn what_is_counted_looks_as_if_it_were_not() {
+        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 2, 3);
+        let template = "{{ views[-1].round }} {{ views|length }} {{ views|first == views[0] }} {{ 'P' in views[0].text }} \
+            {{ position }} {% for key in position %}{{ key }}{% endfor %} {{ task.name is defined }} \
+            {{ task.nothing is defined }} {{ messages }} {{ views[0].cells[0] }} {{ 'x' in messages }} {{ views == views }}";
+        assert_eq!(check(template), Ok(()));
+        let environment = environment(&Work::new());
+        let native = minijinja::Value::from(minijinja::value::Serde(Context::new(&sight, &config)));
+        let native = environment.template_from_str(template).expect("a template").render(native);
+        assert_eq!(render(template, &sight, &config), Ok(native.expect("it renders")));
+    }
+
+    #[test]
+    fn the_built_in_prompt_fits_for_all_that_can_be_seen() {
+        let standard = Settings::standard(TaskName::Foraging, 1);
+        let large = Settings { width: 256, height: 256, ..standard.clone() };
+        for settings in [
+            Settings { num_agents: 1, view_size: 513, memory: 0, ..large.clone() },
+            Settings { num_agents: 1, view_size: 255, memory: 1, ..large.clone() },
+            Settings { num_agents: 1, view_size: 3, memory: 50, ..large.clone() },
+            Settings { control: "centralized".to_owned(), memory: 1, num_agents: 16, ..large },
+            Settings {
+                num_agents: 362,
+                view_size: 51,
+                memory: 1,
+                width: 40,
+                height: 40,
+                ..standard
+            },
+        ] {
+            Config::admit(&settings).expect("settings of a new game");
+            let (mut sight, config) = sight(&settings, settings.memory.try_into().expect("few"), 0);
+            for message in &mut sight.messages {
+                *message = "\u{1f41d}".repeat(123);
+            }
+            let prompt = render(BUILT_IN, &sight, &config);
+            let prompt = prompt.unwrap_or_else(|error| panic!("{settings:?}: {error}"));
+            assert!(prompt.len() <= bytes_max(&sight));
+        }
+    }
+
+    #[test]
+    fn what_templates_read_is_bounded() {
+        let settings = Settings { view_size: 21, ..Settings::standard(TaskName::Transport, 27) };
+        let (sight, config) = sight(&settings, 5, 3);
+        for reads in [
+            "{% if views == views %}{% endif %}",
+            "{% if agent in views[0].text %}{% endif %}",
+            "{% if views[0].text|upper|lower|trim|length == 0 %}{% endif %}",
+            "{% if views[0].cells|upper == views[1] %}{% endif %}",
+            "{% if score|round(-300) %}{% endif %}",
+        ] {
+            let (loops, ends) =
+                ("{% for a in views[0].cells %}".repeat(4), "{% endfor %}".repeat(4));
+            let template = format!("{loops}{reads}{ends}");
+            assert_eq!(check(&template), Ok(()), "{template}");
+            let reads = render(&template, &sight, &config).expect_err(reads).to_string();
+            assert!(reads.contains("reads more than 16777216 bytes"), "{template}: {reads}");
+        }
     }
 
     #[test]
