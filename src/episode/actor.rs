@@ -502,7 +502,6 @@ fn snapshot(lockstep: &Lockstep, world: &Arc<World>, head: Head) -> Arc<Snapshot
         place: OnceLock::new(),
         banks: lockstep.banks(),
         acted: (0..agents).map(|_| AtomicBool::new(false)).collect(),
-        written: (0..agents).map(|_| OnceLock::new()).collect(),
     };
     for agent in lockstep.acted() {
         snapshot.set_acted(agent);

@@ -19,7 +19,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use bytes::Bytes;
 use jiff::Timestamp;
 use swarmbench_engine::{AgentId, World};
 
@@ -28,7 +27,7 @@ use crate::journal::chain::Head;
 use spec::Spec;
 
 /// Where an episode stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Status {
     /// Created, not started.
     Waiting,
@@ -150,8 +149,6 @@ pub struct Snapshot {
     pub banks: Vec<Duration>,
     /// By agent, whether it acted in the open round, durably.
     acted: Vec<AtomicBool>,
-    /// By agent, room for its observation as it was written out once.
-    pub written: Vec<OnceLock<Bytes>>,
 }
 
 impl Snapshot {

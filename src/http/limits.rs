@@ -17,6 +17,8 @@ pub struct Limits {
     pub observations_max: usize,
     /// Observations in one answer where nobody says how many.
     pub observations_default: usize,
+    /// Bytes of an answer that is made in memory: lists and observations go on in the next one.
+    pub answer_bytes_max: usize,
     /// Episodes in one page.
     pub page_items_max: u32,
     /// Episodes in one page where nobody says how many.
@@ -94,6 +96,7 @@ impl Default for Limits {
             acts_max: 1024,
             observations_max: 1024,
             observations_default: 256,
+            answer_bytes_max: 8_000_000,
             page_items_max: 1000,
             page_items_default: 50,
             wait_s_max: 60,
@@ -144,7 +147,7 @@ impl Limits {
 
     /// All limits by their names.
     #[must_use]
-    pub fn table(&self) -> [(&'static str, u64); 38] {
+    pub fn table(&self) -> [(&'static str, u64); 39] {
         [
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
@@ -152,6 +155,7 @@ impl Limits {
             ("acts_max", self.acts_max as u64),
             ("observations_max", self.observations_max as u64),
             ("observations_default", self.observations_default as u64),
+            ("answer_bytes_max", self.answer_bytes_max as u64),
             ("page_items_max", self.page_items_max.into()),
             ("page_items_default", self.page_items_default.into()),
             ("wait_s_max", self.wait_s_max.into()),

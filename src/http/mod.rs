@@ -19,6 +19,7 @@ mod keys;
 pub mod limits;
 pub mod openapi;
 mod pace;
+mod page;
 mod refusals;
 mod router;
 mod runs;
@@ -45,6 +46,7 @@ use crate::run::manager::Runs;
 use crate::standings::Standings;
 use crate::store::Store;
 use crate::store::tokens::Grant;
+use agent::look::Sights;
 use auth::Access;
 use client::Rates;
 use error::{ApiError, Code};
@@ -106,6 +108,8 @@ pub struct Shared {
     revocations: AtomicU64,
     /// Tells this run of the server from others.
     boot: u64,
+    /// What seats see in open rounds, as it was written.
+    sights: Sights,
     waits: Arc<AtomicUsize>,
     /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
     /// what is new to one look is new to all that come after it.
@@ -140,6 +144,7 @@ impl App {
             tokens: Cache::new(TOKENS_CACHED),
             revocations: AtomicU64::new(0),
             boot: u64::from_le_bytes(boot),
+            sights: Sights::new(),
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
             arriving: AtomicUsize::new(0),

@@ -317,7 +317,6 @@ impl Config {
         check.done()
     }
 
-    /// The cells that one agent sees.
     fn window_cells(&self) -> i64 {
         match self.control {
             Control::Decentralized => i64::from(self.view_size) * i64::from(self.view_size),
@@ -325,10 +324,10 @@ impl Config {
         }
     }
 
-    /// The most cells that one observation has: the window now, and those that are remembered.
+    /// The cells that one agent sees.
     #[must_use]
-    pub fn observed_cells_max(&self) -> usize {
-        cast::<_, usize>(self.window_cells()) * self.memory.max(1)
+    pub fn window(&self) -> usize {
+        cast(self.window_cells())
     }
 
     /// The settings that give this configuration.

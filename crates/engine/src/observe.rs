@@ -223,6 +223,18 @@ impl World {
         }
     }
 
+    /// About how much there is in an observation, in cells: those of all windows, and as many as the
+    /// texts of messages are worth.
+    #[must_use]
+    pub fn observation_cells(&self, agent: AgentId) -> usize {
+        const TEXT_CELLS: usize = 16;
+        let config = &*self.config;
+        let views = self.past.len().min(config.memory.saturating_sub(1));
+        let now = usize::from(self.is_alive(agent));
+        let texts = self.mail.inbox[agent.index()].len() + self.past.len();
+        config.window() * (now + views) + TEXT_CELLS * texts
+    }
+
     /// What a spectator sees now.
     #[must_use]
     pub fn spectacle(&self) -> Spectacle {

@@ -12,7 +12,8 @@ use super::super::auth::Seat;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Json, Params, wait};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
-use super::obs::{is_past, json, observation, with_field};
+use super::look::{Look, observation};
+use super::obs::{is_past, json, with_field};
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use crate::journal::record::{self, ActRecord, Source};
@@ -70,9 +71,13 @@ pub(in super::super) async fn post_act(
     // The act is durable: where there is no place to wait, its receipt is told all the same.
     let waited = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
-        Some(snapshot) => observation(&app, &handle, &snapshot, agent, false).await?,
-        None => b"null".to_vec(),
+        Some(snapshot) => {
+            observation(&app, Look::now(&app, &handle, &snapshot, agent), false).await
+        }
+        None => Ok(b"null".to_vec()),
     };
+    // So too where nobody has time to write what comes next.
+    let next = next.unwrap_or_else(|_| b"null".to_vec());
     Ok(json(with_field(&receipt, "obs", &next)))
 }
 

@@ -1,4 +1,5 @@
 //! What an agent needs: look and act.
 
 pub(super) mod act;
+pub(super) mod look;
 pub(super) mod obs;

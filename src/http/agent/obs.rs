@@ -3,9 +3,7 @@
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::AgentId;
 use utoipa::IntoParams;
 
 use super::super::App;
@@ -13,12 +11,9 @@ use super::super::auth::Seat;
 use super::super::error::ApiError;
 use super::super::extract::{Params, wait};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
-use crate::clock::{millis, until};
+use super::look::{Look, observation};
 use crate::episode::Snapshot;
-use crate::episode::actor::Handle;
-use crate::prompt::{self, tasks};
-use crate::wire::episode::EpisodeResult;
-use crate::wire::observation::{Moment, Observation, Sight};
+use crate::wire::observation::Observation;
 use crate::wire::problem::Problem;
 
 /// How to look.
@@ -66,8 +61,8 @@ pub(in super::super) async fn get_obs(
         }
         None => seat.handle.snapshot(),
     };
-    let body = observation(&app, &seat.handle, &snapshot, seat.agent, params.prompt).await?;
-    Ok(json(body))
+    let look = Look::now(&app, &seat.handle, &snapshot, seat.agent);
+    Ok(json(observation(&app, look, params.prompt).await?))
 }
 
 /// An answer whose body is written out already.
@@ -92,90 +87,4 @@ pub(in super::super) fn with_field(object: &impl Serialize, name: &str, value: &
 /// Whether there is more to see than in round `round`.
 pub(in super::super) fn is_past(snapshot: &Snapshot, round: u32) -> bool {
     snapshot.status.is_over() || snapshot.world.round() > round
-}
-
-/// An observation as JSON. Its larger part is written once a round and shared.
-pub(in super::super) async fn observation(
-    app: &App,
-    handle: &Handle,
-    snapshot: &Snapshot,
-    agent: AgentId,
-    with_prompt: bool,
-) -> Result<Vec<u8>, ApiError> {
-    let acted = snapshot.has_acted(agent);
-    written(app, handle, snapshot, agent, acted, with_prompt).await
-}
-
-/// The observation of a seat that waited for an act when it was looked at, as it was then: it may have acted
-/// while others were written out.
-pub(in super::super) async fn waiting_observation(
-    app: &App,
-    handle: &Handle,
-    snapshot: &Snapshot,
-    agent: AgentId,
-    with_prompt: bool,
-) -> Result<Vec<u8>, ApiError> {
-    written(app, handle, snapshot, agent, false, with_prompt).await
-}
-
-async fn written(
-    app: &App,
-    handle: &Handle,
-    snapshot: &Snapshot,
-    agent: AgentId,
-    acted: bool,
-    with_prompt: bool,
-) -> Result<Vec<u8>, ApiError> {
-    let mut moment = moment(app, handle, snapshot, agent, acted);
-    if with_prompt {
-        let sight = sight(handle, snapshot, agent);
-        let spec = std::sync::Arc::clone(&handle.spec);
-        let work = move || prompt::render(&spec.prompt_template, &sight, &spec.config);
-        moment.prompt = Some(app.render(work).await??);
-    }
-    let sight = snapshot.written[agent.index()].get_or_init(|| {
-        Bytes::from(serde_json::to_vec(&sight(handle, snapshot, agent)).expect("string keys"))
-    });
-    let moment = serde_json::to_vec(&moment).expect("string keys");
-    // Two objects are joined to one: `{…` and `,…}`.
-    let mut body = Vec::with_capacity(sight.len() + moment.len());
-    body.extend_from_slice(&sight[..sight.len() - 1]);
-    body.push(b',');
-    body.extend_from_slice(&moment[1..]);
-    Ok(body)
-}
-
-fn sight(handle: &Handle, snapshot: &Snapshot, agent: AgentId) -> Sight {
-    Sight::of(
-        &snapshot.world.observe(agent),
-        handle.id.to_string(),
-        tasks::description(&handle.spec.config),
-        snapshot.status.into(),
-        result(snapshot),
-    )
-}
-
-/// How an episode ended, as it is shown.
-pub(in super::super) fn result(snapshot: &Snapshot) -> Option<EpisodeResult> {
-    snapshot.outcome.map(|outcome| EpisodeResult {
-        reason: outcome.ending.name().to_owned(),
-        score: snapshot.world.score(),
-        rounds: snapshot.world.round(),
-        journal_head: snapshot.head.to_string(),
-    })
-}
-
-fn moment(app: &App, handle: &Handle, snapshot: &Snapshot, agent: AgentId, acted: bool) -> Moment {
-    let deadline = snapshot.deadline(&handle.spec, agent);
-    let Some(deadline) = deadline else { return Moment { acted, ..Moment::default() } };
-    let left = until(app.clock.now(), deadline);
-    // The round's own clock runs first, then the bank.
-    let bank = snapshot.banks[agent.index()].min(left);
-    Moment {
-        acted,
-        deadline: Some(deadline),
-        remaining_ms: Some(millis(left)),
-        bank_ms: Some(millis(bank)),
-        prompt: None,
-    }
 }

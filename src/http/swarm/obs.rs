@@ -13,7 +13,8 @@ use tokio::sync::watch;
 use utoipa::IntoParams;
 
 use super::super::App;
-use super::super::agent::obs::{json, waiting_observation, with_field};
+use super::super::agent::look::{Look, observations};
+use super::super::agent::obs::{json, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
@@ -43,7 +44,8 @@ pub(in super::super) struct SwarmObsParams {
 
 /// Look for several seats: the observations that wait for an act, oldest first.
 ///
-/// At least one, unless the time was up or all is over.
+/// At least one, unless the time was up or all is over. An answer has at most 8 MB: it may have fewer
+/// observations than `limit`, and its cursor stands at the last one that it has.
 #[utoipa::path(
     get,
     path = "/swarm/obs",
@@ -77,28 +79,30 @@ pub(in super::super) async fn get_swarm_obs(
     };
     let mut source = Source::of(&app, swarm).await?;
     let (open, finished) = wait_for_seats(&app, &mut source, after, patience).await?;
-    let mut observations = b"[".to_vec();
-    let mut cursor = after;
-    for Open { seat, seated, snapshot } in open.into_iter().take(limit) {
-        let agent = AgentId(seat.agent);
-        let body =
-            waiting_observation(&app, &seated.handle, &snapshot, agent, params.prompt).await?;
-        if observations.len() > 1 {
-            observations.push(b',');
-        }
-        observations.extend_from_slice(&body);
-        cursor = seat;
-    }
-    observations.push(b']');
+    let open = &open[..open.len().min(limit)];
+    let looks = open.iter().map(|open| open.look(&app)).collect();
+    let bytes_max = app.limits.answer_bytes_max - REST_BYTES_MAX;
+    let (observations, given) = observations(&app, looks, params.prompt, bytes_max).await?;
+    // Whatever did not fit comes with the next answer.
+    let cursor = open[..given].last().map_or(after, |last| last.seat);
     let rest = Rest { cursor: cursor.write(app.boot), finished };
     Ok(json(with_field(&rest, "observations", &observations)))
 }
+
+/// Bytes of an answer beside its observations.
+const REST_BYTES_MAX: usize = 256;
 
 /// A seat that waits for an act.
 struct Open {
     seat: Cursor,
     seated: Arc<Seated>,
     snapshot: Arc<Snapshot>,
+}
+
+impl Open {
+    fn look(&self, app: &App) -> Look {
+        Look::waiting(app, &self.seated.handle, &self.snapshot, AgentId(self.seat.agent))
+    }
 }
 
 /// The seats that were opened after `after` and wait for an act, once there are any, all is over or the

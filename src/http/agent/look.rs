@@ -1,0 +1,266 @@
+//! What seats see, written as JSON: a little of it where it is asked for, all else off the async threads.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use swarmbench_engine::AgentId;
+
+use super::super::App;
+use super::super::error::ApiError;
+use crate::clock::{millis, until};
+use crate::episode::actor::Handle;
+use crate::episode::{Snapshot, Status};
+use crate::journal::EpisodeKey;
+use crate::prompt::{self, tasks};
+use crate::wire::episode::EpisodeResult;
+use crate::wire::observation::{Moment, Sight};
+
+/// Bytes of a sight (the larger part of an observation) that is kept for those who ask again.
+const SIGHT_KEPT_BYTES_MAX: usize = 16 * 1024;
+
+/// Bytes of all sights that are kept.
+const SIGHTS_KEPT_BYTES_MAX: u64 = 64 * 1024 * 1024;
+
+/// Bytes of a usual sight; the cache makes room for as many as fit.
+const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
+
+/// What is written in one piece, in cells: about a millisecond of work. One piece a request is written on
+/// the async thread that asks, all others elsewhere.
+const PIECE_CELLS_MAX: usize = 32 * 1024;
+
+/// What a prompt costs beside its cells, in cells.
+const PROMPT_CELLS: usize = 4096;
+
+/// Sights that were written, by what decides their bytes.
+pub(in super::super) struct Sights(Cache<Key, Bytes, ByBytes>);
+
+type Key = (EpisodeKey, u32, Status, AgentId);
+
+#[derive(Clone)]
+struct ByBytes;
+
+impl Weighter<Key, Bytes> for ByBytes {
+    fn weight(&self, _: &Key, sight: &Bytes) -> u64 {
+        (sight.len() + size_of::<Key>()) as u64
+    }
+}
+
+impl Sights {
+    pub(in super::super) fn new() -> Self {
+        let items = usize::try_from(SIGHTS_KEPT_BYTES_MAX / SIGHT_USUAL_BYTES).unwrap_or(0);
+        Self(Cache::with_weighter(items, SIGHTS_KEPT_BYTES_MAX, ByBytes))
+    }
+
+    /// Keeps a sight, if it is small.
+    fn keep(&self, key: Key, sight: &Bytes) {
+        if sight.len() <= SIGHT_KEPT_BYTES_MAX {
+            self.0.insert(key, sight.clone());
+        }
+    }
+}
+
+/// A seat in a state that somebody looks at.
+#[derive(Clone)]
+pub(in super::super) struct Look {
+    handle: Handle,
+    snapshot: Arc<Snapshot>,
+    agent: AgentId,
+    acted: bool,
+    /// Where it was written before.
+    kept: Option<Bytes>,
+}
+
+/// What was written for a seat.
+struct Written {
+    sight: Bytes,
+    prompt: Option<Vec<u8>>,
+}
+
+impl Look {
+    /// A seat as it is now.
+    pub(in super::super) fn now(
+        app: &App,
+        handle: &Handle,
+        snapshot: &Arc<Snapshot>,
+        agent: AgentId,
+    ) -> Self {
+        let acted = snapshot.has_acted(agent);
+        Self { acted, ..Self::waiting(app, handle, snapshot, agent) }
+    }
+
+    /// A seat that waited for an act when it was looked at, as it was then: it may have acted meanwhile.
+    pub(in super::super) fn waiting(
+        app: &App,
+        handle: &Handle,
+        snapshot: &Arc<Snapshot>,
+        agent: AgentId,
+    ) -> Self {
+        let (handle, snapshot) = (handle.clone(), Arc::clone(snapshot));
+        let mut look = Self { handle, snapshot, agent, acted: false, kept: None };
+        look.kept = app.sights.0.get(&look.key());
+        look
+    }
+
+    fn key(&self) -> Key {
+        let Snapshot { status, world, .. } = &*self.snapshot;
+        (self.handle.key, world.round(), *status, self.agent)
+    }
+
+    /// About how much work it is to write it, in cells.
+    fn cells(&self, with_prompt: bool) -> usize {
+        let cells = self.snapshot.world.observation_cells(self.agent);
+        match &self.kept {
+            _ if with_prompt => PROMPT_CELLS + 4 * cells,
+            Some(sight) => 1 + sight.len() / 32,
+            None => cells,
+        }
+    }
+
+    fn sight(&self) -> Sight {
+        Sight::of(
+            &self.snapshot.world.observe(self.agent),
+            self.handle.id.to_string(),
+            tasks::description(&self.handle.spec.config),
+            self.snapshot.status.into(),
+            result(&self.snapshot),
+        )
+    }
+
+    /// Writes what stays the same while the round is open.
+    fn write(&self, app: &App, with_prompt: bool) -> Result<Written, ApiError> {
+        if let (Some(sight), false) = (&self.kept, with_prompt) {
+            return Ok(Written { sight: sight.clone(), prompt: None });
+        }
+        let seen = self.sight();
+        let sight = self.kept.clone().unwrap_or_else(|| {
+            let sight = Bytes::from(serde_json::to_vec(&seen).expect("string keys"));
+            app.sights.keep(self.key(), &sight);
+            sight
+        });
+        let spec = &self.handle.spec;
+        let prompt =
+            with_prompt.then(|| prompt::render(&spec.prompt_template, &seen, &spec.config));
+        let prompt = prompt.transpose()?;
+        let prompt = prompt.map(|text| serde_json::to_vec(&text).expect("a text"));
+        Ok(Written { sight, prompt })
+    }
+
+    /// Adds the whole observation to a body.
+    fn add_to(&self, body: &mut Vec<u8>, written: &Written, app: &App) {
+        let moment = serde_json::to_vec(&self.moment(app)).expect("string keys");
+        // Objects are joined to one: `{…`, `,…` and `}`.
+        body.extend_from_slice(&written.sight[..written.sight.len() - 1]);
+        body.push(b',');
+        body.extend_from_slice(&moment[1..moment.len() - 1]);
+        if let Some(prompt) = &written.prompt {
+            body.extend_from_slice(b",\"prompt\":");
+            body.extend_from_slice(prompt);
+        }
+        body.push(b'}');
+    }
+
+    fn moment(&self, app: &App) -> Moment {
+        let Self { handle, snapshot, agent, acted, .. } = self;
+        let acted = *acted;
+        let deadline = snapshot.deadline(&handle.spec, *agent);
+        let Some(deadline) = deadline else { return Moment { acted, ..Moment::default() } };
+        let left = until(app.clock.now(), deadline);
+        // The round's own clock runs first, then the bank.
+        let bank = snapshot.banks[agent.index()].min(left);
+        Moment {
+            acted,
+            deadline: Some(deadline),
+            remaining_ms: Some(millis(left)),
+            bank_ms: Some(millis(bank)),
+            prompt: None,
+        }
+    }
+}
+
+/// An observation as JSON.
+pub(in super::super) async fn observation(
+    app: &App,
+    look: Look,
+    with_prompt: bool,
+) -> Result<Vec<u8>, ApiError> {
+    let mut body = Vec::new();
+    let mut inline = PIECE_CELLS_MAX;
+    for (look, written) in written(app, vec![look], with_prompt, &mut inline).await? {
+        look.add_to(&mut body, &written, app);
+    }
+    Ok(body)
+}
+
+/// Observations as a JSON list, and how many they are: the first one, and as many more as fit into
+/// `bytes_max`. Whatever is written for a client that has gone is one piece.
+pub(in super::super) async fn observations(
+    app: &App,
+    looks: Vec<Look>,
+    with_prompt: bool,
+    bytes_max: usize,
+) -> Result<(Vec<u8>, usize), ApiError> {
+    let (mut body, mut given) = (b"[".to_vec(), 0);
+    let mut inline = PIECE_CELLS_MAX;
+    let mut rest = looks.into_iter().peekable();
+    while rest.peek().is_some() {
+        let mut cells = 0;
+        let mut piece = Vec::new();
+        while let Some(look) = rest.next_if(|look| {
+            cells += look.cells(with_prompt);
+            piece.is_empty() || cells <= PIECE_CELLS_MAX
+        }) {
+            piece.push(look);
+        }
+        for (look, written) in written(app, piece, with_prompt, &mut inline).await? {
+            let before = body.len();
+            if given > 0 {
+                body.push(b',');
+            }
+            look.add_to(&mut body, &written, app);
+            if given > 0 && body.len() >= bytes_max {
+                body.truncate(before);
+                body.push(b']');
+                return Ok((body, given));
+            }
+            given += 1;
+        }
+    }
+    body.push(b']');
+    Ok((body, given))
+}
+
+/// Writes what several seats see: here, as long as `inline` cells are left for that, or elsewhere.
+async fn written(
+    app: &App,
+    looks: Vec<Look>,
+    with_prompt: bool,
+    inline: &mut usize,
+) -> Result<Vec<(Look, Written)>, ApiError> {
+    let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
+    let work = {
+        let app = app.clone();
+        move || {
+            let write = |look: Look| look.write(&app, with_prompt).map(|written| (look, written));
+            looks.into_iter().map(write).collect()
+        }
+    };
+    match inline.checked_sub(cells) {
+        Some(left) if !with_prompt => {
+            *inline = left;
+            work()
+        }
+        _ => app.render(work).await?,
+    }
+}
+
+/// How an episode ended, as it is shown.
+pub(in super::super) fn result(snapshot: &Snapshot) -> Option<EpisodeResult> {
+    snapshot.outcome.map(|outcome| EpisodeResult {
+        reason: outcome.ending.name().to_owned(),
+        score: snapshot.world.score(),
+        rounds: snapshot.world.round(),
+        journal_head: snapshot.head.to_string(),
+    })
+}
