@@ -413,6 +413,18 @@ pub(crate) mod tests {
 
     type Change<'a> = &'a dyn Fn(&mut Definition);
 
+    /// A competition that was announced under wider limits is checked and played as it was.
+    #[test]
+    fn games_of_a_new_competition_are_limited_further_than_those_of_an_old_one() {
+        let mut large = definition();
+        let settings = &mut large.settings;
+        (settings.width, settings.height, settings.view_size) = (256, 256, 513);
+        (settings.num_agents, settings.memory) = (1024, 0);
+        assert_eq!(large.problems(at(0)), []);
+        assert_eq!(large.problems_when_new(at(0))[0].0, "suite.settings.num_agents");
+        assert_eq!(definition().problems_when_new(at(0)), []);
+    }
+
     #[test]
     fn whatever_is_wrong_is_named_and_all_of_it_at_once() {
         assert_eq!(definition().problems(at(0)), []);

@@ -1,16 +1,18 @@
 //! `GET /api/v1/audit`: what organizers did.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::App;
 use super::auth::{Caller, Organizer};
 use super::error::ApiError;
-use super::extract::{Params, page_limit, read_cursor, write_cursor};
+use super::extract::{Params, page_limit, read_cursor};
+use super::page::{Page, ROWS_MAX};
 use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
+use crate::store::audit::StoredDeed;
 use crate::wire::competition::{AuditLog, Deed};
 use crate::wire::problem::Problem;
 
@@ -45,21 +47,17 @@ pub(super) async fn list_audit(
     State(app): State<App>,
     _: Organizer,
     Params(params): Params<AuditParams>,
-) -> Result<Json<AuditLog>, ApiError> {
+) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let before = read_cursor(params.cursor.as_deref())?;
-    let mut deeds = app.store.audit(before, limit + 1).await?;
-    let has_more = deeds.len() > limit as usize;
-    deeds.truncate(limit as usize);
-    let next_cursor = deeds.last().filter(|_| has_more).map(|last| write_cursor(last.number));
-    let items = deeds.into_iter().map(|deed| Deed {
-        at: deed.at,
-        who: deed.who,
-        action: deed.action,
-        subject: deed.subject,
-        detail: deed.detail,
-    });
-    Ok(Json(AuditLog { items: items.collect(), next_cursor }))
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let deeds = app.store.audit(page.place(), rows).await?;
+        page.add(rows, deeds, |deed| {
+            let StoredDeed { number, at, who, action, subject, detail } = deed;
+            Ok((number, Deed { at, who, action, subject, detail }))
+        })?;
+    }
+    Ok(page.answer())
 }
 
 impl Organizer {

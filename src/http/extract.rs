@@ -14,6 +14,7 @@ use tokio::time::Instant;
 use super::App;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
+use super::page::Page;
 use crate::keys::OwnerKey;
 use crate::wire::act::{ActRequest, SwarmAct};
 use crate::wire::claim::ClaimRequest;
@@ -328,6 +329,29 @@ pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u3
         return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
     }
     Ok(limit)
+}
+
+/// Which part of a list somebody wants that is shown as a whole where it fits into one answer.
+#[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageParams {
+    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+impl PageParams {
+    /// The page that it asks for, still empty.
+    pub(super) fn page(&self, app: &App) -> Result<Page, ApiError> {
+        let limit = match self.limit {
+            None => u32::MAX,
+            asked => page_limit(app, asked, 0)?,
+        };
+        Ok(Page::new(app, read_cursor(self.cursor.as_deref())?, limit))
+    }
 }
 
 /// How long a request wants to wait, checked.

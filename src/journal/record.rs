@@ -377,6 +377,29 @@ pub fn round_record<'a>(
 mod tests {
     use super::*;
 
+    /// What no new episode may be is what old journals hold, and they are played to their end.
+    #[test]
+    fn a_journal_of_settings_that_are_too_large_for_a_new_episode_is_read() {
+        let settings = Settings {
+            num_agents: 1024,
+            width: 256,
+            height: 256,
+            view_size: 513,
+            memory: 0,
+            ..Settings::standard(swarmbench_engine::TaskName::Transport, 1)
+        };
+        assert!(Config::admit(&settings).is_err());
+        let text = serde_json::json!({
+            "task": settings.task, "rules": settings.rules, "control": settings.control, "seed": 1,
+            "num_agents": 1024, "width": 256, "height": 256, "view_size": 513, "memory": 0,
+            "max_round": 100, "noise": 0.0, "max_delay": 0, "round_deadline_ms": null, "bank_ms": 0,
+            "start": "now", "idle_timeout_ms": 1000, "visibility": "public", "model": "m",
+            "custom_template": false,
+        });
+        let recorded: RecordedConfig = serde_json::from_value(text).expect("a configuration");
+        assert_eq!(recorded.engine().expect("it can be played").settings(), settings);
+    }
+
     /// Rounds are written from the bytes of their acts, and read as a whole: both must agree.
     #[test]
     fn a_round_joined_from_its_acts_is_the_round_written_at_once() {

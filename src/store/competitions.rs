@@ -181,6 +181,25 @@ impl Store {
         rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
     }
 
+    /// Lists the entrants of a competition in the order in which they registered, from the one after `after`
+    /// on; without what only they themselves are shown.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn list_entrants(
+        &self,
+        competition: CompetitionKey,
+        after: Option<EntryKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredEntrant>, JournalError> {
+        let mut query = select_entrants(Declared::Short);
+        query.push("WHERE competition = ").push_bind(competition.0);
+        query.push(" AND key > ").push_bind(after.map_or(-1, |key| key.0));
+        query.push(" ORDER BY key LIMIT ").push_bind(limit);
+        let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
+        rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
+    }
+
     /// Whether a competition has an invitation code with this hash, and whether it was used; none where it has
     /// no such code.
     ///

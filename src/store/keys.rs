@@ -17,8 +17,21 @@ impl Store {
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
     pub async fn keys(&self) -> Result<Vec<Key>, JournalError> {
+        self.list_keys(None, u32::MAX).await
+    }
+
+    /// The keys that were ever made, in order, from the one after `after` on.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub async fn list_keys(
+        &self,
+        after: Option<OwnerKey>,
+        limit: u32,
+    ) -> Result<Vec<Key>, JournalError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
-        query.push("ORDER BY number");
+        query.push("WHERE number > ").push_bind(after.map_or(-1, |key| key.0));
+        query.push(" ORDER BY number LIMIT ").push_bind(limit);
         let rows = query.build().fetch_all(&self.readers).await.map_err(failure)?;
         rows.iter().map(key).collect::<Result<_, _>>().map_err(failure)
     }

@@ -1,12 +1,12 @@
 //! `GET /api/v1/competitions/{id}/attempts`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
+use super::super::extract::{Id, PageParams, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::store::competitions::Declared;
 use crate::wire::competition::AttemptList;
@@ -18,7 +18,7 @@ use crate::wire::problem::Problem;
     path = "/api/v1/competitions/{id}/attempts",
     operation_id = "list_attempts",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
+    params(("id" = String, Path, description = "The competition's id"), PageParams),
     security(("key" = [])),
     responses(
         (status = 200, description = "The attempts", body = AttemptList),
@@ -32,12 +32,16 @@ pub(in super::super) async fn list_attempts(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
-    _: Params<Nothing>,
-) -> Result<Json<AttemptList>, ApiError> {
+    Params(params): Params<PageParams>,
+) -> Result<Response, ApiError> {
     let number = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
     let field = app.field(competition, Declared::Short).await?;
     let sees_all = caller.is_organizer();
     let items = field.summaries(|entrant| sees_all || number == Some(entrant.owner))?;
-    Ok(Json(AttemptList { items, next_cursor: None }))
+    // They stay in the order in which they were started, so a place in the list is a cursor.
+    let mut page = params.page(&app)?;
+    let items = (1..).zip(items).skip_while(|(place, _)| Some(*place) <= page.place());
+    page.add(u32::MAX, items.collect(), Ok)?;
+    Ok(page.answer())
 }

@@ -2,14 +2,17 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Ids, Nothing, Params};
+use super::super::extract::{Id, Ids, Nothing, PageParams, Params};
+use super::super::page::ROWS_MAX;
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::journal::EntryKey;
 use crate::store::competitions::Declared;
-use crate::wire::competition::{EntrantDetail, EntrantList};
+use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 use crate::wire::problem::Problem;
 
 /// List the entrants of a competition.
@@ -18,7 +21,7 @@ use crate::wire::problem::Problem;
     path = "/api/v1/competitions/{id}/entrants",
     operation_id = "list_entrants",
     tag = "competitions",
-    params(("id" = String, Path, description = "The competition's id")),
+    params(("id" = String, Path, description = "The competition's id"), PageParams),
     security((), ("key" = [])),
     responses(
         (status = 200, description = "The entrants", body = EntrantList),
@@ -31,12 +34,18 @@ pub(in super::super) async fn list_entrants(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
-    _: Params<Nothing>,
-) -> Result<Json<EntrantList>, ApiError> {
+    Params(params): Params<PageParams>,
+) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
-    let entrants = app.store.entrants(competition.key, None, Declared::Short).await?;
-    let items = entrants.iter().map(|entrant| (&entrant.entrant).into()).collect();
-    Ok(Json(EntrantList { items, next_cursor: None }))
+    let mut page = params.page(&app)?;
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let after = page.place().map(EntryKey);
+        let entrants = app.store.list_entrants(competition.key, after, rows).await?;
+        page.add(rows, entrants, |stored| {
+            Ok((stored.key.0, EntrantSummary::from(&stored.entrant)))
+        })?;
+    }
+    Ok(page.answer())
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.

@@ -1,14 +1,15 @@
 //! `GET /api/v1/competitions`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, page_limit, read_cursor, write_cursor};
+use super::super::extract::{Params, page_limit, read_cursor};
+use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::journal::CompetitionKey;
@@ -44,15 +45,14 @@ pub(in super::super) async fn list_competitions(
     State(app): State<App>,
     caller: Caller,
     Params(params): Params<ListParams>,
-) -> Result<Json<CompetitionList>, ApiError> {
+) -> Result<Response, ApiError> {
     caller.may_look_around(&app.access)?;
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let before = read_cursor(params.cursor.as_deref())?.map(CompetitionKey);
-    let mut stored = app.store.list_competitions(before, limit + 1).await?;
-    let has_more = stored.len() > limit as usize;
-    stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key.0));
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
     let now = app.clock.now();
-    let items = stored.iter().map(|stored| shown(stored, now)).collect();
-    Ok(Json(CompetitionList { items, next_cursor }))
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let stored = app.store.list_competitions(page.place().map(CompetitionKey), rows).await?;
+        page.add(rows, stored, |stored| Ok((stored.key.0, shown(&stored, now))))?;
+    }
+    Ok(page.answer())
 }

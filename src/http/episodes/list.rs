@@ -1,7 +1,7 @@
 //! `GET /api/v1/episodes`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use utoipa::IntoParams;
@@ -9,7 +9,8 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
+use super::super::extract::{Params, one_of, page_limit, read_cursor};
+use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::episode::Status;
 use crate::journal::EpisodeKey;
@@ -56,16 +57,16 @@ pub(in super::super) async fn list_episodes(
     State(app): State<App>,
     caller: Caller,
     Params(params): Params<ListParams>,
-) -> Result<Json<EpisodeList>, ApiError> {
+) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let before = read_cursor(params.cursor.as_deref())?.map(EpisodeKey);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
     let run = match params.run {
         None => None,
         Some(id) => match app.store.find_run(&id).await? {
             Some(run) => Some(run.run),
-            None => return Ok(Json(EpisodeList { items: Vec::new(), next_cursor: None })),
+            None => return Ok(page.answer()),
         },
     };
     let filter = Filter {
@@ -75,10 +76,10 @@ pub(in super::super) async fn list_episodes(
         run,
         readable: caller.readable(&app.access),
     };
-    let mut stored = app.store.list_episodes(&filter, before, limit + 1).await?;
-    let has_more = stored.len() > limit as usize;
-    stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.episode.0));
-    let items = stored.iter().map(|stored| app.summary_of(&caller, stored));
-    Ok(Json(EpisodeList { items: items.collect::<Result<_, _>>()?, next_cursor }))
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let before = page.place().map(EpisodeKey);
+        let stored = app.store.list_episodes(&filter, before, rows).await?;
+        page.add(rows, stored, |stored| Ok((stored.episode.0, app.summary_of(&caller, &stored)?)))?;
+    }
+    Ok(page.answer())
 }

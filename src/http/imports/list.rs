@@ -1,7 +1,7 @@
 //! `GET /api/v1/imports`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use utoipa::IntoParams;
@@ -9,11 +9,12 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
+use super::super::extract::{Params, one_of, page_limit, read_cursor};
+use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::ImportKey;
 use crate::store::imports::ImportFilter;
-use crate::wire::import::ImportList;
+use crate::wire::import::{ImportList, ImportSummary};
 
 /// Which games to list.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -49,18 +50,17 @@ pub(in super::super) async fn list_imports(
     State(app): State<App>,
     caller: Caller,
     Params(params): Params<ImportParams>,
-) -> Result<Json<ImportList>, ApiError> {
+) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let before = read_cursor(params.cursor.as_deref())?.map(ImportKey);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
     if !caller.may_read_what_is_over(&app.access) {
-        return Ok(Json(ImportList { items: Vec::new(), next_cursor: None }));
+        return Ok(page.answer());
     }
     let filter = ImportFilter { task: params.task, model: params.model };
-    let mut stored = app.store.list_imports(&filter, before, limit + 1).await?;
-    let has_more = stored.len() > limit as usize;
-    stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.key.0));
-    let items = stored.into_iter().map(Into::into).collect();
-    Ok(Json(ImportList { items, next_cursor }))
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let stored = app.store.list_imports(&filter, page.place().map(ImportKey), rows).await?;
+        page.add(rows, stored, |stored| Ok((stored.key.0, ImportSummary::from(stored))))?;
+    }
+    Ok(page.answer())
 }

@@ -1,13 +1,15 @@
 //! `GET /api/v1/keys`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 
 use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
-use super::super::extract::{Nothing, Params};
+use super::super::extract::{PageParams, Params};
+use super::super::page::ROWS_MAX;
 use super::super::refusals::{QueryRefusals, TokenRefusals};
+use crate::keys::OwnerKey;
 use crate::wire::key::{KeyList, KeySummary};
 use crate::wire::problem::Problem;
 
@@ -17,6 +19,7 @@ use crate::wire::problem::Problem;
     path = "/api/v1/keys",
     operation_id = "list_keys",
     tag = "keys",
+    params(PageParams),
     security(("key" = [])),
     responses(
         (status = 200, description = "The keys, without the keys themselves", body = KeyList),
@@ -28,9 +31,15 @@ use crate::wire::problem::Problem;
 pub(in super::super) async fn list_keys(
     State(app): State<App>,
     _: Organizer,
-    _: Params<Nothing>,
-) -> Result<Json<KeyList>, ApiError> {
+    Params(params): Params<PageParams>,
+) -> Result<Response, ApiError> {
     let now = app.clock.now();
-    let items = app.store.keys().await?.iter().map(|key| KeySummary::of(key, now)).collect();
-    Ok(Json(KeyList { items, next_cursor: None }))
+    let mut page = params.page(&app)?;
+    while let Some(rows) = page.wants(ROWS_MAX) {
+        let keys = app.store.list_keys(page.place().map(OwnerKey), rows).await?;
+        page.add(rows, keys, |key| {
+            Ok((key.number.map_or(0, |number| number.0), KeySummary::of(&key, now)))
+        })?;
+    }
+    Ok(page.answer())
 }

@@ -1,14 +1,15 @@
 //! `GET /api/v1/runs`.
 
-use axum::Json;
 use axum::extract::State;
+use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, one_of, page_limit, read_cursor, write_cursor};
+use super::super::extract::{Params, one_of, page_limit, read_cursor};
+use super::super::page::{LARGE_ROWS_MAX, Page};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::Known;
 use crate::journal::RunKey;
@@ -54,25 +55,25 @@ pub(in super::super) async fn list_runs(
     State(app): State<App>,
     caller: Caller,
     Params(params): Params<ListParams>,
-) -> Result<Json<RunList>, ApiError> {
+) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &RunStatus::ALL.map(RunStatus::name))?;
-    let before = read_cursor(params.cursor.as_deref())?.map(RunKey);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
     let filter = RunFilter {
         status: params.status,
         model: params.model,
         suite: params.suite,
         readable: caller.readable(&app.access),
     };
-    let mut stored = app.store.list_runs(&filter, before, limit + 1).await?;
-    let has_more = stored.len() > limit as usize;
-    stored.truncate(limit as usize);
-    let next_cursor = stored.last().filter(|_| has_more).map(|last| write_cursor(last.run.0));
-    let keys: Vec<RunKey> = stored.iter().map(|run| run.run).collect();
-    let mut games = app.store.games_of_all(&keys).await?;
-    let items = stored.into_iter().map(|stored| {
-        let games = games.remove(&stored.run).unwrap_or_default();
-        Ok(Known::of(stored)?.summary(&app, &caller, &games))
-    });
-    Ok(Json(RunList { items: items.collect::<Result<_, ApiError>>()?, next_cursor }))
+    // A run may have a thousand games.
+    while let Some(rows) = page.wants(LARGE_ROWS_MAX) {
+        let stored = app.store.list_runs(&filter, page.place().map(RunKey), rows).await?;
+        let keys: Vec<RunKey> = stored.iter().map(|run| run.run).collect();
+        let mut games = app.store.games_of_all(&keys).await?;
+        page.add(rows, stored, |stored| {
+            let games = games.remove(&stored.run).unwrap_or_default();
+            Ok((stored.run.0, Known::of(stored)?.summary(&app, &caller, &games)))
+        })?;
+    }
+    Ok(page.answer())
 }
