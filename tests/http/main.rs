@@ -15,6 +15,7 @@ mod agent;
 mod backup;
 mod bad_input;
 mod boards;
+mod bounds;
 mod claims;
 mod clocks;
 mod competitions;

@@ -1,0 +1,288 @@
+//! What one answer costs at most, and what a new game may not ask for.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use swarmbench_engine::{Config, Settings};
+
+use crate::app::{TestApp, fields, list};
+use crate::cup;
+
+/// Follows a list of one kind from its first page to its last; all its items, and how many pages it had.
+async fn follow(app: &TestApp, path: &str, bytes_max: usize) -> (Vec<Value>, usize) {
+    let (mut items, mut pages, mut cursor) = (Vec::new(), 0, String::new());
+    loop {
+        let answer = app.get(&format!("{path}{cursor}")).token(&app.organizer).send().await;
+        assert_eq!(answer.status, 200, "{}", answer.text());
+        assert!(answer.text().len() <= bytes_max, "{} bytes", answer.text().len());
+        let page = answer.json();
+        items.extend(list(&page["items"]));
+        pages += 1;
+        match page["next_cursor"].as_str() {
+            Some(next) => {
+                cursor = format!("{}cursor={next}", if path.contains('?') { '&' } else { '?' })
+            }
+            None => return (items, pages),
+        }
+    }
+}
+
+#[tokio::test]
+async fn lists_end_where_an_answer_is_full_and_go_on_by_their_cursor() {
+    let bytes_max = 16_000;
+    let app = TestApp::builder().keys().limits(|limits| limits.answer_bytes_max = bytes_max);
+    let app = app.start().await;
+    let meta = json!({ "notes": "x".repeat(6_000) });
+    for seed in 0..5 {
+        let episode =
+            json!({ "task": "Flocking", "num_agents": 2, "agent_meta": meta, "seed": seed });
+        app.create_with(&app.organizer, episode).await;
+        let suite = json!({ "name": "mine", "tasks": ["Flocking"], "seeds": [seed] });
+        let run = json!({ "suite": suite, "model": "a model", "agent_meta": meta });
+        app.post("/api/v1/runs").token(&app.organizer).json(&run).ok().await;
+    }
+    for _ in 0..120 {
+        app.key(json!({ "name": "k".repeat(100) })).await;
+    }
+    for (path, count) in [
+        ("/api/v1/episodes?limit=1000", 10),
+        ("/api/v1/runs?limit=1000", 5),
+        ("/api/v1/keys", 121),
+        ("/api/v1/audit?limit=1000", 120),
+    ] {
+        let (items, pages) = follow(&app, path, bytes_max).await;
+        assert_eq!(items.len(), count, "{path}");
+        assert!(pages > 1, "{path}");
+        let mut ids: Vec<String> = items.iter().map(ToString::to_string).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), count, "{path}: something stands on two pages");
+    }
+    let (items, pages) = follow(&app, "/api/v1/episodes?limit=3", usize::MAX).await;
+    assert_eq!((items.len(), pages), (10, 5), "two of the large ones fit into an answer");
+}
+
+/// All seats in the order in which they are given, page by page.
+async fn look_at_all(
+    app: &TestApp,
+    swarm: &str,
+    query: &str,
+    bytes_max: usize,
+) -> (Vec<String>, usize) {
+    let (mut seen, mut pages, mut cursor) = (Vec::new(), 0, String::new());
+    loop {
+        let path = format!("/swarm/obs?limit=1024{query}{cursor}");
+        let answer = app.get(&path).token(swarm).send().await;
+        assert_eq!(answer.status, 200, "{}", answer.text());
+        let looked = answer.json();
+        let observations = list(&looked["observations"]);
+        if observations.is_empty() {
+            return (seen, pages);
+        }
+        if observations.len() > 1 {
+            assert!(answer.text().len() <= bytes_max, "{} bytes", answer.text().len());
+        }
+        seen.extend(observations.iter().map(|seen| seen["agent"].to_string()));
+        pages += 1;
+        cursor = format!("&after={}", looked["cursor"].as_str().expect("a cursor"));
+    }
+}
+
+#[tokio::test]
+async fn no_seat_is_lost_where_not_all_fit_into_an_answer() {
+    let request = json!({ "task": "Flocking", "num_agents": 12, "max_round": 2 });
+    for (bytes_max, least) in [(9_000, 2), (1_000, 12)] {
+        let app = TestApp::builder().limits(|limits| limits.answer_bytes_max = bytes_max);
+        let app = app.start().await;
+        let episode = app.create(request.clone()).await;
+        for query in ["", "&prompt=true"] {
+            let (seen, pages) = look_at_all(&app, &episode.swarm, query, bytes_max).await;
+            let all: Vec<String> = (0..12).map(|n| format!("\"Agent_{n}\"")).collect();
+            assert_eq!(seen, all, "{query}");
+            assert!(pages >= least && pages <= 12, "{pages} pages of {bytes_max} bytes{query}");
+        }
+    }
+}
+
+/// The whole text of a template of three nested loops, for all seats in one call.
+#[tokio::test]
+async fn a_template_that_repeats_itself_fills_no_memory() {
+    let app = TestApp::start().await;
+    let (loops, ends) = ("{% for a in actions %}".repeat(3), "{% endfor %}".repeat(3));
+    let body = "long ".repeat(200);
+    let request = |template: String| json!({ "task": "Flocking", "num_agents": 100, "width": 40, "height": 40, "prompt_template": template });
+    // 5³ times 1,000 bytes each: nearly as much as a prompt may have.
+    let episode = app.create(request(format!("{loops}{body}{ends}"))).await;
+    let (seen, pages) = look_at_all(&app, &episode.swarm, "&prompt=true", 8_000_000).await;
+    assert_eq!(seen.len(), 100);
+    assert!(pages >= 2, "100 × 125 kB in {pages} answers");
+    let episode = app.create(request(format!("{loops}{body}{body}{ends}"))).await;
+    let call = app.get("/swarm/obs?prompt=true&limit=1024").token(&episode.swarm);
+    call.problem(422, "template_failed").await;
+}
+
+#[tokio::test]
+async fn new_games_see_and_send_no_more_than_a_round_can_bear() {
+    let app = TestApp::builder().manual_clock().keys().start().await;
+    let settings =
+        json!({ "num_agents": 1024, "width": 256, "height": 256, "view_size": 513, "memory": 0 });
+    let mut episode = settings.clone();
+    episode["task"] = json!("Synchronization");
+    let post = |path: &str, body: &Value| app.post(path).token(&app.organizer).json(body);
+    let problem = post("/api/v1/episodes", &episode).problem(422, "invalid").await;
+    assert_eq!(fields(&problem), ["num_agents", "num_agents"]);
+    let detail = problem["detail"].as_str().expect("a text");
+    assert!(
+        detail.contains("× cells of a window must be at most 1048576, is 269485056"),
+        "{detail}"
+    );
+    assert!(detail.contains("must be at most 131072, is 1048576"), "{detail}");
+    let suite = json!({ "name": "mine", "tasks": ["Synchronization"], "seeds": [1, 2], "settings": settings });
+    let run = json!({ "suite": suite, "model": "a model" });
+    let problem = post("/api/v1/runs", &run).problem(422, "invalid").await;
+    assert_eq!(fields(&problem)[0], "suite.settings.num_agents");
+    let mut cup = cup::request();
+    cup["suite"] = json!({ "seeds": 2, "tasks": ["Synchronization"], "settings": settings });
+    let problem = post("/api/v1/competitions", &cup).problem(422, "invalid").await;
+    assert_eq!(fields(&problem)[0], "suite.settings.num_agents");
+}
+
+/// The corners of what is admitted: the most agents with each of these.
+const CORNERS: [(&str, &str, i64, i64, i64); 8] = [
+    ("Synchronization", "decentralized", 513, 0, 256),
+    ("Synchronization", "decentralized", 3, 50, 256),
+    ("Transport", "decentralized", 31, 1, 256),
+    ("Foraging", "decentralized", 35, 50, 64),
+    ("Pursuit", "centralized", 3, 1, 256),
+    ("Synchronization", "centralized", 3, 50, 36),
+    ("Flocking", "decentralized", 63, 5, 64),
+    ("Synchronization", "decentralized", 11, 5, 64),
+];
+
+/// The most agents that a new game may have with these settings.
+fn most_agents(settings: &Settings) -> i64 {
+    let admits =
+        |agents| Config::admit(&Settings { num_agents: agents, ..settings.clone() }).is_ok();
+    let (mut some, mut too_many) = (1, 1025);
+    assert!(admits(some), "{settings:?}");
+    while too_many - some > 1 {
+        let agents = (some + too_many) / 2;
+        if admits(agents) { some = agents } else { too_many = agents }
+    }
+    some
+}
+
+#[tokio::test]
+async fn the_dearest_looks_of_new_games_are_small() {
+    let app = TestApp::start().await;
+    for (task, control, view_size, memory, size) in CORNERS {
+        let settings = Settings {
+            task: task.to_owned(),
+            control: control.to_owned(),
+            width: size,
+            height: size,
+            view_size,
+            memory,
+            ..Settings::default()
+        };
+        let agents = most_agents(&settings);
+        let case = format!("{agents} agents, {settings:?}");
+        let episode = app.create(json!({
+            "task": task, "control": control, "view_size": view_size, "memory": memory, "width": size,
+            "height": size, "num_agents": agents, "max_round": 5,
+        }));
+        let episode = episode.await;
+        app.swarm_act(&episode, &[episode.act(&json!("Agent_0"), 0, "STAY")]).await;
+        let bytes = |path: &str, token: &str| {
+            let call = app.get(path).token(token);
+            async move {
+                let answer = call.send().await;
+                assert_eq!(answer.status, 200, "{}", answer.text());
+                answer.text().len()
+            }
+        };
+        let look = bytes("/obs", episode.seat(0)).await;
+        assert!(look <= 2_000_000, "{look} bytes: {case}");
+        let prompt = bytes("/obs?prompt=true", episode.seat(0)).await;
+        assert!(prompt <= 4_000_000, "{prompt} bytes: {case}");
+        let page = bytes("/swarm/obs?limit=1024", &episode.swarm).await;
+        assert!(page <= 8_000_000, "{page} bytes: {case}");
+    }
+}
+
+/// Prints what the dearest requests cost: `cargo test --release --test http -- --ignored --nocapture dearest_requests`.
+///
+/// The server has one async thread, and a task that is always ready runs beside it: the longest time between two of
+/// its turns is the longest piece of work that was done there.
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+#[ignore = "a measurement"]
+async fn dearest_requests_are_measured() {
+    let app = TestApp::start().await;
+    println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
+    for (task, control, view_size, memory, size) in CORNERS {
+        let settings = Settings {
+            task: task.to_owned(),
+            control: control.to_owned(),
+            width: size,
+            height: size,
+            view_size,
+            memory,
+            ..Settings::default()
+        };
+        let agents = most_agents(&settings);
+        let episode = app.create(json!({
+                "task": task, "control": control, "view_size": view_size, "memory": memory, "width": size,
+                "height": size, "num_agents": agents, "max_round": 100,
+            }));
+        let episode = episode.await;
+        let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());
+        for (path, token) in [
+            ("/obs", &seat),
+            ("/obs?prompt=true", &seat),
+            ("/swarm/obs?limit=1024", &swarm),
+            ("/swarm/obs?limit=1024&prompt=true", &swarm),
+        ] {
+            measure(
+                &app,
+                path,
+                token,
+                &format!("{task} {control} {agents} × {view_size} × {memory}"),
+            )
+            .await;
+        }
+    }
+    let name = |n: u32| json!({ "task": "Transport", "width": 256, "height": 256, "agent_meta": { "n": n, "x": "y".repeat(16_000) } });
+    for n in 0..600 {
+        app.create(name(n)).await;
+    }
+    measure(&app, "/api/v1/episodes?limit=1000", "", "600 episodes of 16 KB").await;
+}
+
+/// Asks once and prints what it cost.
+async fn measure(app: &TestApp, path: &str, token: &str, case: &str) {
+    let stop = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+    let stopped = std::sync::Arc::clone(&stop);
+    let beat = tokio::spawn(async move {
+        let (mut last, mut longest) = (Instant::now(), Duration::ZERO);
+        while !stopped.load(std::sync::atomic::Ordering::Relaxed) {
+            tokio::task::yield_now().await;
+            longest = longest.max(last.elapsed());
+            last = Instant::now();
+        }
+        longest
+    });
+    let started = Instant::now();
+    let call = app.get(path);
+    let call = if token.is_empty() { call } else { call.token(token) };
+    let answer = call.send().await;
+    let wall = started.elapsed();
+    stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    let longest = beat.await.expect("no panic");
+    println!(
+        "{:>9} {:>8.1} {:>9.1}  {path} ({}): {case}",
+        answer.text().len(),
+        wall.as_secs_f64() * 1e3,
+        longest.as_secs_f64() * 1e3,
+        answer.status,
+    );
+}
