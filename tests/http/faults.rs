@@ -115,7 +115,7 @@ async fn a_competition_that_cannot_be_closed_keeps_no_other_open() {
         Cup::with(&app, json!({ "opens_at": "2026-03-01T12:20:00Z" })).await,
     );
     app.tamper("UPDATE competitions SET definition = '{' WHERE key = 1").await;
-    app.pass(Duration::from_mins(60));
+    app.pass(Duration::from_hours(1));
     good.closed(&app).await;
     app.get(&broken.path("")).send().await;
     let metrics = app.get("/metrics").send().await.text();
