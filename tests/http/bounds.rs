@@ -20,7 +20,7 @@ async fn follow(app: &TestApp, path: &str, bytes_max: usize) -> (Vec<Value>, usi
         pages += 1;
         match page["next_cursor"].as_str() {
             Some(next) => {
-                cursor = format!("{}cursor={next}", if path.contains('?') { '&' } else { '?' })
+                cursor = format!("{}cursor={next}", if path.contains('?') { '&' } else { '?' });
             }
             None => return (items, pages),
         }
@@ -166,7 +166,7 @@ fn most_agents(settings: &Settings) -> i64 {
     let (mut some, mut too_many) = (1, 1025);
     assert!(admits(some), "{settings:?}");
     while too_many - some > 1 {
-        let agents = (some + too_many) / 2;
+        let agents = i64::midpoint(some, too_many);
         if admits(agents) { some = agents } else { too_many = agents }
     }
     some

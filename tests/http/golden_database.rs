@@ -186,7 +186,7 @@ async fn golden_database_is_recorded() {
 /// Settings that later versions may find too large for new games.
 fn large() -> Value {
     json!({
-        "task": "Synchronization", "seed": 29, "num_agents": 300, "width": 64, "height": 64, "view_size": 61,
+        "task": "Synchronization", "seed": 29, "num_agents": 280, "width": 64, "height": 64, "view_size": 61,
         "memory": 0, "max_round": 2, "model": "large",
     })
 }
@@ -360,7 +360,7 @@ async fn competitions(app: &TestApp, facts: &mut Facts) {
         "suite": {
             "tasks": ["Synchronization"], "seeds": 2,
             "settings": {
-                "num_agents": 300, "width": 64, "height": 64, "view_size": 61, "memory": 0, "max_round": 1,
+                "num_agents": 280, "width": 64, "height": 64, "view_size": 61, "memory": 0, "max_round": 1,
             },
         },
         "board": "frozen", "board_freezes_at": at(app, 300), "attempts": [
