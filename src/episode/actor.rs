@@ -1143,3 +1143,26 @@ const fn kind(given: &Given) -> &'static str {
         (Source::Player, false) => "invalid",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use swarmbench_engine::{Config, Settings, TaskName};
+
+    use super::*;
+
+    #[test]
+    fn kept_states_are_closer_where_rounds_are_dear_and_have_a_bound() {
+        for (agents, view) in [(10, 5), (128, 41), (256, 63), (1024, 31)] {
+            let mut settings = Settings::standard(TaskName::Pursuit, 1);
+            (settings.num_agents, settings.width, settings.height) = (agents, 64, 64);
+            (settings.view_size, settings.memory) = (view, 0);
+            let config = Arc::new(Config::check(&settings).expect("good settings"));
+            let kept = Keyframes::new(Arc::new(World::new(Arc::clone(&config))));
+            let between = u64::from(kept.stride) * step_micros(&config);
+            assert!(between <= Keyframes::STRIDE_MICROS || kept.stride == 1, "{between} µs");
+            let bytes = kept.most as u64 * state_bytes(&config);
+            let least = *Keyframes::COUNT.start() * state_bytes(&config);
+            assert!(bytes <= Keyframes::BYTES_MAX.max(least), "{bytes} bytes");
+        }
+    }
+}

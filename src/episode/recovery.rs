@@ -13,7 +13,7 @@ use super::replay::rounds_at_once;
 use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
-use crate::fair::Rank;
+use crate::fair::{Party, Rank};
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
@@ -46,7 +46,8 @@ pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh,
     let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
     let Host { journal, clock, workers, .. } = host;
     let party = host.party(stored.owner, stored.run, &spec).await?;
-    let share = (party, Rank::Normal);
+    // One that has ended is taken up for whoever asks.
+    let share = (if stored.end.is_some() { Party::current() } else { party }, Rank::Normal);
     let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
     let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {

@@ -73,6 +73,17 @@ pub struct Creation {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
+/// Where an episode is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In memory.
+    Memory,
+    /// In the journal, and it has not ended: it is taken up to the end, whoever asked.
+    Unfinished,
+    /// In the journal, if anywhere: it is taken up for whoever asks, as long as somebody waits.
+    Journal,
+}
+
 /// Why an episode was not created.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CreateError {
@@ -499,6 +510,16 @@ impl Registry {
         let tokens = Vec::new();
         let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
         Ok((seating, Some(Entry::Claim(Box::new(row)))))
+    }
+
+    /// Where an episode is; there may be none of that id.
+    #[must_use]
+    pub fn place(&self, id: &EpisodeId) -> Place {
+        match self.slots().get(id) {
+            Some(slot) if slot.handle.initialized() => Place::Memory,
+            Some(slot) if slot.ends_at.is_some() => Place::Unfinished,
+            Some(_) | None => Place::Journal,
+        }
     }
 
     /// Finds an episode, taking it up from the journal where it is not in memory.

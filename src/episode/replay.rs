@@ -161,6 +161,76 @@ fn steps(
         let acts = acts_of(world.config(), records)?;
         world.step(&acts);
     }
-    metrics::counter!("swarmbench_replayed_rounds_total").increment(1);
     Ok(Arc::new(world))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use futures::future::join_all;
+    use swarmbench_engine::{Config, Settings, TaskName};
+    use tokio::sync::oneshot;
+
+    use super::*;
+
+    fn world() -> Arc<World> {
+        let settings = Settings::standard(TaskName::Synchronization, 1);
+        Arc::new(World::new(Arc::new(Config::check(&settings).expect("good settings"))))
+    }
+
+    #[tokio::test]
+    async fn a_state_that_many_ask_for_at_once_is_made_once() {
+        let (replays, begun) = (Replays::default(), Arc::new(AtomicUsize::new(0)));
+        let begin = || -> Replay {
+            let begun = Arc::clone(&begun);
+            Box::pin(async move {
+                begun.fetch_add(1, Ordering::Relaxed);
+                tokio::task::yield_now().await;
+                Ok(world())
+            })
+        };
+        let asked: Vec<_> = (0..20).map(|_| replays.of((EpisodeKey(1), 5), begin)).collect();
+        let other = replays.of((EpisodeKey(1), 6), begin);
+        assert!(join_all(asked).await.iter().all(Result::is_ok));
+        assert_eq!(begun.load(Ordering::Relaxed), 1);
+        assert!(other.await.is_ok());
+        // Nobody holds the first one any more.
+        assert!(replays.of((EpisodeKey(1), 5), begin).await.is_ok());
+        assert_eq!(begun.load(Ordering::Relaxed), 3);
+    }
+
+    #[tokio::test]
+    async fn it_goes_on_while_one_waits_and_ends_with_the_last() {
+        let replays = Replays::default();
+        let (alive, mut ended) = oneshot::channel::<()>();
+        let begin = || -> Replay {
+            Box::pin(async move {
+                let _alive = alive;
+                std::future::pending().await
+            })
+        };
+        let mut first = replays.of((EpisodeKey(1), 5), begin);
+        let mut second = replays.of((EpisodeKey(1), 5), || unreachable!("one is under way"));
+        assert!(futures::poll!(&mut first).is_pending());
+        assert!(futures::poll!(&mut second).is_pending());
+        drop(first);
+        assert!(ended.try_recv() == Err(oneshot::error::TryRecvError::Empty));
+        drop(second);
+        assert!(ended.try_recv() == Err(oneshot::error::TryRecvError::Closed));
+    }
+
+    #[test]
+    fn rounds_are_played_in_pieces_of_a_tenth_of_a_second() {
+        let at_once = |task, agents, view| {
+            let mut settings = Settings::standard(task, 1);
+            (settings.num_agents, settings.width, settings.height) = (agents, 64, 64);
+            (settings.view_size, settings.memory) = (view, 0);
+            rounds_at_once(&Config::check(&settings).expect("good settings"))
+        };
+        assert_eq!(at_once(TaskName::Transport, 10, 5), 64);
+        assert_eq!(at_once(TaskName::Transport, 1024, 3), 4);
+        assert_eq!(at_once(TaskName::Transport, 256, 63), 4);
+        assert_eq!(at_once(TaskName::Flocking, 256, 5), 1);
+    }
 }

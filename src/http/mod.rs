@@ -43,9 +43,9 @@ use tokio_util::sync::CancellationToken;
 use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
-use crate::episode::registry::Registry;
+use crate::episode::registry::{Place, Registry};
 use crate::episode::replay::state_at;
-use crate::fair::{Busy, FairLimit, Party, Rank, Shares};
+use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::journal::CompetitionKey;
@@ -280,16 +280,35 @@ impl App {
         self.tokens.retain(|_, grant| !is_old(grant));
     }
 
-    /// The episode with this id. One that is being taken up is waited for, but not for ever.
+    /// The episode with this id. One that goes on is waited for while it is taken up, but not for ever.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
-        let Ok(found) = tokio::time::timeout(TAKE_UP_PATIENCE, self.registry.find(id)).await else {
-            let detail =
-                "the episode is still being played again from its journal; its clock does not run";
-            return Err(
-                ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
-            );
+        let find = self.registry.find(id);
+        let found = match self.registry.place(id) {
+            Place::Memory => find.await,
+            Place::Unfinished => {
+                let found = tokio::time::timeout(TAKE_UP_PATIENCE, find).await;
+                found.map_err(|_| {
+                    let detail = "the episode is still played again from its journal; its clock does not run";
+                    ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
+                })?
+            }
+            Place::Journal => {
+                let _turn = self.replay_turn().await?;
+                find.await
+            }
         };
         found?.ok_or_else(|| ApiError::not_found("the episode"))
+    }
+
+    /// A turn to have rounds played again.
+    async fn replay_turn(&self) -> Result<Permit, ApiError> {
+        let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
+        turn.map_err(|Busy { name, slots }| {
+            let detail =
+                "too many rounds are asked for that have to be played again; ask again later";
+            ApiError::limit(Code::Overloaded, name, slots, detail)
+                .retry_after(Duration::from_secs(1))
+        })
     }
 
     /// The state after `round` rounds, which must be resolved; `near` is a state on the way to it.
@@ -303,12 +322,7 @@ impl App {
         if kept.round() == round {
             return Ok(kept);
         }
-        let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
-        let _turn = turn.map_err(|Busy { name, slots }| {
-            let detail = "too many states of earlier rounds are asked for; ask again later";
-            ApiError::limit(Code::Overloaded, name, slots, detail)
-                .retry_after(Duration::from_secs(1))
-        })?;
+        let _turn = self.replay_turn().await?;
         Ok(state_at(self.registry.host(), handle, round, near).await?)
     }
 }

@@ -166,6 +166,28 @@ async fn a_restart_gives_the_open_round_its_full_clock_and_keeps_the_banks() {
 }
 
 #[tokio::test]
+async fn the_clock_of_a_game_that_takes_long_to_play_again_begins_when_it_is_back() {
+    // All hear each other, so its rounds may be dear; as nobody says anything they are not.
+    let mut app = TestApp::with_manual_clock().await;
+    let request = json!({
+        "task": "Pursuit", "seed": 1, "num_agents": 256, "width": 64, "height": 64, "view_size": 63,
+        "memory": 0, "max_round": 20, "round_deadline_s": 10,
+    });
+    let episode = app.create(request).await;
+    for round in 0..12 {
+        app.pass(seconds(10));
+        assert_eq!(app.obs_after(episode.seat(0), round).await["round"], round + 1);
+    }
+    app.pass(seconds(6));
+    app.restart().await;
+    // Whether it is back already or not: whoever asks waits until it is.
+    assert_eq!(left(&app, &episode, 0).await, (10_000, 0));
+    assert_eq!(app.obs(episode.seat(0)).await["round"], 12);
+    app.pass(seconds(10));
+    assert_eq!(app.obs_after(episode.seat(0), 12).await["round"], 13);
+}
+
+#[tokio::test]
 async fn clocks_go_on_after_a_restart_without_a_request() {
     let mut app = TestApp::with_manual_clock().await;
     let episode = app.create(request(10, 0)).await;
