@@ -112,7 +112,7 @@ impl Offline {
     pub(super) async fn open(app: &TestApp) -> Self {
         let store = Store::open(&app.database()).await.expect("it opens");
         let last = store.last_key().await.expect("it is read");
-        let noon = "2026-03-02T12:00:00Z".parse().expect("a time");
+        let noon = "2026-02-28T12:00:00Z".parse().expect("a time");
         let clock = Arc::new(ManualClock::new(noon));
         let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
         let quotas = Arc::new(Quotas::new(Limits::default().caps()));
