@@ -94,4 +94,4 @@ impl Page {
 }
 
 /// Bytes of what stands after the items.
-const CURSOR_BYTES_MAX: usize = 64;
+pub(super) const CURSOR_BYTES_MAX: usize = 64;
