@@ -34,6 +34,9 @@ use crate::work::{Cancelled, WorkError};
 /// fast as the disk goes; this leaves the larger part of each commit to everybody else.
 pub const HOSTED_ROUNDS_MAX: usize = 4;
 
+/// How long a game waits whose players could not be shown what they had seen, as too many others read.
+const PLAY_AGAIN: Duration = Duration::from_secs(1);
+
 /// How long a game whose players have no memory waits before it asks for some again.
 const MEMORY_PAUSE: Duration = Duration::from_secs(1);
 
@@ -79,12 +82,19 @@ pub async fn run(
         tokio::spawn(async move {
             let id = handle.id.clone();
             let party = handle.party;
-            let playing = Box::pin(party.scope(play(handle, &host, &turns)));
-            match select(playing, Box::pin(stop.cancelled())).await {
-                Either::Left((Err(error), _)) => {
-                    tracing::error!(episode = %id, %error, "the server plays its seats no more");
+            loop {
+                let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
+                match select(playing, Box::pin(stop.cancelled())).await {
+                    Either::Left((Err(error), _)) if error.will_pass() && !handle.is_dead() => {
+                        tracing::warn!(episode = %id, %error, "the server plays its seats again soon");
+                        host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;
+                    }
+                    Either::Left((Err(error), _)) => {
+                        tracing::error!(episode = %id, %error, "the server plays its seats no more");
+                        return;
+                    }
+                    Either::Left((Ok(()), _)) | Either::Right(_) => return,
                 }
-                Either::Left((Ok(()), _)) | Either::Right(_) => {}
             }
         });
     }
@@ -107,6 +117,19 @@ pub enum HouseError {
     Journal(#[from] JournalError),
 }
 
+impl HouseError {
+    /// Whether the same will work later: too many others read or wanted heavy work at the moment.
+    fn will_pass(&self) -> bool {
+        match self {
+            Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
+            Self::Recovery(RecoveryError::Work(error)) | Self::Work(error) => {
+                *error == WorkError::Busy
+            }
+            Self::Recovery(RecoveryError::Broken { .. }) | Self::Unknown(_) => false,
+        }
+    }
+}
+
 /// Plays the server's seats of one episode to its end.
 ///
 /// # Errors
@@ -123,15 +146,14 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                 let mut all = match players.take() {
                     Some(players) => players,
                     None if handle.hosted().is_empty() => return Ok(()),
-                    None => match host.budget.reserve(players_bytes(&handle)) {
-                        Ok(memory) => Players::new(&handle.spec, handle.hosted(), memory)?,
-                        Err(_) => {
+                    None => {
+                        let Ok(memory) = host.budget.reserve(players_bytes(&handle)) else {
                             let again = after(host.clock.now(), MEMORY_PAUSE);
                             host.clock.sleep_until(again).await;
-                            published.mark_changed();
                             continue;
-                        }
-                    },
+                        };
+                        Players::new(&handle.spec, handle.hosted(), memory)?
+                    }
                 };
                 let _turn = turns.acquire_always(handle.party, Rank::Normal).await;
                 let round = snapshot.world.round();

@@ -1,10 +1,11 @@
 //! `swarmbench competition`
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::PathBuf;
 
 use anyhow::{Context, anyhow, bail};
 use jiff::Timestamp;
+use serde::de::DeserializeOwned;
 
 use super::play::table;
 use crate::players::client::Client;
@@ -260,10 +261,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             );
         }
         Command::Attempts { id } => {
-            let list: AttemptList = client.get(&path(&id, "/attempts")).await?;
+            let mut list = Vec::new();
+            let add = |page: AttemptList| {
+                list.extend(page.items);
+                page.next_cursor
+            };
+            pages(&client, &path(&id, "/attempts"), add).await?;
             let mut shown =
                 table(&["entrant", "attempt", "run", "status", "games", "total", "note"]);
-            for attempt in list.items {
+            for attempt in list {
                 let note = attempt.voided.map(|reason| format!("does not count: {reason}"));
                 shown.add_row([
                     attempt.entrant,
@@ -278,10 +284,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             println!("{shown}");
         }
         Command::Entrants { id } => {
-            let list: EntrantList = client.get(&path(&id, "/entrants")).await?;
+            let mut list = Vec::new();
+            let add = |page: EntrantList| {
+                list.extend(page.items);
+                page.next_cursor
+            };
+            pages(&client, &path(&id, "/entrants"), add).await?;
             let mut table =
                 table(&["entrant", "name", "model", "status", "reason", "vouched", "registered"]);
-            for entrant in list.items {
+            for entrant in list {
                 table.add_row([
                     entrant.id,
                     entrant.name,
@@ -317,12 +328,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             println!("{run} does not count; its entrant may start that attempt again.");
         }
         Command::Board { id, csv: true, .. } => {
-            let path = path(&id, "/board");
-            let format = ("format", &"csv".to_owned());
-            client.download(&path, &[format], &mut std::io::stdout().lock()).await?;
+            print_board_csv(&client, &path(&id, "/board")).await?;
         }
         Command::Board { id, json, .. } => {
-            let board: CompetitionBoard = client.get(&path(&id, "/board")).await?;
+            let board = whole_board(&client, &path(&id, "/board")).await?;
             if json {
                 println!("{}", serde_json::to_string_pretty(&board)?);
             } else {
@@ -336,6 +345,51 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Reads a list page by page; `add` takes a page and says where the next one begins.
+async fn pages<T: DeserializeOwned>(
+    client: &Client,
+    path: &str,
+    mut add: impl FnMut(T) -> Option<String>,
+) -> anyhow::Result<()> {
+    let mut cursor = None;
+    loop {
+        let query = cursor.as_deref().map(|cursor| ("cursor", cursor));
+        cursor = add(client.get_with(path, query.as_slice()).await?);
+        if cursor.is_none() {
+            return Ok(());
+        }
+    }
+}
+
+/// The board with all its pages; the first says what is shown.
+async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionBoard> {
+    let mut whole: Option<CompetitionBoard> = None;
+    let add = |mut page: CompetitionBoard| {
+        let next = page.next_cursor.take();
+        match &mut whole {
+            Some(whole) => whole.items.extend(page.items),
+            None => whole = Some(page),
+        }
+        next
+    };
+    pages(client, path, add).await?;
+    whole.context("the server shows no board")
+}
+
+/// Prints all pages as CSV, with the line of names once.
+async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let format = ("format", &"csv".to_owned());
+    let mut next = client.download(path, &[format], &mut out).await?;
+    while let Some(cursor) = next {
+        let mut page = Vec::new();
+        next = client.download(path, &[format, ("cursor", &cursor)], &mut page).await?;
+        let names = page.iter().position(|&byte| byte == b'\n').map_or(page.len(), |end| end + 1);
+        out.write_all(&page[names..])?;
+    }
+    Ok(out.flush()?)
 }
 
 fn path(id: &str, rest: &str) -> String {

@@ -13,7 +13,7 @@ use crate::board::interval::Memory;
 use crate::players::client::Client;
 use crate::standings::Standings;
 use crate::store::{OpenError, Store};
-use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
+use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, Table as _, TaskScore};
 
 /// Columns of a terminal from which on a row also says how sure its place is, and what went wrong.
 const WIDE: u16 = 132;

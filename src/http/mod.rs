@@ -59,8 +59,10 @@ use crate::work::{JOBS_WAITING_MAX, Workers};
 use agent::look::Sights;
 use auth::Access;
 use client::Rates;
+use competitions::board::Ranking;
 use error::{ApiError, Code};
 use limits::Limits;
+use made::{ANSWERS_BYTES_MAX, Answer, MadeOnce, RANKINGS_BYTES_MAX};
 pub use router::router;
 use stream::Streams;
 
@@ -144,7 +146,9 @@ pub struct Shared {
     standings: Standings,
     intervals: Memory,
     /// Boards and lists as they were made last.
-    answers: made::Answers,
+    answers: MadeOnce<Answer>,
+    /// Competitions as they were ranked last.
+    rankings: MadeOnce<Ranking>,
     /// Requests that are not answered yet.
     in_flight: Arc<client::InFlight>,
 }
@@ -162,7 +166,8 @@ impl App {
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
             large_answers: large_answers(&foundation.limits),
-            answers: made::Answers::new(),
+            answers: MadeOnce::new(ANSWERS_BYTES_MAX),
+            rankings: MadeOnce::new(RANKINGS_BYTES_MAX),
             in_flight: Arc::default(),
             foundation,
             ready: AtomicBool::new(false),

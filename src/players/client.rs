@@ -145,7 +145,8 @@ impl Client {
         &self.base
     }
 
-    /// Takes what may be too large for memory. An answer that breaks off is an error.
+    /// Takes what may be too large for memory, and the cursor of the next page where the answer names one. An answer
+    /// that breaks off is an error.
     ///
     /// # Errors
     /// Where the server refuses or does not answer, or `out` cannot be written to.
@@ -154,7 +155,7 @@ impl Client {
         path: &str,
         query: &[(&str, &String)],
         out: &mut (impl std::io::Write + ?Sized),
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<Option<String>> {
         let mut url = self.base.clone();
         url.set_path(path);
         let transport = |source| ClientError::Transport { url: url.clone(), source };
@@ -165,10 +166,13 @@ impl Client {
             let bytes = answer.bytes().await.map_err(transport)?;
             return Err(refused(url, status, &bytes).into());
         }
+        let next = answer.headers().get("x-next-cursor").and_then(|next| next.to_str().ok());
+        let next = next.map(str::to_owned);
         while let Some(piece) = answer.chunk().await.map_err(transport)? {
             out.write_all(&piece)?;
         }
-        Ok(out.flush()?)
+        out.flush()?;
+        Ok(next)
     }
 
     /// Creates an episode. A repeat after a lost answer gives the same one.

@@ -1,6 +1,6 @@
 //! Leaderboards and cross-play, as JSON and as CSV.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -129,6 +129,39 @@ pub struct RowDifference {
     pub pairs: u32,
 }
 
+/// A list that is written as JSON or as CSV.
+pub trait Table: Serialize {
+    /// An item of it.
+    type Row: Serialize;
+
+    /// How lines of CSV end.
+    const LINES_END: csv::Terminator = csv::Terminator::CRLF;
+
+    /// Its items.
+    fn rows(&self) -> &[Self::Row];
+
+    /// Where the next page begins.
+    fn next_cursor(&self) -> Option<&str>;
+
+    /// The names of the columns.
+    fn columns(&self) -> Vec<String>;
+
+    /// A row in these columns.
+    fn record(&self, columns: &[String], row: &Self::Row) -> Vec<String>;
+
+    /// All of it as CSV, a row for each item.
+    fn csv(&self) -> String {
+        let columns = self.columns();
+        let records = self.rows().iter().map(|row| self.record(&columns, row));
+        write_lines(std::iter::once(columns.clone()).chain(records), Self::LINES_END)
+    }
+
+    /// A row as a line of CSV.
+    fn csv_line(&self, columns: &[String], row: &Self::Row) -> String {
+        write_lines([self.record(columns, row)].into_iter(), Self::LINES_END)
+    }
+}
+
 impl Leaderboard {
     /// A page of a board: `limit` rows from the place `start` on.
     #[must_use]
@@ -149,10 +182,20 @@ impl Leaderboard {
             next_cursor: last.map(|row| write_cursor(row.id(), end)),
         }
     }
+}
 
-    /// The board as CSV, a row for each of its items.
-    #[must_use]
-    pub fn csv(&self) -> String {
+impl Table for Leaderboard {
+    type Row = BoardRow;
+
+    fn rows(&self) -> &[BoardRow] {
+        &self.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
         let task = |task: &String| {
             ["mean", "std", "games", "planned"]
                 .map(|what| format!("{}_{what}", task.to_lowercase()))
@@ -173,18 +216,18 @@ impl Leaderboard {
         let difference = ["difference", "difference_low", "difference_high", "difference_pairs"];
         let wrong = ["invalid_share", "clock_out_share", "voided", "row", "difference_to"];
         let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let columns = [
+        [
             own(&head),
             own(&declared),
             own(&runs),
             self.tasks.iter().flat_map(task).collect(),
             own(&difference),
             own(&wrong),
-        ];
-        write_csv(&columns.concat(), self.items.iter().map(|row| self.record(row)))
+        ]
+        .concat()
     }
 
-    fn record(&self, row: &BoardRow) -> Vec<String> {
+    fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
         let mut cells = vec![
             text(&self.suite),
             text(&self.digest),
@@ -423,38 +466,47 @@ impl CrossPlay {
     pub fn read_cursor(text: &str) -> Option<usize> {
         usize::from_str_radix(text.strip_prefix('c')?, 16).ok()
     }
+}
 
-    /// The pairs as CSV.
-    #[must_use]
-    pub fn csv(&self) -> String {
-        let mut settings: Vec<&String> =
+/// The first columns of cross-play; settings follow.
+const PAIR_COLUMNS: [&str; 8] =
+    ["task", "rules", "model_a", "model_b", "vouched", "games", "mean", "std"];
+
+impl Table for CrossPlay {
+    type Row = CrossPlayPair;
+
+    fn rows(&self) -> &[CrossPlayPair] {
+        &self.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let settings: BTreeSet<&String> =
             self.items.iter().flat_map(|pair| pair.settings.keys()).collect();
-        settings.sort_unstable();
-        settings.dedup();
-        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let columns = [
-            own(&["task", "rules", "model_a", "model_b", "vouched", "games", "mean", "std"]),
-            settings.iter().map(|&name| name.clone()).collect(),
+        PAIR_COLUMNS.map(str::to_owned).into_iter().chain(settings.into_iter().cloned()).collect()
+    }
+
+    fn record(&self, columns: &[String], pair: &CrossPlayPair) -> Vec<String> {
+        let mut cells = vec![
+            text(&pair.task),
+            text(&pair.rules),
+            text(&pair.models[0]),
+            text(&pair.models[1]),
+            pair.vouched.to_string(),
+            pair.games.to_string(),
+            pair.mean.to_string(),
+            pair.deviation.to_string(),
         ];
-        let record = |pair: &CrossPlayPair| {
-            let mut cells = vec![
-                text(&pair.task),
-                text(&pair.rules),
-                text(&pair.models[0]),
-                text(&pair.models[1]),
-                pair.vouched.to_string(),
-                pair.games.to_string(),
-                pair.mean.to_string(),
-                pair.deviation.to_string(),
-            ];
-            cells.extend(settings.iter().map(|&name| match pair.settings.get(name) {
-                None | Some(serde_json::Value::Null) => String::new(),
-                Some(serde_json::Value::String(word)) => text(word),
-                Some(other) => other.to_string(),
-            }));
-            cells
-        };
-        write_csv(&columns.concat(), self.items.iter().map(record))
+        let settings = columns.iter().skip(PAIR_COLUMNS.len());
+        cells.extend(settings.map(|name| match pair.settings.get(name) {
+            None | Some(serde_json::Value::Null) => String::new(),
+            Some(serde_json::Value::String(word)) => text(word),
+            Some(other) => other.to_string(),
+        }));
+        cells
     }
 }
 
@@ -490,14 +542,15 @@ pub fn text(cell: &str) -> String {
 }
 
 pub(crate) fn write_csv(columns: &[String], records: impl Iterator<Item = Vec<String>>) -> String {
-    let mut csv =
-        csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
-    let mut write = |record: &[String]| {
+    write_lines(std::iter::once(columns.to_vec()).chain(records), csv::Terminator::CRLF)
+}
+
+fn write_lines(records: impl Iterator<Item = Vec<String>>, end: csv::Terminator) -> String {
+    let mut csv = csv::WriterBuilder::new().terminator(end).from_writer(Vec::new());
+    for record in records {
         csv.write_record(record)
             .expect("memory can be written, and all records have as many cells");
-    };
-    write(columns);
-    records.for_each(|record| write(&record));
+    }
     let bytes = csv.into_inner().expect("memory can be written");
     String::from_utf8(bytes).expect("texts and numbers")
 }

@@ -407,7 +407,7 @@ pub struct CreatedEntrant {
 pub struct EntrantList {
     /// The entrants, in the order in which they registered.
     pub items: Vec<EntrantSummary>,
-    /// Always null: all entrants are on one page.
+    /// Where the next page begins; null on the last.
     pub next_cursor: Option<String>,
 }
 
@@ -510,7 +510,7 @@ pub struct AttemptSummary {
 pub struct AttemptList {
     /// The attempts, in the order in which they were started.
     pub items: Vec<AttemptSummary>,
-    /// Always null: all attempts are on one page.
+    /// Where the next page begins; null on the last.
     pub next_cursor: Option<String>,
 }
 
@@ -554,7 +554,7 @@ pub struct CompetitionBoard {
     pub frozen_at: Option<Timestamp>,
     /// Entrants with a rank, then those of whom nothing counts yet, then those who take no part any more.
     pub items: Vec<CompetitionRow>,
-    /// Always null: all entrants are on one page.
+    /// Where the next page begins; null on the last.
     pub next_cursor: Option<String>,
 }
 

@@ -62,6 +62,81 @@ async fn lists_end_where_an_answer_is_full_and_go_on_by_their_cursor() {
     assert_eq!((items.len(), pages), (10, 5), "two of the large ones fit into an answer");
 }
 
+/// Follows a board as CSV from its first page to its last: what stands in a column, and how many pages there were.
+async fn follow_csv(
+    app: &TestApp,
+    path: &str,
+    column: &str,
+    bytes_max: usize,
+) -> (Vec<String>, usize) {
+    let (mut cells, mut pages, mut cursor, mut heads) = (Vec::new(), 0, String::new(), Vec::new());
+    loop {
+        let call = app.get(&format!("{path}{cursor}")).token(&app.organizer);
+        let answer = call.send().await;
+        let text = answer.text();
+        assert!(answer.status == 200 && text.len() <= bytes_max, "{} bytes", text.len());
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        heads.push(reader.headers().expect("a head").clone());
+        let place = heads[0].iter().position(|name| name == column).expect("the column");
+        cells.extend(reader.records().map(|record| record.expect("a record")[place].to_owned()));
+        pages += 1;
+        match answer.header("x-next-cursor") {
+            "" => break,
+            next => cursor = format!("&cursor={next}"),
+        }
+    }
+    heads.dedup();
+    assert_eq!(heads.len(), 1, "{path}: all pages have the same columns");
+    (cells, pages)
+}
+
+#[tokio::test]
+async fn boards_end_where_an_answer_is_full_and_go_on_by_their_cursor() {
+    let bytes_max = 2_500;
+    let app = TestApp::builder().manual_clock().keys();
+    let app = app.limits(|limits| limits.answer_bytes_max = bytes_max).start().await;
+    let cup = cup::Cup::open(&app, json!({})).await;
+    for n in 0..12 {
+        let entrant = cup.enter(&app, &format!("a \"quoted\" team {n}")).await;
+        if n == 7 {
+            cup.start(&app, &entrant).await.play(&app, 4).await;
+        }
+    }
+    let names = |items: &[Value], at: &str| -> Vec<String> {
+        items.iter().map(|row| row.pointer(at).expect("it").as_str().expect("it").into()).collect()
+    };
+    for (path, csv, id, column, count) in [
+        (cup.path("/board"), cup.path("/board?format=csv"), "/entrant/id", "entrant", 12),
+        (
+            "/api/v1/leaderboard?limit=1000".to_owned(),
+            "/api/v1/leaderboard?format=csv".to_owned(),
+            "/id",
+            "row",
+            29,
+        ),
+    ] {
+        let (items, pages) = follow(&app, &path, bytes_max).await;
+        let ids = names(&items, id);
+        assert_eq!(ids.len(), count, "{path}");
+        assert!(pages > 1, "{path}");
+        let (cells, pages) = follow_csv(&app, &csv, column, bytes_max).await;
+        assert_eq!(cells, ids, "{csv}");
+        assert!(pages > 1, "{csv}");
+    }
+    let (items, pages) = follow(&app, &cup.path("/board?limit=2"), bytes_max).await;
+    assert_eq!((items.len(), pages), (12, 6));
+    assert_eq!(items[0]["entrant"]["name"], "a \"quoted\" team 7");
+    let page = app.get(&cup.path("/board?limit=2")).token(&app.organizer).ok().await;
+    let next = page["next_cursor"].as_str().expect("a cursor").to_owned();
+    // Somebody who enters while another reads does not move what is read.
+    cup.enter(&app, "late").await;
+    let call = app.get(&cup.path(&format!("/board?limit=2&cursor={next}"))).token(&app.organizer);
+    assert_eq!(list(&call.ok().await["items"]), items[2..4]);
+    for wrong in ["cursor=c1", "cursor=-", "cursor=cx-ent", "limit=0", "limit=1001"] {
+        app.get(&cup.path(&format!("/board?{wrong}"))).problem(400, "malformed").await;
+    }
+}
+
 /// All seats in the order in which they are given, page by page.
 async fn look_at_all(
     app: &TestApp,

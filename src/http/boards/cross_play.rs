@@ -12,7 +12,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, page_limit};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
-use super::Format;
+use super::{Format, by_accept};
 use crate::board::cross_play::pairs;
 use crate::wire::board::CrossPlay;
 use crate::wire::problem::Problem;
@@ -87,6 +87,7 @@ pub(in super::super) async fn show_cross_play(
         })?,
     };
     let asked = format!("cross-play {task:?} {:?} {start} {limit} {format:?}", params.rules);
+    let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let games = app.standings.mixed().await?;
         let answer = app.render(move || {
@@ -94,9 +95,9 @@ pub(in super::super) async fn show_cross_play(
                 task.is_none_or(|task| game.setting.task == task)
                     && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
             });
-            let page = CrossPlay::page(&pairs(asked.map(|game| &**game)), start, limit);
-            let next = page.next_cursor.clone();
-            format.answer(&page, CrossPlay::csv, next)
+            let pairs = pairs(asked.map(|game| &**game));
+            let page = |limit| CrossPlay::page(&pairs, start, limit);
+            by_accept(format.page(bytes_max, limit, page))
         });
         answer.await
     };

@@ -11,7 +11,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, page_limit};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
-use super::Format;
+use super::{Format, by_accept};
 use crate::board::collection::Question;
 use crate::wire::board::{Leaderboard, read_cursor};
 use crate::wire::problem::Problem;
@@ -101,9 +101,9 @@ pub(in super::super) async fn show_leaderboard(
         let intervals = app.clone();
         let answer = app.render(move || {
             let ranked = boards.ranked(&question)?;
-            let page = Leaderboard::page(&ranked, ranked.after(after), limit, &intervals.intervals);
-            let next = page.next_cursor.clone();
-            Ok(format.answer(&page, Leaderboard::csv, next))
+            let start = ranked.after(after);
+            let page = |limit| Leaderboard::page(&ranked, start, limit, &intervals.intervals);
+            Ok(by_accept(format.page(intervals.limits.answer_bytes_max, limit, page)))
         });
         answer.await?
     };

@@ -3,16 +3,16 @@
 pub(super) mod cross_play;
 pub(super) mod leaderboard;
 
-use axum::Json;
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
 
 use super::error::{ApiError, Code};
+use super::page::CURSOR_BYTES_MAX;
+use crate::wire::board::Table;
 
 /// In which form somebody wants a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
+pub(super) enum Format {
     Json,
     Csv,
 }
@@ -41,25 +41,64 @@ impl Format {
         Ok(named.unwrap_or(Self::Json))
     }
 
-    /// An answer in this form. One that does not end the list names the next page.
-    fn answer<T: Serialize>(
+    /// The answer with a page of at most `limit` rows, made by `page`; of fewer where they do not fit into
+    /// `bytes_max`.
+    pub(super) fn page<T: Table>(
         self,
-        page: &T,
-        csv: impl FnOnce(&T) -> String,
-        next: Option<String>,
+        bytes_max: usize,
+        limit: usize,
+        page: impl Fn(usize) -> T,
     ) -> Response {
-        let mut answer = match self {
-            Self::Json => Json(page).into_response(),
-            Self::Csv => {
-                let kind = [(header::CONTENT_TYPE, "text/csv; charset=utf-8")];
-                (kind, csv(page)).into_response()
-            }
+        let made = page(limit);
+        let written = self.written(&made);
+        if written.len() <= bytes_max {
+            return self.answer(&made, written);
+        }
+        let made = page(self.fitting(&made, written.len(), bytes_max));
+        self.answer(&made, self.written(&made))
+    }
+
+    fn written<T: Table>(self, page: &T) -> Vec<u8> {
+        match self {
+            Self::Json => serde_json::to_vec(page).expect("string keys"),
+            Self::Csv => page.csv().into_bytes(),
+        }
+    }
+
+    /// How many rows of a page, which has so many bytes, fit: at least one, as a list would never go on otherwise.
+    fn fitting<T: Table>(self, page: &T, bytes: usize, bytes_max: usize) -> usize {
+        let (rows, columns) = (page.rows(), page.columns());
+        let size = |row: &T::Row| match self {
+            Self::Json => serde_json::to_vec(row).expect("string keys").len() + 1,
+            Self::Csv => page.csv_line(&columns, row).len(),
         };
-        let headers = answer.headers_mut();
-        headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
-        if let Some(next) = next.and_then(|next| header::HeaderValue::try_from(next).ok()) {
-            headers.insert("x-next-cursor", next);
+        let mut left = bytes + CURSOR_BYTES_MAX;
+        let without = rows.iter().rev().take_while(|row| {
+            let is_over = left > bytes_max;
+            if is_over {
+                left = left.saturating_sub(size(row));
+            }
+            is_over
+        });
+        rows.len().saturating_sub(without.count()).max(1)
+    }
+
+    /// An answer in this form. One that does not end the list names the next page.
+    fn answer<T: Table>(self, page: &T, body: Vec<u8>) -> Response {
+        let kind = match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv; charset=utf-8",
+        };
+        let mut answer = ([(header::CONTENT_TYPE, kind)], body).into_response();
+        if let Some(next) = page.next_cursor().and_then(|next| HeaderValue::try_from(next).ok()) {
+            answer.headers_mut().insert("x-next-cursor", next);
         }
         answer
     }
+}
+
+/// Says that the header `Accept` was looked at.
+fn by_accept(mut answer: Response) -> Response {
+    answer.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
+    answer
 }

@@ -1,20 +1,23 @@
 //! `GET /api/v1/competitions/{id}/board`.
 
-use axum::Json;
+use std::sync::Arc;
+
 use axum::extract::State;
-use axum::http::header;
-use axum::response::{IntoResponse, Response};
-use serde::Deserialize;
+use axum::response::Response;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize, Serializer};
 use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
+use super::super::boards::Format;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
+use super::super::extract::{Id, Params, page_limit};
+use super::super::made::{Kept, Made};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
-use crate::store::competitions::Declared;
-use crate::wire::board::text as safe_cell;
+use crate::store::competitions::{Declared, StoredCompetition};
+use crate::wire::board::{Table, text as safe_cell};
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
 
 /// How the board is to be written.
@@ -25,12 +28,18 @@ pub(in super::super) struct BoardParams {
     /// `json` or `csv`.
     #[param(example = "json")]
     format: Option<String>,
+    /// How many rows at most, up to 1,000; all that fit into one answer where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
 }
 
 /// Show the board of a competition, as JSON or CSV.
 ///
 /// As long as seeds are sealed it shows ranks and totals, or nothing, as the organizer decided; organizers see all of
 /// it at any time. A game that was planned and not played counts as 0; one that the host broke does not count.
+/// A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
     path = "/api/v1/competitions/{id}/board",
@@ -54,12 +63,22 @@ pub(in super::super) async fn show_board(
     Id(id): Id,
     Params(params): Params<BoardParams>,
 ) -> Result<Response, ApiError> {
-    let is_csv = match params.format.as_deref() {
-        None | Some("json") => false,
-        Some("csv") => true,
-        Some(_) => {
-            return Err(ApiError::new(Code::Malformed, "format must be one of json, csv"));
-        }
+    let malformed = |detail| ApiError::new(Code::Malformed, detail);
+    let format = match params.format.as_deref() {
+        None | Some("json") => Format::Json,
+        Some("csv") => Format::Csv,
+        Some(_) => return Err(malformed("format must be one of json, csv")),
+    };
+    let limit = match params.limit {
+        None => usize::MAX,
+        asked => page_limit(&app, asked, 0)? as usize,
+    };
+    let after = match &params.cursor {
+        None => None,
+        Some(cursor) => Some(
+            read_cursor(cursor)
+                .ok_or_else(|| malformed("cursor must be the next_cursor of an earlier page"))?,
+        ),
     };
     let competition = app.competition(&caller, &id).await?;
     let is_revealed = competition.revealed_at.is_some();
@@ -74,76 +93,169 @@ pub(in super::super) async fn show_board(
         BoardView::TotalsBefore(at) => ("totals", Some(at)),
         BoardView::All => ("all", None),
     };
+    let start = Start { limit, after };
+    let question = format!("board of {id}: {view:?} {start:?} {format:?}");
+    let bytes_max = app.limits.answer_bytes_max;
     let make = async {
-        let mut board = CompetitionBoard {
-            shows: shows.to_owned(),
-            frozen_at: before,
-            items: Vec::new(),
-            next_cursor: None,
+        let ranked = match view {
+            BoardView::Nothing => Arc::new(Made { of: app.results(), what: Ranking::default() }),
+            BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
+                app.ranking(competition, view, before).await?
+            }
         };
-        if view == BoardView::Nothing {
-            return written(&board, is_csv);
-        }
-        let field = app.field(competition, Declared::Short).await?;
-        let with_tasks = view == BoardView::All;
-        let make = move || {
-            board.items = field.shown(before, with_tasks)?;
-            written(&board, is_csv)
+        let of = ranked.of;
+        let write = move || {
+            let first = ranked.what.after(start.after.as_ref());
+            let page = |limit| Shown::page(&ranked.what, (shows, before), first, limit);
+            format.page(bytes_max, start.limit, page)
         };
-        app.render(make).await?
+        Ok((of, app.render(write).await?))
     };
-    app.made_once(format!("board of {id}: {view:?} {is_csv}"), Box::pin(make)).await
+    app.made_once_of(question, Box::pin(make)).await
 }
 
-/// The board as JSON or CSV.
-fn written(board: &CompetitionBoard, is_csv: bool) -> Result<Response, ApiError> {
-    if is_csv {
-        let kind = [(header::CONTENT_TYPE, "text/csv; charset=utf-8")];
-        return Ok((kind, csv(board)?).into_response());
-    }
-    Ok(Json(board).into_response())
+/// Which part of a board somebody wants.
+#[derive(Debug)]
+struct Start {
+    limit: usize,
+    /// The last entrant of the page before, and how many rows there were up to it.
+    after: Option<(String, usize)>,
 }
 
-/// The board as CSV: a line a row, the tasks in columns of their own.
-fn csv(board: &CompetitionBoard) -> Result<Vec<u8>, ApiError> {
-    let failed = |error: csv::Error| ApiError::new(Code::Internal, error.to_string());
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let first = board.items.iter().find(|row| !row.tasks.is_empty());
-    let tasks: Vec<&str> =
-        first.map_or(Vec::new(), |row| row.tasks.iter().map(|task| task.task.as_str()).collect());
-    let mut head: Vec<String> = [
-        "rank",
-        "entrant",
-        "name",
-        "model",
-        "temperature",
-        "top_p",
-        "prompt_template",
-        "status",
-        "reason",
-        "vouched",
-        "decentralization",
-        "attempt",
-        "run",
-        "run_status",
-        "total",
-    ]
-    .map(str::to_owned)
-    .to_vec();
-    for task in &tasks {
-        let columns = ["mean", "deviation", "games", "planned"];
-        head.extend(columns.map(|column| format!("{task}_{column}")));
-    }
-    let last = ["invalid_share", "clock_share", "voided_games", "attempts", "voided_attempts"];
-    head.extend(last.map(str::to_owned));
-    writer.write_record(&head).map_err(failed)?;
-    for row in &board.items {
-        writer.write_record(cells(row, &tasks)).map_err(failed)?;
-    }
-    writer.into_inner().map_err(|error| ApiError::new(Code::Internal, error.to_string()))
+/// Where a page ends: how many rows there were, and the last one's entrant.
+fn write_cursor(rows: usize, entrant: &str) -> String {
+    format!("c{rows:x}-{entrant}")
 }
 
-fn cells(row: &CompetitionRow, tasks: &[&str]) -> Vec<String> {
+fn read_cursor(text: &str) -> Option<(String, usize)> {
+    let (rows, entrant) = text.strip_prefix('c')?.split_once('-')?;
+    Some((entrant.to_owned(), usize::from_str_radix(rows, 16).ok()?))
+}
+
+/// All rows of a board as somebody sees it.
+#[derive(Debug, Default)]
+pub(in super::super) struct Ranking {
+    rows: Vec<CompetitionRow>,
+    /// The tasks of which results are shown.
+    tasks: Vec<String>,
+    bytes: usize,
+}
+
+impl Kept for Ranking {
+    fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+impl Ranking {
+    fn new(rows: Vec<CompetitionRow>) -> Self {
+        let first = rows.iter().find(|row| !row.tasks.is_empty());
+        let tasks = first.map_or(&[][..], |row| &row.tasks);
+        let tasks = tasks.iter().map(|task| task.task.clone()).collect();
+        let bytes = rows.iter().map(bytes).sum();
+        Self { rows, tasks, bytes }
+    }
+
+    /// The place after this entrant; the first where none is named. An entrant that is not there had the last of so
+    /// many rows.
+    fn after(&self, entrant: Option<&(String, usize)>) -> usize {
+        let Some((id, rows)) = entrant else { return 0 };
+        let found = self.rows.iter().position(|row| row.entrant.id == *id);
+        found.map_or(*rows, |found| found + 1).min(self.rows.len())
+    }
+}
+
+/// About how much memory a row takes.
+fn bytes(row: &CompetitionRow) -> usize {
+    let entrant = &row.entrant;
+    let texts = [&entrant.id, &entrant.name, &entrant.model, &entrant.status].map(String::len);
+    let more = [&entrant.prompt_template, &entrant.reason, &row.run, &row.run_status]
+        .map(|text| text.as_ref().map_or(0, String::len));
+    let tasks: usize = row.tasks.iter().map(|task| size_of_val(task) + task.task.len()).sum();
+    size_of_val(row) + texts.into_iter().chain(more).sum::<usize>() + tasks
+}
+
+impl App {
+    /// The board of a competition as somebody sees it. All pages, and both forms, are parts of the same.
+    async fn ranking(
+        &self,
+        competition: StoredCompetition,
+        view: BoardView,
+        before: Option<Timestamp>,
+    ) -> Result<Arc<Made<Ranking>>, ApiError> {
+        let question = format!("{}: {view:?}", competition.id);
+        let make = async {
+            let of = self.results();
+            let field = self.field(competition, Declared::Short).await?;
+            let rank = move || field.shown(before, view == BoardView::All).map(Ranking::new);
+            Ok(Made { of, what: self.render(rank).await?? })
+        };
+        self.kept(&self.rankings, question, Box::pin(make)).await
+    }
+}
+
+/// A page of a board.
+struct Shown<'a> {
+    board: CompetitionBoard,
+    /// The same on all pages: these are columns.
+    tasks: &'a [String],
+}
+
+impl<'a> Shown<'a> {
+    fn page(
+        ranking: &'a Ranking,
+        (shows, frozen_at): (&str, Option<Timestamp>),
+        start: usize,
+        limit: usize,
+    ) -> Self {
+        let end = ranking.rows.len().min(start.saturating_add(limit));
+        let items = ranking.rows[start..end].to_vec();
+        let last = items.last().filter(|_| end < ranking.rows.len());
+        let next_cursor = last.map(|row| write_cursor(end, &row.entrant.id));
+        let board = CompetitionBoard { shows: shows.to_owned(), frozen_at, items, next_cursor };
+        Self { board, tasks: &ranking.tasks }
+    }
+}
+
+impl Serialize for Shown<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.board.serialize(serializer)
+    }
+}
+
+/// As CSV the tasks are in columns of their own.
+impl Table for Shown<'_> {
+    type Row = CompetitionRow;
+
+    const LINES_END: csv::Terminator = csv::Terminator::Any(b'\n');
+
+    fn rows(&self) -> &[CompetitionRow] {
+        &self.board.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.board.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let declared = ["rank", "entrant", "name", "model", "temperature", "top_p"];
+        let status = ["prompt_template", "status", "reason", "vouched", "decentralization"];
+        let runs = ["attempt", "run", "run_status", "total"];
+        let last = ["invalid_share", "clock_share", "voided_games", "attempts", "voided_attempts"];
+        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let task = |task: &String| {
+            ["mean", "deviation", "games", "planned"].map(|column| format!("{task}_{column}"))
+        };
+        let tasks = self.tasks.iter().flat_map(task).collect();
+        [own(&declared), own(&status), own(&runs), tasks, own(&last)].concat()
+    }
+
+    fn record(&self, _: &[String], row: &CompetitionRow) -> Vec<String> {
+        cells(row, self.tasks)
+    }
+}
+
+fn cells(row: &CompetitionRow, tasks: &[String]) -> Vec<String> {
     fn text<T: ToString>(value: Option<T>) -> String {
         value.map_or_else(String::new, |value| value.to_string())
     }

@@ -18,38 +18,77 @@ pub(crate) struct Foraging {
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     let mut rng = LayoutRng::new(config.seed);
-    let (height, width) = (config.height, config.width);
-    let mut food = Pos::new(rng.choice([1, height - 3]), 0);
-    food.j = rng.choice([1, width - 3]);
-    let across = |food: i32, size: i32| if food == 1 { size - 3 } else { 1 };
-    let mut nest = Pos::new(across(food.i, height), across(food.j, width));
-    let columns = rng.randint(0, 1) == 1;
-    // Walls lie along lines (rows, or columns where `columns`), each `length` cells long.
-    let (lines, length) = if columns { (width, height) } else { (height, width) };
-    let walls = (lines - WALL_SPACING - 1) / WALL_SPACING;
-    if walls % 2 == 1 {
-        if columns {
-            (nest.i, food.i) = (1, 1);
-        } else {
-            (nest.j, food.j) = (1, 1);
-        }
-    }
-    let is_wall = |cell: Pos| {
-        let (line, along) = if columns { (cell.j, cell.i) } else { (cell.i, cell.j) };
-        let number = line / WALL_SPACING - 1;
-        line % WALL_SPACING == 0
-            && (0..walls).contains(&number)
-            && (if number % 2 == 0 {
-                along <= length - (length + 2) / 3
-            } else {
-                along >= length / 3
-            })
-    };
-    place_wall(&mut board, |_| false, is_wall);
-    board.place(square(Kind::Nest, nest));
-    board.place(square(Kind::Food, food));
+    let ground = Ground::draw(config, &mut rng);
+    place_wall(&mut board, |_| false, |cell| ground.is_wall(cell));
+    board.place(square(Kind::Nest, ground.nest));
+    board.place(square(Kind::Food, ground.food));
     Plan { board, rng, region: Region::interior(config), task: Terrain::Foraging }
 }
+
+/// How many cells inside the wall ring the source, the nest and inner walls take.
+pub(super) fn cells_taken(config: &Config) -> i64 {
+    let ground = Ground::draw(config, &mut LayoutRng::new(config.seed));
+    let walls = (0..ground.walls).map(|number| {
+        let (first, last) = ground.reach(number);
+        i64::from(last.min(ground.length - 2) - first.max(1) + 1)
+    });
+    2 * SQUARE_CELLS + walls.sum::<i64>()
+}
+
+/// What is drawn for a map. Source, nest and inner walls do not touch each other.
+struct Ground {
+    food: Pos,
+    nest: Pos,
+    /// Whether the inner walls lie in columns, not in rows.
+    columns: bool,
+    /// How many inner walls there are.
+    walls: i32,
+    /// How many cells a row, or a column, has.
+    length: i32,
+}
+
+impl Ground {
+    fn draw(config: &Config, rng: &mut LayoutRng) -> Self {
+        let (height, width) = (config.height, config.width);
+        let mut food = Pos::new(rng.choice([1, height - 3]), 0);
+        food.j = rng.choice([1, width - 3]);
+        let across = |food: i32, size: i32| if food == 1 { size - 3 } else { 1 };
+        let mut nest = Pos::new(across(food.i, height), across(food.j, width));
+        let columns = rng.randint(0, 1) == 1;
+        // Walls lie along lines (rows, or columns where `columns`), each `length` cells long.
+        let (lines, length) = if columns { (width, height) } else { (height, width) };
+        let walls = (lines - WALL_SPACING - 1) / WALL_SPACING;
+        if walls % 2 == 1 {
+            if columns {
+                (nest.i, food.i) = (1, 1);
+            } else {
+                (nest.j, food.j) = (1, 1);
+            }
+        }
+        Self { food, nest, columns, walls, length }
+    }
+
+    /// From where to where in its line an inner wall goes, both ends included.
+    const fn reach(&self, number: i32) -> (i32, i32) {
+        if number % 2 == 0 {
+            (0, self.length - (self.length + 2) / 3)
+        } else {
+            (self.length / 3, self.length - 1)
+        }
+    }
+
+    fn is_wall(&self, cell: Pos) -> bool {
+        let (line, along) = if self.columns { (cell.j, cell.i) } else { (cell.i, cell.j) };
+        let number = line / WALL_SPACING - 1;
+        let (first, last) = self.reach(number);
+        line % WALL_SPACING == 0
+            && (0..self.walls).contains(&number)
+            && (first..=last).contains(&along)
+    }
+}
+
+/// Cells of the source, and of the nest.
+const SQUARE_CELLS: i64 = 4;
 
 /// A fixed body of 2 × 2 cells.
 fn square(kind: Kind, at: Pos) -> Body {

@@ -119,14 +119,16 @@ pub(crate) fn lay_out(config: &Config) -> (Board, Task) {
     (plan.board, task)
 }
 
-/// How many agents fit: the cells on which `spread` can place one.
+/// How many agents fit: the cells on which `spread` can place one. It is computed without drawing
+/// the map: settings are checked for each episode of a list.
 pub(crate) fn room(config: &Config) -> i64 {
-    let plan = Plan::draw(config);
-    let region = plan.region;
-    let cells = (region.rows.0..=region.rows.1)
-        .flat_map(|i| (region.columns.0..=region.columns.1).map(move |j| Pos::new(i, j)));
-    i64::try_from(cells.filter(|&cell| plan.board.grid().is_free(cell)).count())
-        .expect("a map has few cells")
+    let interior = Region::interior(config);
+    match config.task {
+        TaskName::Transport => interior.area() - transport::cells_taken(config, interior),
+        TaskName::Pursuit => pursuit::room(config),
+        TaskName::Foraging => interior.area() - foraging::cells_taken(config),
+        TaskName::Synchronization | TaskName::Flocking => interior.area(),
+    }
 }
 
 /// A layout before its agents are placed.
@@ -171,6 +173,20 @@ impl Region {
     pub(crate) const fn interior(config: &Config) -> Self {
         Self { rows: (1, config.height - 2), columns: (1, config.width - 2) }
     }
+
+    /// How many cells it has.
+    pub(crate) fn area(self) -> i64 {
+        let length = |(first, last): (i32, i32)| i64::from(last - first + 1);
+        length(self.rows) * length(self.columns)
+    }
+
+    /// Whether the cell is one of them.
+    pub(crate) const fn contains(self, cell: Pos) -> bool {
+        self.rows.0 <= cell.i
+            && cell.i <= self.rows.1
+            && self.columns.0 <= cell.j
+            && cell.j <= self.columns.1
+    }
 }
 
 /// Places each agent in order of its number: draws a column, then a row, until the cell is free
@@ -201,4 +217,46 @@ fn place_wall(board: &mut Board, gap: impl Fn(Pos) -> bool, inner: impl Fn(Pos) 
 /// A closed ring and nothing inside.
 fn place_ring(board: &mut Board) {
     place_wall(board, |_| false, |_| false);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{RuleSet, Settings};
+
+    /// The free cells of a map that was drawn.
+    fn counted(config: &Config) -> usize {
+        let Plan { board, region, .. } = Plan::draw(config);
+        let cells = (region.rows.0..=region.rows.1)
+            .flat_map(|i| (region.columns.0..=region.columns.1).map(move |j| Pos::new(i, j)));
+        cells.filter(|&cell| board.grid().is_free(cell)).count()
+    }
+
+    #[test]
+    fn room_is_what_the_drawn_map_has() {
+        let sizes = [8, 9, 10, 11, 12, 13, 16, 17, 18, 19, 20, 21, 37];
+        let maps = sizes.iter().flat_map(|&width| sizes.iter().map(move |&height| (width, height)));
+        for (width, height) in maps.chain([(256, 8), (8, 256), (256, 256)]) {
+            let seeds = if width.max(height) < 100 { 0..24 } else { 0..8 };
+            for (task, seed) in
+                TaskName::ALL.iter().flat_map(|t| seeds.clone().map(move |s| (t, s)))
+            {
+                for rules in RuleSet::ALL {
+                    if rules == RuleSet::Reference && width != height {
+                        continue;
+                    }
+                    let config = Config::check(&Settings {
+                        rules: rules.name().to_owned(),
+                        num_agents: 1,
+                        width,
+                        height,
+                        ..Settings::standard(*task, seed)
+                    })
+                    .expect("one agent fits on every map");
+                    let counted = i64::try_from(counted(&config)).expect("few cells");
+                    assert_eq!(room(&config), counted, "{task:?} {width} x {height}, seed {seed}");
+                }
+            }
+        }
+    }
 }

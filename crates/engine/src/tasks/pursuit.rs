@@ -69,17 +69,33 @@ pub(crate) struct Pursuit {
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     let mut rng = LayoutRng::new(config.seed);
-    let (height, width) = (config.height, config.width);
     place_ring(&mut board);
-    let i = rng.randint(height / 2 + 1, height - 2);
-    let j = rng.randint(width / 2 + 1, width - 2);
+    let at = first_prey(config, &mut rng);
     let fixed = match config.rules {
         RuleSet::Paper => true,
         RuleSet::Reference => false,
     };
-    let prey = board.place(Body::single(Kind::Prey, Pos::new(i, j), fixed));
-    let region = Region { rows: (1, (height / 2).max(5)), columns: (1, (width / 2).max(5)) };
-    Plan { board, rng, region, task: Terrain::Pursuit { prey } }
+    let prey = board.place(Body::single(Kind::Prey, at, fixed));
+    Plan { board, rng, region: region(config), task: Terrain::Pursuit { prey } }
+}
+
+/// How many agents fit beside the first prey.
+pub(super) fn room(config: &Config) -> i64 {
+    let prey = first_prey(config, &mut LayoutRng::new(config.seed));
+    region(config).area() - i64::from(region(config).contains(prey))
+}
+
+/// Where the first prey is drawn.
+fn first_prey(config: &Config, rng: &mut LayoutRng) -> Pos {
+    let i = rng.randint(config.height / 2 + 1, config.height - 2);
+    let j = rng.randint(config.width / 2 + 1, config.width - 2);
+    Pos::new(i, j)
+}
+
+/// Where agents are placed.
+fn region(config: &Config) -> Region {
+    let last = |size: i32| (size / 2).max(5);
+    Region { rows: (1, last(config.height)), columns: (1, last(config.width)) }
 }
 
 impl Pursuit {

@@ -75,9 +75,8 @@ const LAYOUTS: [Layout; 8] = [
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     let mut rng = LayoutRng::new(config.seed);
-    let layout = &LAYOUTS[rng.below(8) as usize];
+    let layout = Layout::draw(&mut rng);
     let (height, width) = (config.height, config.width);
-    let (rows, columns) = (length(layout.shape.len()), length(layout.shape[0].len()));
     let (low, right) = layout.at_last;
     let gap = |cell: Pos| match layout.side {
         Side::Row => {
@@ -90,15 +89,42 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
         }
     };
     place_wall(&mut board, gap, |_| false);
-    let at = Pos::new(if low { height - rows } else { 0 }, if right { width - columns } else { 0 });
-    let cells = (layout.shape.iter().zip(0..))
-        .flat_map(|(row, i)| row.bytes().zip(0..).map(move |(symbol, j)| (symbol, Pos::new(i, j))))
-        .filter(|&(symbol, _)| symbol == b'B')
-        .map(|(_, cell)| cell)
-        .collect();
+    let (at, cells) = (layout.at(config), layout.cells().collect());
     let block = Body { mass: BLOCK_MASS, ..Body::of_cells(Kind::Block, at, cells, false) };
     let block = board.place(block);
     Plan { board, rng, region: Region::interior(config), task: Terrain::Transport { block } }
+}
+
+/// How many cells of a region the block takes.
+pub(super) fn cells_taken(config: &Config, region: Region) -> i64 {
+    let layout = Layout::draw(&mut LayoutRng::new(config.seed));
+    let at = layout.at(config);
+    layout.cells().map(|cell| i64::from(region.contains(at.plus(cell)))).sum()
+}
+
+impl Layout {
+    /// The first draw of the task.
+    fn draw(rng: &mut LayoutRng) -> &'static Self {
+        &LAYOUTS[rng.below(8) as usize]
+    }
+
+    /// Where the bounding box of the block begins.
+    fn at(&self, config: &Config) -> Pos {
+        let (rows, columns) = (length(self.shape.len()), length(self.shape[0].len()));
+        let (low, right) = self.at_last;
+        Pos::new(
+            if low { config.height - rows } else { 0 },
+            if right { config.width - columns } else { 0 },
+        )
+    }
+
+    /// The cells of the block, in its bounding box.
+    fn cells(&self) -> impl Iterator<Item = Pos> {
+        (self.shape.iter().zip(0..))
+            .flat_map(|(row, i)| row.bytes().zip(0..).map(move |(of, j)| (of, Pos::new(i, j))))
+            .filter(|&(symbol, _)| symbol == b'B')
+            .map(|(_, cell)| cell)
+    }
 }
 
 /// The extent of a shape as a number of cells on the map.
