@@ -436,6 +436,15 @@ impl FairLimit {
         }
     }
 
+    /// A permit for the party, however many wait and however long it takes: for requests whose number is
+    /// bounded elsewhere.
+    pub async fn acquire_always(&self, party: Party, rank: Rank) -> Permit {
+        let (grant, granted) = oneshot::channel();
+        lock(&self.queue).add(party, rank, grant);
+        dispatch(&self.queue);
+        granted.await.expect("a request stays in the queue until it is granted")
+    }
+
     /// Forgets parties that have gone; to be called now and then.
     pub fn prune(&self) {
         lock(&self.queue).prune();

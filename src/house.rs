@@ -7,6 +7,7 @@
 //! so far, and the game goes on as if nothing had happened.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use futures::future::{Either, select};
 use sha2::{Digest, Sha256};
@@ -16,16 +17,47 @@ use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use crate::budget::Reservation;
+use crate::clock::after;
 use crate::episode::Status;
 use crate::episode::actor::{ActError, Handle, Host};
 use crate::episode::lockstep::Submission;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
-use crate::fair::{Party, Rank};
+use crate::fair::{FairLimit, Party, Rank, Shares};
 use crate::journal::JournalError;
 use crate::journal::record::{ActRecord, Source};
 use crate::work::{Cancelled, WorkError};
+
+/// Rounds of hosted games that are decided, or on their way to the disk, at once. Hosted games would play as
+/// fast as the disk goes; this leaves the larger part of each commit to everybody else.
+pub const HOSTED_ROUNDS_MAX: usize = 4;
+
+/// How long a game waits whose players could not be shown what they had seen, as too many others read.
+const PLAY_AGAIN: Duration = Duration::from_secs(1);
+
+/// How long a game whose players have no memory waits before it asks for some again.
+const MEMORY_PAUSE: Duration = Duration::from_secs(1);
+
+/// Bytes that a player keeps for each cell of the map, and beside that.
+const PLAYER_CELL_BYTES: usize = 16;
+const PLAYER_BYTES: usize = 16 * 1024;
+
+/// Turns of hosted games to play a round: a group has no more than three of four.
+#[must_use]
+pub fn turns() -> FairLimit {
+    let shares = Shares {
+        slots: HOSTED_ROUNDS_MAX,
+        reserve: 0,
+        slots_per_group: HOSTED_ROUNDS_MAX - 1,
+        slots_per_member: HOSTED_ROUNDS_MAX / 2,
+        // Each game waits for one turn at most.
+        waiting: usize::MAX,
+        waiting_per_group: usize::MAX,
+    };
+    FairLimit::new("hosted_rounds_max", shares, Duration::MAX)
+}
 
 /// The name of the player that plays a task under this name, which may be that of each task's own.
 ///
@@ -42,19 +74,27 @@ pub async fn run(
     host: Host,
     stop: CancellationToken,
 ) {
+    let turns = turns();
     while let Either::Left((Some(handle), _)) =
         select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
     {
-        let (host, stop) = (host.clone(), stop.clone());
+        let (host, stop, turns) = (host.clone(), stop.clone(), turns.clone());
         tokio::spawn(async move {
             let id = handle.id.clone();
             let party = handle.party;
-            let playing = Box::pin(party.scope(play(handle, &host)));
-            match select(playing, Box::pin(stop.cancelled())).await {
-                Either::Left((Err(error), _)) => {
-                    tracing::error!(episode = %id, %error, "the server plays its seats no more");
+            loop {
+                let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
+                match select(playing, Box::pin(stop.cancelled())).await {
+                    Either::Left((Err(error), _)) if error.will_pass() && !handle.is_dead() => {
+                        tracing::warn!(episode = %id, %error, "the server plays its seats again soon");
+                        host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;
+                    }
+                    Either::Left((Err(error), _)) => {
+                        tracing::error!(episode = %id, %error, "the server plays its seats no more");
+                        return;
+                    }
+                    Either::Left((Ok(()), _)) | Either::Right(_) => return,
                 }
-                Either::Left((Ok(()), _)) | Either::Right(_) => {}
             }
         });
     }
@@ -77,11 +117,24 @@ pub enum HouseError {
     Journal(#[from] JournalError),
 }
 
+impl HouseError {
+    /// Whether the same will work later: too many others read or wanted heavy work at the moment.
+    fn will_pass(&self) -> bool {
+        match self {
+            Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
+            Self::Recovery(RecoveryError::Work(error)) | Self::Work(error) => {
+                *error == WorkError::Busy
+            }
+            Self::Recovery(RecoveryError::Broken { .. }) | Self::Unknown(_) => false,
+        }
+    }
+}
+
 /// Plays the server's seats of one episode to its end.
 ///
 /// # Errors
 /// Where players or their memory cannot be had, or the journal keeps nothing.
-pub async fn play(handle: Handle, host: &Host) -> Result<(), HouseError> {
+pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HouseError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -92,11 +145,17 @@ pub async fn play(handle: Handle, host: &Host) -> Result<(), HouseError> {
             Status::Running => {
                 let mut all = match players.take() {
                     Some(players) => players,
-                    None => Players::new(&handle.spec, handle.hosted())?,
+                    None if handle.hosted().is_empty() => return Ok(()),
+                    None => {
+                        let Ok(memory) = host.budget.reserve(players_bytes(&handle)) else {
+                            let again = after(host.clock.now(), MEMORY_PAUSE);
+                            host.clock.sleep_until(again).await;
+                            continue;
+                        };
+                        Players::new(&handle.spec, handle.hosted(), memory)?
+                    }
                 };
-                if all.seats.is_empty() {
-                    return Ok(());
-                }
+                let _turn = turns.acquire_always(handle.party, Rank::Normal).await;
                 let round = snapshot.world.round();
                 let mut last = None;
                 while all.shown < round {
@@ -132,6 +191,14 @@ pub struct Players {
     seats: Vec<(AgentId, Box<dyn Player>)>,
     /// The first round that they were not shown.
     shown: u32,
+    _memory: Reservation,
+}
+
+/// About how much memory the players of an episode take: most keep what they saw of the map.
+fn players_bytes(handle: &Handle) -> usize {
+    let settings = handle.spec.config.settings();
+    let cells = usize::try_from(settings.width * settings.height).unwrap_or(usize::MAX);
+    handle.hosted().len() * (cells * PLAYER_CELL_BYTES + PLAYER_BYTES)
 }
 
 impl Players {
@@ -139,14 +206,18 @@ impl Players {
     ///
     /// # Errors
     /// Where one is not built in.
-    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
+    pub fn new(
+        spec: &Spec,
+        hosted: &[(AgentId, String)],
+        memory: Reservation,
+    ) -> Result<Self, HouseError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
             let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
             Ok((*agent, built_in.make(&seat(spec, *agent))))
         });
         let seats = made.collect::<Result<_, HouseError>>()?;
-        Ok(Self { seats, shown: 0 })
+        Ok(Self { seats, shown: 0, _memory: memory })
     }
 
     /// Shows all that live their observations of the next round, and asks what they do.

@@ -26,6 +26,9 @@ use crate::store::{OpenError, Store};
 use crate::telemetry;
 use crate::work::Workers;
 
+/// How long the server waits before it tries again to take up what was running before a restart.
+const TAKE_UP_PAUSE: Duration = Duration::from_secs(1);
+
 /// How often the server looks after what nobody asks for.
 const SWEEP: Duration = Duration::from_mins(1);
 
@@ -245,24 +248,21 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
 
 /// Takes up what was running before a restart.
 async fn take_up(app: App) {
-    match app.registry.take_up_unfinished().await {
-        Ok(count) if count > 0 => tracing::info!(count, "unfinished episodes were taken up"),
-        Ok(_) => {}
-        Err(error) => {
-            tracing::error!(%error, "unfinished episodes cannot be taken up");
-            return;
-        }
-    }
-    match app.runs.advance_all().await {
-        Ok(count) if count > 0 => tracing::info!(count, "unfinished runs go on"),
-        Ok(_) => {}
-        Err(error) => {
-            tracing::error!(%error, "unfinished runs cannot go on");
-            return;
-        }
+    while let Err(error) = take_up_all(&app).await {
+        tracing::error!(%error, "unfinished episodes and runs cannot be taken up; trying again");
+        app.clock.sleep_until(after(app.clock.now(), TAKE_UP_PAUSE)).await;
     }
     app.ready.store(true, Ordering::Release);
     app.read_boards().await;
+}
+
+async fn take_up_all(app: &App) -> Result<(), JournalError> {
+    let episodes = app.registry.take_up_unfinished().await?;
+    let runs = app.runs.advance_all().await?;
+    if episodes + runs > 0 {
+        tracing::info!(episodes, runs, "unfinished episodes and runs were taken up");
+    }
+    Ok(())
 }
 
 /// Has runs go on whenever one of their games has ended.

@@ -280,6 +280,9 @@ fn work(shared: &Shared, duty: Duty) {
             job.run();
             metrics::histogram!("swarmbench_heavy_seconds", "kind" => kind)
                 .record(started.elapsed());
+        } else {
+            // Whatever it holds goes now, and not under the lock of the queue.
+            drop(job);
         }
         state = shared.state();
         state.queue.done(party, rank, started.elapsed());

@@ -70,8 +70,9 @@ impl Agreement {
     pub(super) fn compare(&mut self, steady: Timestamp, host: Timestamp) -> Option<Doubt> {
         let difference = host.duration_since(steady);
         if let Some(newest) = self.newest {
-            // It is known to be wrong; whoever sets it right need not tell.
-            self.ahead = difference;
+            // It is known to be wrong; whoever sets it right need not tell. Until then it is no earlier than
+            // what happened already: what has closed, frozen or expired stays so.
+            self.ahead = difference.max(newest.duration_since(steady));
             if host < newest {
                 return Some(Doubt::Behind(newest));
             }

@@ -403,7 +403,7 @@ impl Handle {
     }
 
     /// Whether its actor has ended though the episode has not: after an entry was refused, or a fault.
-    pub(super) fn is_dead(&self) -> bool {
+    pub(crate) fn is_dead(&self) -> bool {
         self.gone.is_cancelled() && !self.snapshot().status.is_over()
     }
 
@@ -1160,9 +1160,21 @@ mod tests {
             let kept = Keyframes::new(Arc::new(World::new(Arc::clone(&config))));
             let between = u64::from(kept.stride) * step_micros(&config);
             assert!(between <= Keyframes::STRIDE_MICROS || kept.stride == 1, "{between} µs");
-            let bytes = kept.most as u64 * state_bytes(&config);
-            let least = *Keyframes::COUNT.start() * state_bytes(&config);
-            assert!(bytes <= Keyframes::BYTES_MAX.max(least), "{bytes} bytes");
         }
+        let settings =
+            Settings { width: 256, height: 256, ..Settings::standard(TaskName::Pursuit, 1) };
+        let config = Arc::new(Config::check(&settings).expect("good settings"));
+        let mut world = World::new(config);
+        let mut kept = Keyframes::new(Arc::new(world.clone()));
+        kept.stride = 1;
+        let stays = vec![swarmbench_engine::Act::default(); 12];
+        for _ in 0..2 * Keyframes::COUNT_MAX {
+            world.step(&stays);
+            kept.offer(&Arc::new(world.clone()));
+            assert!(
+                kept.worlds.len() <= Keyframes::COUNT_MAX && kept.bytes() <= Keyframes::BYTES_MAX
+            );
+        }
+        assert!(kept.stride > 1, "every second one was dropped");
     }
 }

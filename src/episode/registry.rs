@@ -24,7 +24,7 @@ use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
-use crate::fair::{Party, Rank};
+use crate::fair::{self, FairLimit, Party, Rank, Shares};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
@@ -54,6 +54,23 @@ const IDLE_STAYS: Duration = Duration::from_secs(10);
 
 /// How long whoever takes up an episode whose time is over waits for its end.
 const END_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Episodes that are taken up from their journals at once; each may read as much as some rounds have text.
+pub const TAKE_UPS_MAX: usize = 32;
+
+/// Turns to take episodes up: a group has no more than half of them.
+fn take_ups() -> FairLimit {
+    let shares = Shares {
+        slots: TAKE_UPS_MAX,
+        reserve: 0,
+        slots_per_group: TAKE_UPS_MAX / 2,
+        slots_per_member: TAKE_UPS_MAX / 2,
+        // There is one for each episode at most.
+        waiting: usize::MAX,
+        waiting_per_group: usize::MAX,
+    };
+    FairLimit::new("take_ups_max", shares, Duration::MAX)
+}
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
@@ -129,6 +146,8 @@ pub struct Registry {
     next_key: Arc<AtomicI64>,
     /// Until then nobody looks for idle episodes again, in milliseconds since 1970: there were too few.
     none_idle_until: Arc<AtomicI64>,
+    /// Turns to take an episode up from its journal.
+    take_ups: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
@@ -240,6 +259,7 @@ impl Registry {
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             none_idle_until: Arc::new(AtomicI64::new(i64::MIN)),
+            take_ups: take_ups(),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
@@ -371,6 +391,7 @@ impl Registry {
         let (done, created) = oneshot::channel();
         let registry = self.clone();
         let creating = async move { drop(done.send(registry.create_now(creation).await)) };
+        let creating = fair::inherit(creating);
         (self.host.spawn)(Box::pin(creating.in_current_span()));
         let stopping = || Err(JournalError("the server is stopping".into()).into());
         created.await.unwrap_or_else(|_| stopping())
@@ -387,9 +408,15 @@ impl Registry {
             let mut slots = self.slots();
             Arc::clone(&slots.entry(id).or_insert_with(|| Slot::empty(now)).handle)
         };
+        let place = creation.id.clone();
         let created = cell.get_or_try_init(|| self.open(key, creation)).await.cloned();
+        drop(cell);
         if created.is_err() {
             self.host.quotas.release(key);
+            let mut slots = self.slots();
+            if slots.get(&place).is_some_and(|slot| !slot.handle.initialized() && !slot.is_held()) {
+                slots.remove(&place);
+            }
         }
         created
     }
@@ -556,9 +583,9 @@ impl Registry {
     ) -> Result<Option<Handle>, FindError> {
         let (done, taken_up) = oneshot::channel();
         let (registry, id) = (self.clone(), id.clone());
-        (self.host.spawn)(Box::pin(async move {
+        (self.host.spawn)(Box::pin(fair::inherit(async move {
             drop(done.send(registry.fill(&cell, &id).await));
-        }));
+        })));
         let stopping =
             || Err(RecoveryError::from(JournalError("the server is stopping".into())).into());
         taken_up.await.unwrap_or_else(|_| stopping())
@@ -570,7 +597,11 @@ impl Registry {
         cell: &OnceCell<Handle>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        match cell.get_or_try_init(|| self.take_up(id)).await {
+        let take_up = || async {
+            let _turn = self.take_ups.acquire_always(Party::current(), Rank::current()).await;
+            self.take_up(id).await
+        };
+        match cell.get_or_try_init(take_up).await {
             Ok(handle) => Ok(Some(handle.clone())),
             Err(None) => Ok(None),
             Err(Some(error)) => Err(error),

@@ -49,7 +49,7 @@ pub(super) async fn list_audit(
     Params(params): Params<AuditParams>,
 ) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     while let Some(rows) = page.wants(ROWS_MAX) {
         let deeds = app.store.audit(page.place(), rows).await?;
         page.add(rows, deeds, |deed| {

@@ -345,12 +345,12 @@ pub(super) struct PageParams {
 
 impl PageParams {
     /// The page that it asks for, still empty.
-    pub(super) fn page(&self, app: &App) -> Result<Page, ApiError> {
+    pub(super) async fn page(&self, app: &App) -> Result<Page, ApiError> {
         let limit = match self.limit {
             None => u32::MAX,
             asked => page_limit(app, asked, 0)?,
         };
-        Ok(Page::new(app, read_cursor(self.cursor.as_deref())?, limit))
+        Page::new(app, read_cursor(self.cursor.as_deref())?, limit).await
     }
 }
 

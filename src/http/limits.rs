@@ -108,6 +108,10 @@ pub struct Limits {
     pub exports_open_max: usize,
     /// Of these, those of one party.
     pub exports_open_per_party_max: usize,
+    /// Large answers that are made at once: observations with prompts or of many cells, and lists.
+    pub large_answers_max: usize,
+    /// Requests for large answers that wait for their turn.
+    pub large_answers_waiting_max: usize,
     /// States of earlier rounds that are made at once.
     pub replays_max: usize,
     /// Requests for states of earlier rounds that wait for their turn.
@@ -180,6 +184,8 @@ impl Default for Limits {
             exports_max: 2,
             exports_open_max: 16,
             exports_open_per_party_max: 4,
+            large_answers_max: 4,
+            large_answers_waiting_max: 4096,
             replays_max: 16,
             replays_waiting_max: 1024,
             event_streams_max: 4096,
@@ -263,6 +269,8 @@ impl Limits {
             ("exports_max", self.exports_max as u64),
             ("exports_open_max", self.exports_open_max as u64),
             ("exports_open_per_party_max", self.exports_open_per_party_max as u64),
+            ("large_answers_max", self.large_answers_max as u64),
+            ("large_answers_waiting_max", self.large_answers_waiting_max as u64),
             ("replays_max", self.replays_max as u64),
             ("replays_waiting_max", self.replays_waiting_max as u64),
             ("event_streams_max", self.event_streams_max as u64),

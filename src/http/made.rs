@@ -15,7 +15,7 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 use super::App;
 use super::error::{ApiError, Code};
 use crate::clock::after;
-use crate::fair::{Party, Rank};
+use crate::fair::Rank;
 
 /// Bytes of all answers that are kept.
 pub(super) const ANSWERS_BYTES_MAX: u64 = 48 * 1024 * 1024;
@@ -159,8 +159,10 @@ impl App {
                     kept.0.remove_if(&question, |made| Arc::ptr_eq(made, &old));
                 }
                 Err(place) => {
-                    // It is everybody's: nobody's other requests delay it.
-                    let made = Arc::new(Rank::Normal.scope(Party::SERVER.scope(make)).await?);
+                    let mut made = Rank::Normal.scope(make).await?;
+                    // What takes long to make is not made again as soon as it is there.
+                    made.of.at = self.clock.now();
+                    let made = Arc::new(made);
                     // One that is larger than all that is kept is made for whoever waits for it now.
                     drop(place.insert(Arc::clone(&made)));
                     return Ok(made);

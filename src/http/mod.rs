@@ -138,6 +138,8 @@ pub struct Shared {
     arriving: AtomicUsize,
     /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
     replays: FairLimit,
+    /// Turns to make a large answer.
+    large_answers: FairLimit,
     streams: Streams,
     creating: [Mutex<()>; CREATION_LOCKS],
     /// What boards are made of.
@@ -163,6 +165,7 @@ impl App {
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
+            large_answers: large_answers(&foundation.limits),
             answers: MadeOnce::new(ANSWERS_BYTES_MAX),
             rankings: MadeOnce::new(RANKINGS_BYTES_MAX),
             in_flight: Arc::default(),
@@ -195,6 +198,7 @@ impl App {
         self.rates.forget_idle();
         self.workers.prune();
         self.replays.prune();
+        self.large_answers.prune();
         self.streams.prune();
     }
 
@@ -305,6 +309,17 @@ impl App {
         found?.ok_or_else(|| ApiError::not_found("the episode"))
     }
 
+    /// A turn to make a large answer, to be held until it is made. Then its parts on the async threads are
+    /// few at a time, whatever is asked for.
+    async fn large_answer(&self) -> Result<Permit, ApiError> {
+        let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;
+        turn.map_err(|Busy { name, slots }| {
+            let detail = "too many large answers are asked for; ask again later, or for less";
+            ApiError::limit(Code::Overloaded, name, slots, detail)
+                .retry_after(Duration::from_secs(1))
+        })
+    }
+
     /// A turn to have rounds played again.
     async fn replay_turn(&self) -> Result<Permit, ApiError> {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
@@ -330,6 +345,20 @@ impl App {
         let _turn = self.replay_turn().await?;
         Ok(state_at(self.registry.host(), handle, round, near).await?)
     }
+}
+
+/// Turns to make large answers. A group has no more than half of them.
+fn large_answers(limits: &Limits) -> FairLimit {
+    let slots = limits.large_answers_max;
+    let shares = Shares {
+        slots,
+        reserve: 0,
+        slots_per_group: slots.div_ceil(2),
+        slots_per_member: 1,
+        waiting: limits.large_answers_waiting_max,
+        waiting_per_group: limits.large_answers_waiting_max.div_ceil(4),
+    };
+    FairLimit::new("large_answers_max", shares, RENDER_PATIENCE)
 }
 
 /// Turns to have a state made. A group has no more than half of them.

@@ -7,6 +7,7 @@ use super::App;
 use super::agent::obs::json;
 use super::error::ApiError;
 use super::extract::write_cursor;
+use crate::fair::Permit;
 
 /// Rows that are read at once: as much work as an async thread does in one piece.
 pub(super) const ROWS_MAX: u32 = 16;
@@ -16,6 +17,7 @@ pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
 /// A page that is being written, item by item.
 pub(super) struct Page {
+    _turn: Permit,
     body: Vec<u8>,
     items: usize,
     items_max: usize,
@@ -27,9 +29,14 @@ pub(super) struct Page {
 }
 
 impl Page {
-    /// An empty page after the item with a number, of at most so many items.
-    pub(super) fn new(app: &App, after: Option<i64>, items_max: u32) -> Self {
-        Self {
+    /// An empty page after the item with a number, of at most so many items, once it is its turn.
+    pub(super) async fn new(
+        app: &App,
+        after: Option<i64>,
+        items_max: u32,
+    ) -> Result<Self, ApiError> {
+        Ok(Self {
+            _turn: app.large_answer().await?,
             body: b"{\"items\":[".to_vec(),
             items: 0,
             items_max: items_max as usize,
@@ -37,7 +44,7 @@ impl Page {
             place: after,
             is_full: false,
             has_ended: false,
-        }
+        })
     }
 
     /// The number after which the next rows are to be read.

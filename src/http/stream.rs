@@ -115,12 +115,13 @@ impl Streams {
     }
 }
 
-const fn shares(slots: usize, of_a_group: usize) -> Shares {
+/// A member of a group gets so many slots, the group at least as many, and otherwise half of all.
+fn shares(slots: usize, of_a_member: usize) -> Shares {
     Shares {
         slots,
         reserve: 0,
-        slots_per_group: of_a_group,
-        slots_per_member: of_a_group,
+        slots_per_group: of_a_member.max(slots.div_ceil(2)),
+        slots_per_member: of_a_member,
         waiting: 16_384,
         waiting_per_group: 4096,
     }

@@ -78,6 +78,6 @@ pub struct CreatedKey {
 pub struct KeyList {
     /// The keys, oldest first.
     pub items: Vec<KeySummary>,
-    /// Always null: all keys are on one page.
+    /// Where the next page begins; null on the last one.
     pub next_cursor: Option<String>,
 }

@@ -479,8 +479,8 @@ impl Run {
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let host = server.registry.host().clone();
-                let playing = async move { drop(house::play(handle, &host).await) };
+                let (host, turns) = (server.registry.host().clone(), house::turns());
+                let playing = async move { drop(house::play(handle, &host, &turns).await) };
                 self.executor.spawn(playing.boxed());
             }
         }

@@ -12,6 +12,7 @@ use super::super::error::ApiError;
 use crate::clock::{millis, until};
 use crate::episode::actor::Handle;
 use crate::episode::{Snapshot, Status};
+use crate::fair::Permit;
 use crate::journal::EpisodeKey;
 use crate::prompt::{self, tasks};
 use crate::wire::episode::EpisodeResult;
@@ -186,6 +187,7 @@ pub(in super::super) async fn observation(
     with_prompt: bool,
 ) -> Result<Vec<u8>, ApiError> {
     let mut body = Vec::new();
+    let _turn = turn(app, std::slice::from_ref(&look), with_prompt).await?;
     let mut inline = PIECE_CELLS_MAX;
     for (look, written) in written(app, vec![look], with_prompt, &mut inline).await? {
         look.add_to(&mut body, &written, app);
@@ -202,6 +204,7 @@ pub(in super::super) async fn observations(
     bytes_max: usize,
 ) -> Result<(Vec<u8>, usize), ApiError> {
     let (mut body, mut given) = (b"[".to_vec(), 0);
+    let _turn = turn(app, &looks, with_prompt).await?;
     let mut inline = PIECE_CELLS_MAX;
     let mut rest = looks.into_iter().peekable();
     while rest.peek().is_some() {
@@ -229,6 +232,12 @@ pub(in super::super) async fn observations(
     }
     body.push(b']');
     Ok((body, given))
+}
+
+/// A turn to make a large answer; what is written in one piece needs none.
+async fn turn(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
+    let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
+    Ok(if cells > PIECE_CELLS_MAX { Some(app.large_answer().await?) } else { None })
 }
 
 /// Writes what several seats see: here, as long as `inline` cells are left for that, or elsewhere.

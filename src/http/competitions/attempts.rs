@@ -40,7 +40,7 @@ pub(in super::super) async fn list_attempts(
         let question = format!("attempts of {id} {params:?}");
         let make = async {
             let field = app.field(competition, Declared::Short).await?;
-            page(&app, &params, app.render(move || field.summaries()).await??)
+            page(&app, &params, app.render(move || field.summaries()).await??).await
         };
         return app.made_once(question, Box::pin(make)).await;
     }
@@ -48,16 +48,16 @@ pub(in super::super) async fn list_attempts(
         Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,
         None => Vec::new(),
     };
-    page(&app, &params, app.part_of_field(competition, own).await?.summaries()?)
+    page(&app, &params, app.part_of_field(competition, own).await?.summaries()?).await
 }
 
 /// A page of attempts. They stay in the order in which they were started, so a place in the list is a cursor.
-fn page(
+async fn page(
     app: &App,
     params: &PageParams,
     attempts: Vec<AttemptSummary>,
 ) -> Result<Response, ApiError> {
-    let mut page = params.page(app)?;
+    let mut page = params.page(app).await?;
     let items = (1..).zip(attempts).skip_while(|(place, _)| Some(*place) <= page.place());
     page.add(u32::MAX, items.collect(), Ok)?;
     Ok(page.answer())

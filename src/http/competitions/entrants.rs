@@ -37,7 +37,7 @@ pub(in super::super) async fn list_entrants(
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
     let make = async {
-        let mut page = params.page(&app)?;
+        let mut page = params.page(&app).await?;
         while let Some(rows) = page.wants(ROWS_MAX) {
             let after = page.place().map(EntryKey);
             let entrants = app.store.list_entrants(competition.key, after, rows).await?;

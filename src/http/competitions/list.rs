@@ -48,7 +48,7 @@ pub(in super::super) async fn list_competitions(
 ) -> Result<Response, ApiError> {
     caller.may_look_around(&app.access)?;
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     let now = app.clock.wall();
     while let Some(rows) = page.wants(ROWS_MAX) {
         let stored = app.store.list_competitions(page.place().map(CompetitionKey), rows).await?;

@@ -196,11 +196,12 @@ impl Feed {
         data: &impl Serialize,
     ) -> bool {
         let data = serde_json::to_string(data).expect("string keys");
-        let event = Event::default().event(name).data(&data);
+        let event = Event::default().event(name);
         let event = match id {
             Some(id) => event.id(id.to_string()),
             None => event,
         };
+        let event = event.data(&data);
         matches!(tokio::time::timeout(PATIENCE, self.push(event, data.len())).await, Ok(Ok(true)))
     }
 

@@ -61,7 +61,7 @@ pub(in super::super) async fn list_episodes(
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     let run = match params.run {
         None => None,
         Some(id) => match app.store.find_run(&id).await? {

@@ -53,7 +53,7 @@ pub(in super::super) async fn list_imports(
 ) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     if !caller.may_read_what_is_over(&app.access) {
         return Ok(page.answer());
     }

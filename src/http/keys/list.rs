@@ -34,7 +34,7 @@ pub(in super::super) async fn list_keys(
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
     let now = app.clock.wall();
-    let mut page = params.page(&app)?;
+    let mut page = params.page(&app).await?;
     while let Some(rows) = page.wants(ROWS_MAX) {
         let keys = app.store.list_keys(page.place().map(OwnerKey), rows).await?;
         page.add(rows, keys, |key| {

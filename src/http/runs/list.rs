@@ -58,7 +58,7 @@ pub(in super::super) async fn list_runs(
 ) -> Result<Response, ApiError> {
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     one_of("status", params.status.as_deref(), &RunStatus::ALL.map(RunStatus::name))?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit);
+    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     let filter = RunFilter {
         status: params.status,
         model: params.model,
