@@ -74,8 +74,10 @@ pub async fn serve(
             Ok(place) => {
                 let (router, ending) = (router.clone(), ending.clone());
                 connections.spawn(connection(stream, peer, router, pace, ending, Some(place)));
-                // One that was evicted is closed before the next one is accepted.
-                tokio::task::yield_now().await;
+                if places.has_many_evicted() {
+                    // They are closed before the next one is accepted.
+                    tokio::task::yield_now().await;
+                }
             }
             Err(full) => {
                 metrics::counter!("swarmbench_connections_refused_total", "reason" => full.reason)
@@ -253,6 +255,12 @@ impl Places {
             trusted_proxies,
             taken: Mutex::default(),
         }
+    }
+
+    /// Whether soon no more can be evicted.
+    fn has_many_evicted(&self) -> bool {
+        let taken = self.taken.lock().expect("nothing panics while it holds this");
+        taken.evictions >= EVICTIONS_MAX / 2
     }
 
     /// For whom a connection counts that has not sent a request.
