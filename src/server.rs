@@ -205,7 +205,9 @@ impl Server {
         let runs = tokio::spawn(look_after_runs(app.clone()));
         let competitions = tokio::spawn(close_competitions(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
-        let serving = tokio::spawn(serve(listener, router(app.clone()), limits, stop.clone()));
+        let trusted_proxies = app.access.trusted_proxies.clone();
+        let serving = serve(listener, router(app.clone()), limits, trusted_proxies, stop.clone());
+        let serving = tokio::spawn(serving);
         shutdown.await;
         tracing::info!("stopping");
         stop.cancel();
@@ -304,6 +306,7 @@ mod tests {
         assert_eq!(most(Some(1_048_576)), limits.connections_max);
         assert_eq!(most(Some(4096)), 3840);
         assert_eq!(most(Some(64)), 1);
-        assert!(crate::http::serve::REFUSALS_MAX as u64 <= FILES_RESERVED / 2);
+        let closing = crate::http::serve::REFUSALS_MAX + crate::http::serve::EVICTIONS_MAX;
+        assert!(closing as u64 <= FILES_RESERVED * 5 / 8);
     }
 }

@@ -177,7 +177,7 @@ fn describe() {
     );
     describe_counter!(
         "swarmbench_connections_cut_total",
-        "Connections ended as a part took too long, by reason: head, body, idle, write."
+        "Connections ended as a part took too long, by reason: head, body, idle, write; or to make room for another client: room."
     );
     describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
 }

@@ -70,10 +70,7 @@ const FORWARDED: [HeaderName; 5] = [
 impl Client {
     /// Reads the client off a connection and its headers.
     fn of(peer: IpAddr, headers: &HeaderMap, uri: &Uri, trusted: &[IpNet]) -> Self {
-        let peer = peer.to_canonical();
-        let is_trusted = |address: &IpAddr| trusted.iter().any(|net| net.contains(address));
-        let address = if is_trusted(&peer) { forwarded(headers, is_trusted) } else { None };
-        let address = address.unwrap_or(peer);
+        let address = address(peer, headers, trusted);
         let is_forwarded = FORWARDED.iter().any(|name| headers.contains_key(name));
         let is_local = address.is_loopback()
             && !is_forwarded
@@ -83,6 +80,14 @@ impl Client {
             });
         Self { address, is_local }
     }
+}
+
+/// The address of the client, that which a trusted proxy names where there is one.
+pub(super) fn address(peer: IpAddr, headers: &HeaderMap, trusted: &[IpNet]) -> IpAddr {
+    let peer = peer.to_canonical();
+    let is_trusted = |address: &IpAddr| trusted.iter().any(|net| net.contains(address));
+    let address = if is_trusted(&peer) { forwarded(headers, is_trusted) } else { None };
+    address.unwrap_or(peer)
 }
 
 /// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that stands before

@@ -23,6 +23,7 @@ pub mod openapi;
 mod pace;
 mod page;
 mod refusals;
+mod room;
 mod router;
 mod runs;
 pub mod serve;

@@ -66,6 +66,15 @@ impl Late {
     }
 }
 
+/// What a connection does with its place. The least is the first to be closed where places are needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Usage {
+    /// No request is in flight, since then: it is idle, or its head is not complete.
+    None(Instant),
+    /// Bytes a second that were read and written since the head of its request was there.
+    Request(u64),
+}
+
 /// The clocks of one connection. Cloning shares them.
 #[derive(Clone, Debug)]
 pub(super) struct Pace(Arc<Mutex<State>>);
@@ -92,8 +101,13 @@ impl Pace {
 
     /// Notes that the head of a request is there, until the answer to it is handed over.
     pub(super) fn answering(&self) -> Answering {
-        self.state().asked();
+        self.state().asked(Instant::now());
         Answering(self.clone())
+    }
+
+    /// What the connection does with its place.
+    pub(super) fn usage(&self) -> Usage {
+        self.state().usage(Instant::now())
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -168,8 +182,9 @@ impl<S: AsyncRead + Unpin> AsyncRead for Paced<S> {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         ready!(Pin::new(&mut self.stream).poll_read(context, buffer))?;
-        if buffer.filled().len() > before {
-            self.pace.state().read(Instant::now());
+        let count = buffer.filled().len() - before;
+        if count > 0 {
+            self.pace.state().read(Instant::now(), count);
         }
         Poll::Ready(Ok(()))
     }
@@ -231,15 +246,19 @@ struct State {
     waited: Duration,
     /// Bytes that the client has taken in this window.
     taken: u64,
+    /// Bytes that were read and written since the head of the last request was there.
+    moved: u64,
 }
 
 impl State {
     const fn new(patience: Patience, now: Instant) -> Self {
         let (blocked_since, waited, taken) = (None, Duration::ZERO, 0);
-        Self { patience, phase: Phase::Head, since: now, blocked_since, waited, taken }
+        let (phase, since, moved) = (Phase::Head, now, 0);
+        Self { patience, phase, since, blocked_since, waited, taken, moved }
     }
 
-    fn read(&mut self, now: Instant) {
+    fn read(&mut self, now: Instant, bytes: usize) {
+        self.moved = self.moved.saturating_add(bytes as u64);
         if self.phase == Phase::Idle {
             self.phase = Phase::Head;
             self.since = now;
@@ -250,6 +269,7 @@ impl State {
         if let Some(since) = self.blocked_since.take() {
             self.waited += now - since;
         }
+        self.moved = self.moved.saturating_add(bytes as u64);
         self.taken = self.taken.saturating_add(bytes as u64);
         let least = self.patience.bytes_per_s_min.saturating_mul(WINDOW.as_secs());
         if self.taken >= least {
@@ -266,13 +286,23 @@ impl State {
         self.blocked_since.get_or_insert(now);
     }
 
-    const fn asked(&mut self) {
+    const fn asked(&mut self, now: Instant) {
         self.phase = Phase::Request;
+        self.since = now;
+        self.moved = 0;
     }
 
     const fn answered(&mut self, now: Instant) {
         self.phase = Phase::Idle;
         self.since = now;
+    }
+
+    fn usage(&self, now: Instant) -> Usage {
+        if self.phase != Phase::Request {
+            return Usage::None(self.since);
+        }
+        let seconds = (now - self.since).as_secs().saturating_add(1);
+        Usage::Request(self.moved / seconds)
     }
 
     /// When it is too late, and for what. None while a request is being answered, unless the client
@@ -315,7 +345,11 @@ mod tests {
         }
 
         fn read(&mut self, second: u64) {
-            self.0.read(self.at(second));
+            self.0.read(self.at(second), 1);
+        }
+
+        fn asked(&mut self, second: u64) {
+            self.0.asked(self.at(second));
         }
 
         fn wrote(&mut self, second: u64) {
@@ -346,7 +380,7 @@ mod tests {
         case.expect(Some((10, Late::Head)));
         case.read(9);
         case.expect(Some((10, Late::Head)));
-        case.0.asked();
+        case.asked(0);
         case.answered(20);
         case.expect(Some((95, Late::Idle)));
         for second in [80, 81, 89] {
@@ -358,7 +392,7 @@ mod tests {
     #[test]
     fn a_request_waits_as_long_as_its_handler_lets_it() {
         let mut case = Case::new();
-        case.0.asked();
+        case.asked(0);
         case.expect(None);
         case.read(60);
         case.wrote(61);
@@ -368,7 +402,7 @@ mod tests {
     #[test]
     fn a_client_has_to_take_something_now_and_then() {
         let mut case = Case::new();
-        case.0.asked();
+        case.asked(0);
         case.blocked(5);
         case.blocked(15);
         case.expect(Some((25, Late::Write)));
@@ -384,7 +418,7 @@ mod tests {
     #[test]
     fn a_client_that_takes_a_little_now_and_then_is_too_slow() {
         let mut case = Case::new();
-        case.0.asked();
+        case.asked(0);
         for second in (0..25).step_by(5) {
             case.blocked(second);
             case.took(second + 5, 499);
@@ -401,12 +435,32 @@ mod tests {
     #[test]
     fn no_clock_of_the_next_request_runs_out_while_an_answer_is_taken() {
         let mut case = Case::new();
-        case.0.asked();
+        case.asked(0);
         case.answered(1);
         case.wrote(70);
         case.expect(Some((145, Late::Idle)));
         case.read(71);
         case.wrote(79);
         case.expect(Some((89, Late::Head)));
+    }
+
+    #[test]
+    fn a_connection_without_a_request_is_of_less_use_than_a_slow_one() {
+        let at = |case: &Case, second| case.0.usage(case.at(second));
+        let mut case = Case::new();
+        assert_eq!(at(&case, 5), Usage::None(case.at(0)));
+        case.asked(6);
+        assert_eq!(at(&case, 6), Usage::Request(0));
+        case.took(7, 300);
+        case.0.read(case.at(8), 100);
+        assert_eq!(at(&case, 9), Usage::Request(100));
+        case.answered(10);
+        assert_eq!(at(&case, 60), Usage::None(case.at(10)));
+        case.read(61);
+        assert_eq!(at(&case, 62), Usage::None(case.at(61)));
+        case.asked(63);
+        assert_eq!(at(&case, 63), Usage::Request(0));
+        assert!(Usage::None(case.at(1)) < Usage::None(case.at(2)));
+        assert!(Usage::None(case.at(90)) < Usage::Request(0));
     }
 }

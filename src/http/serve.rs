@@ -9,12 +9,13 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use axum::Router;
-use axum::http::HeaderName;
+use axum::http::{HeaderMap, HeaderName};
 use axum::response::IntoResponse;
 use hyper::Request;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
+use ipnet::IpNet;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
@@ -22,13 +23,17 @@ use tokio_util::task::TaskTracker;
 use tower::{ServiceBuilder, ServiceExt};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 
-use super::client::{Peer, network};
+use super::client::{Peer, address, network};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use super::pace::{Answer, Pace, Paced, Patience};
+use super::room::{Holder, Holders};
 
 /// Connections that are told at once that there is no place; whoever comes beyond is only closed.
 pub const REFUSALS_MAX: usize = 128;
+
+/// Connections that were evicted and are not closed yet; no others are evicted meanwhile.
+pub const EVICTIONS_MAX: usize = 32;
 
 /// How long a connection may take to be told so.
 const REFUSAL: Duration = Duration::from_secs(1);
@@ -37,8 +42,14 @@ const REFUSAL: Duration = Duration::from_secs(1);
 const COME_AGAIN: Duration = Duration::from_secs(5);
 
 /// Serves until `stop` is cancelled, then lets open requests end.
-pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: CancellationToken) {
-    let places = Arc::new(Places::new(&limits));
+pub async fn serve(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    trusted_proxies: Vec<IpNet>,
+    stop: CancellationToken,
+) {
+    let places = Arc::new(Places::new(&limits, trusted_proxies));
     let patience = Patience::from(&limits);
     let refusals = Arc::new(Semaphore::new(REFUSALS_MAX));
     let connections = TaskTracker::new();
@@ -58,13 +69,15 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: 
             },
             () = ending.stop.cancelled() => break,
         };
-        match places.take(peer) {
+        let pace = Pace::new(patience);
+        match places.take(peer, &pace) {
             Ok(place) => {
-                let served = connection(stream, peer, router.clone(), patience, ending.clone());
-                connections.spawn(async move {
-                    served.await;
-                    drop(place);
-                });
+                let (router, ending) = (router.clone(), ending.clone());
+                connections.spawn(connection(stream, peer, router, pace, ending, Some(place)));
+                if places.has_many_evicted() {
+                    // They are closed before the next one is accepted.
+                    tokio::task::yield_now().await;
+                }
             }
             Err(full) => {
                 metrics::counter!("swarmbench_connections_refused_total", "reason" => full.reason)
@@ -72,7 +85,8 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits, stop: 
                 if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
                     let patience =
                         Patience { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..patience };
-                    let told = connection(stream, peer, full.router(), patience, ending.clone());
+                    let pace = Pace::new(patience);
+                    let told = connection(stream, peer, full.router(), pace, ending.clone(), None);
                     connections.spawn(async move {
                         told.await;
                         drop(turn);
@@ -112,15 +126,18 @@ async fn connection(
     stream: TcpStream,
     peer: Peer,
     router: Router,
-    patience: Patience,
+    pace: Pace,
     ending: Ending,
+    place: Option<Place>,
 ) {
     // Small answers must not wait for more to send; where that cannot be set they are only late.
     drop(stream.set_nodelay(true));
-    let pace = Pace::new(patience);
     let stream = TokioIo::new(Paced { stream, pace: pace.clone() });
     let service = service_fn(|mut request: Request<Incoming>| {
         let answering = pace.answering();
+        if let Some(place) = &place {
+            place.asked_by(peer, request.headers());
+        }
         request.extensions_mut().insert(peer);
         let answer = router.clone().oneshot(request);
         async move {
@@ -152,6 +169,10 @@ async fn connection(
                     .increment(1);
                 break;
             }
+            () = evicted(place.as_ref()) => {
+                metrics::counter!("swarmbench_connections_cut_total", "reason" => "room").increment(1);
+                break;
+            }
             () = ending.stop.cancelled(), if !stopping => {
                 stopping = true;
                 served.as_mut().graceful_shutdown();
@@ -161,50 +182,118 @@ async fn connection(
     }
 }
 
+/// Completes when the connection has to make room for another one.
+async fn evicted(place: Option<&Place>) {
+    match place {
+        Some(place) => place.evicted.cancelled().await,
+        None => std::future::pending().await,
+    }
+}
+
 /// The places for connections: so many at once, and so many from one address. The last few are for addresses that have
-/// none.
+/// none. Where all are taken, a client with more than its fair share of them makes room.
 struct Places {
     most: usize,
     reserved: usize,
     most_per_address: usize,
+    trusted_proxies: Vec<IpNet>,
     taken: Mutex<Taken>,
 }
 
 #[derive(Default)]
 struct Taken {
+    /// Without those that are evicted.
     all: usize,
     /// By network, and those of this host together; no entry is 0.
     by_network: HashMap<IpAddr, usize>,
+    /// By client, also behind proxies.
+    holders: Holders<Held>,
+    /// Evicted and not closed yet.
+    evictions: usize,
+    /// How many were ever accepted.
+    accepted: u64,
+}
+
+/// A connection that has a place.
+struct Held {
+    network: IpAddr,
+    pace: Pace,
+    evicted: CancellationToken,
+}
+
+impl Taken {
+    fn give_back(&mut self, network: IpAddr) {
+        self.all -= 1;
+        if let Some(here) = self.by_network.get_mut(&network) {
+            *here -= 1;
+            if *here == 0 {
+                self.by_network.remove(&network);
+            }
+        }
+    }
+
+    /// Evicts a connection for one of `newcomer`; whether there was one to evict.
+    fn make_room(&mut self, most: usize, newcomer: Holder) -> bool {
+        if self.evictions >= EVICTIONS_MAX {
+            return false;
+        }
+        let evicted = self.holders.evict(most, newcomer, |held| held.pace.usage());
+        let Some(Held { network, evicted, .. }) = evicted else { return false };
+        evicted.cancel();
+        self.evictions += 1;
+        self.give_back(network);
+        true
+    }
 }
 
 impl Places {
-    fn new(limits: &Limits) -> Self {
+    fn new(limits: &Limits, trusted_proxies: Vec<IpNet>) -> Self {
         Self {
             most: limits.connections_max,
             reserved: limits.connections_max * limits.connections_reserved_percent as usize / 100,
             most_per_address: limits.connections_per_address_max,
+            trusted_proxies,
             taken: Mutex::default(),
         }
     }
 
-    fn take(self: &Arc<Self>, peer: Peer) -> Result<Place, Full> {
+    /// Whether soon no more can be evicted.
+    fn has_many_evicted(&self) -> bool {
+        let taken = self.taken.lock().expect("nothing panics while it holds this");
+        taken.evictions >= EVICTIONS_MAX / 2
+    }
+
+    /// For whom a connection counts that has not sent a request.
+    fn newcomer(&self, peer: Peer) -> Holder {
+        let is_proxy = self.trusted_proxies.iter().any(|net| net.contains(&peer.0));
+        if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(network(peer.0)) }
+    }
+
+    fn take(self: &Arc<Self>, peer: Peer, pace: &Pace) -> Result<Place, Full> {
         // A proxy on this host speaks for many.
         let is_host = peer.0.is_loopback();
         let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { network(peer.0) };
         let mut taken = self.taken.lock().expect("nothing panics while it holds this");
         let here = taken.by_network.get(&network).copied().unwrap_or(0);
-        let most = if here == 0 { self.most } else { self.most - self.reserved };
-        if taken.all >= most {
-            return Err(Full { reason: "server", limit: "connections_max", most: self.most });
-        }
         if !is_host && here >= self.most_per_address {
             let limit = "connections_per_address_max";
             return Err(Full { reason: "address", limit, most: self.most_per_address });
         }
-        taken.by_network.insert(network, here + 1);
+        let most = if here == 0 { self.most } else { self.most - self.reserved };
+        let holder = self.newcomer(peer);
+        if taken.all >= most && !taken.make_room(most, holder) {
+            return Err(Full { reason: "server", limit: "connections_max", most: self.most });
+        }
         taken.all += 1;
+        *taken.by_network.entry(network).or_default() += 1;
+        let number = taken.accepted;
+        taken.accepted += 1;
+        let evicted = CancellationToken::new();
+        let held = Held { network, pace: pace.clone(), evicted: evicted.clone() };
+        taken.holders.add(holder, number, held);
         metrics::gauge!("swarmbench_connections").increment(1.0);
-        Ok(Place { places: Arc::clone(self), network })
+        let holder = Mutex::new(holder);
+        Ok(Place { places: Arc::clone(self), network, number, holder, evicted })
     }
 }
 
@@ -212,17 +301,35 @@ impl Places {
 struct Place {
     places: Arc<Places>,
     network: IpAddr,
+    number: u64,
+    holder: Mutex<Holder>,
+    /// Cancelled when the connection is to be closed for another one.
+    evicted: CancellationToken,
+}
+
+impl Place {
+    /// Counts the connection for the client whose request it has sent.
+    fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
+        let client = network(address(peer.0, headers, &self.places.trusted_proxies));
+        let mut holder = self.holder.lock().expect("nothing panics while it holds this");
+        let before = std::mem::replace(&mut *holder, Holder::Client(client));
+        if before == *holder {
+            return;
+        }
+        let mut taken = self.places.taken.lock().expect("nothing panics while it holds this");
+        if let Some(held) = taken.holders.remove(before, self.number) {
+            taken.holders.add(*holder, self.number, held);
+        }
+    }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
+        let holder = *self.holder.get_mut().expect("nothing panics while it holds this");
         let mut taken = self.places.taken.lock().expect("nothing panics while it holds this");
-        taken.all -= 1;
-        if let Some(here) = taken.by_network.get_mut(&self.network) {
-            *here -= 1;
-            if *here == 0 {
-                taken.by_network.remove(&self.network);
-            }
+        match taken.holders.remove(holder, self.number) {
+            Some(_) => taken.give_back(self.network),
+            None => taken.evictions -= 1,
         }
         metrics::gauge!("swarmbench_connections").decrement(1.0);
     }
@@ -260,17 +367,30 @@ impl Full {
 mod tests {
     use super::*;
 
+    const PROXY: &str = "203.0.113.1/32";
+
     fn places(most: usize, most_per_address: usize) -> Arc<Places> {
         let limits = Limits {
             connections_max: most,
             connections_per_address_max: most_per_address,
             ..Limits::default()
         };
-        Arc::new(Places::new(&limits))
+        Arc::new(Places::new(&limits, vec![PROXY.parse().expect("a net")]))
     }
 
     fn peer(address: &str) -> Peer {
         Peer(address.parse().expect("an address"))
+    }
+
+    fn take(places: &Arc<Places>, address: &str) -> Result<Place, Full> {
+        places.take(peer(address), &Pace::new(Patience::from(&Limits::default())))
+    }
+
+    fn asked_by(place: &Place, client: &str) {
+        let forwarded = client.parse().expect("ASCII");
+        let headers =
+            HeaderMap::from_iter([(HeaderName::from_static("x-forwarded-for"), forwarded)]);
+        place.asked_by(peer("203.0.113.1"), &headers);
     }
 
     fn reason(taken: Result<Place, Full>) -> &'static str {
@@ -280,40 +400,80 @@ mod tests {
     #[test]
     fn an_address_has_so_many_places_and_gets_them_back() {
         let places = places(10, 2);
-        let first = places.take(peer("192.0.2.1"));
-        let _second = places.take(peer("192.0.2.1")).expect("a place");
-        assert_eq!(reason(places.take(peer("192.0.2.1"))), "address");
-        let _other = places.take(peer("192.0.2.2")).expect("another address");
+        let first = take(&places, "192.0.2.1");
+        let _second = take(&places, "192.0.2.1").expect("a place");
+        assert_eq!(reason(take(&places, "192.0.2.1")), "address");
+        let _other = take(&places, "192.0.2.2").expect("another address");
         drop(first);
-        let _again = places.take(peer("192.0.2.1")).expect("it was given back");
+        let _again = take(&places, "192.0.2.1").expect("it was given back");
     }
 
     #[test]
     fn a_network_of_ipv6_is_one_address() {
         let places = places(10, 1);
-        let _first = places.take(peer("2001:db8:0:1::1")).expect("a place");
-        assert_eq!(reason(places.take(peer("2001:db8:0:1:ffff::2"))), "address");
-        let _other = places.take(peer("2001:db8:0:2::1")).expect("another network");
+        let _first = take(&places, "2001:db8:0:1::1").expect("a place");
+        assert_eq!(reason(take(&places, "2001:db8:0:1:ffff::2")), "address");
+        let _other = take(&places, "2001:db8:0:2::1").expect("another network");
     }
 
     #[test]
     fn the_last_places_are_for_addresses_that_have_none() {
         let places = places(20, 20);
-        let held: Vec<_> = (0..19).map(|_| places.take(peer("127.0.0.1"))).collect();
+        let held: Vec<_> = (0..19).map(|_| take(&places, "127.0.0.1")).collect();
         assert!(held.iter().all(Result::is_ok));
-        assert_eq!(reason(places.take(peer("127.0.0.1"))), "server");
-        let _other = places.take(peer("192.0.2.1")).expect("it has none yet");
-        assert_eq!(reason(places.take(peer("192.0.2.2"))), "server");
+        assert_eq!(reason(take(&places, "127.0.0.1")), "server");
+        let _other = take(&places, "192.0.2.1").expect("it has none yet");
+        let _room = take(&places, "192.0.2.2").expect("this host has more than its share");
+        assert!(held[0].as_ref().is_ok_and(|first| first.evicted.is_cancelled()));
     }
 
     #[test]
     fn this_host_may_take_all_places_and_no_more() {
         let places = places(3, 1);
-        let all = ["127.0.0.1", "127.0.0.1", "::1"].map(|address| places.take(peer(address)));
+        let all = ["127.0.0.1", "127.0.0.1", "::1"].map(|address| take(&places, address));
         assert!(all.iter().all(Result::is_ok));
-        assert_eq!(reason(places.take(peer("127.0.0.1"))), "server");
+        assert_eq!(reason(take(&places, "127.0.0.1")), "server");
         drop(all);
         let taken = places.taken.lock().expect("no panic");
         assert_eq!((taken.all, taken.by_network.len()), (0, 0));
+    }
+
+    #[test]
+    fn a_client_behind_a_proxy_makes_room_for_another_one() {
+        let places = places(4, 100);
+        let greedy: Vec<_> = (0..4).filter_map(|_| take(&places, "203.0.113.1").ok()).collect();
+        assert_eq!(greedy.len(), 4);
+        for place in &greedy {
+            asked_by(place, "192.0.2.1");
+        }
+        let evicted = |of: &[Place]| of.iter().filter(|place| place.evicted.is_cancelled()).count();
+        let honest = [(); 2].map(|()| take(&places, "203.0.113.1").expect("there is room"));
+        assert_eq!(evicted(&greedy), 2);
+        for place in &honest {
+            asked_by(place, "192.0.2.2");
+        }
+        // All have their share, but one that has none yet.
+        let third = take(&places, "203.0.113.1").err();
+        assert_eq!(third.map(|full| full.reason), Some("server"));
+        assert_eq!(evicted(&honest), 0);
+        drop((greedy, honest));
+        let taken = places.taken.lock().expect("no panic");
+        assert_eq!((taken.all, taken.by_network.len(), taken.evictions), (0, 0, 0));
+    }
+
+    #[test]
+    fn no_more_are_evicted_than_are_closed() {
+        let places = places(3 * EVICTIONS_MAX, 1000);
+        let proxy = "203.0.113.1";
+        let greedy: Vec<_> =
+            (0..3 * EVICTIONS_MAX).map_while(|_| take(&places, proxy).ok()).collect();
+        for place in &greedy {
+            asked_by(place, "192.0.2.1");
+        }
+        let came: Vec<_> = (0..EVICTIONS_MAX).map_while(|_| take(&places, proxy).ok()).collect();
+        assert_eq!(came.len(), EVICTIONS_MAX);
+        assert_eq!(reason(take(&places, proxy)), "server");
+        drop(greedy);
+        drop(take(&places, proxy).expect("they are closed"));
     }
 }

@@ -283,6 +283,52 @@ async fn beyond_the_last_place_a_client_is_told_so_at_once() {
     timeout(PATIENCE, again).await.expect("the place is free at some time");
 }
 
+/// Asks on this connection for a client behind the proxy.
+async fn ask_for(raw: &mut Raw, client: &str) -> u16 {
+    let head = format!("GET /healthz HTTP/1.1\r\nHost: test\r\nX-Forwarded-For: {client}\r\n\r\n");
+    raw.send(&head).await;
+    raw.answer().await.expect("an answer").status
+}
+
+#[tokio::test]
+async fn a_client_behind_a_proxy_that_has_most_places_makes_room_for_another() {
+    // One place is for the test's own client.
+    let app = TestApp::builder()
+        .limits(|limits| limits.connections_max = 7)
+        .access(|access| access.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a net")])
+        .start()
+        .await;
+    let episode = playing(&app).await;
+    let mut waiting = Raw::open(&app).await;
+    let token = episode.seat(0);
+    waiting
+        .send(&format!(
+            "GET /obs?after=0&wait=60 HTTP/1.1\r\nHost: test\r\nX-Forwarded-For: 192.0.2.2\r\n\
+             Authorization: Bearer {token}\r\n\r\n"
+        ))
+        .await;
+    let mut greedy = Vec::new();
+    for _ in 0..5 {
+        let mut one = Raw::open(&app).await;
+        assert_eq!(ask_for(&mut one, "192.0.2.1").await, 200);
+        greedy.push(one);
+    }
+    // All places are taken, and each is idle for less time than the one before it.
+    let mut others = Vec::new();
+    for first in &mut greedy[..3] {
+        let mut other = Raw::open(&app).await;
+        assert_eq!(ask_for(&mut other, "192.0.2.3").await, 200);
+        first.closed().await;
+        others.push(other);
+    }
+    for kept in &mut greedy[3..] {
+        assert_eq!(ask_for(kept, "192.0.2.1").await, 200);
+    }
+    assert!(was_cut(&app, "room").await);
+    app.all_act(&episode, "STAY").await;
+    assert_eq!(waiting.answer().await.expect("an answer").json()["round"], json!(1));
+}
+
 #[tokio::test]
 async fn idle_connections_do_not_hold_up_the_end() {
     let mut app = TestApp::builder().limits(|limits| limits.drain_ms_max = NEVER_MS).start().await;
