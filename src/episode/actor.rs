@@ -1161,8 +1161,7 @@ mod tests {
             let between = u64::from(kept.stride) * step_micros(&config);
             assert!(between <= Keyframes::STRIDE_MICROS || kept.stride == 1, "{between} µs");
         }
-        let settings =
-            Settings { width: 256, height: 256, ..Settings::standard(TaskName::Pursuit, 1) };
+        let settings = Settings { max_round: 10_000, ..Settings::standard(TaskName::Pursuit, 1) };
         let config = Arc::new(Config::check(&settings).expect("good settings"));
         let mut world = World::new(config);
         let mut kept = Keyframes::new(Arc::new(world.clone()));
