@@ -156,7 +156,7 @@ async fn start(store: Store) -> (SocketAddr, CancellationToken) {
     });
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("an address");
-    tokio::spawn(serve(listener, router(app), limits, stop.clone()));
+    tokio::spawn(serve(listener, router(app), limits, Vec::new(), stop.clone()));
     (address, stop)
 }
 
