@@ -517,6 +517,7 @@ class RunSummary(TypedDict):
     total: float | None
     tasks: list[TaskResult]
     acts: ActTally
+    waits_for: Limit | None
 
 
 class RunDetail(RunSummary):
