@@ -44,7 +44,19 @@ impl Budget {
     /// # Errors
     /// Where they are not.
     pub fn reserve(self: &Arc<Self>, bytes: usize) -> Result<Reservation, NoMemory> {
-        let add = |used: usize| used.checked_add(bytes).filter(|sum| *sum <= self.most);
+        self.reserve_below(self.most, bytes)
+    }
+
+    /// Reserves bytes where no more than `most` are used then: for what must leave some to others.
+    ///
+    /// # Errors
+    /// Where more would be used.
+    pub fn reserve_below(
+        self: &Arc<Self>,
+        most: usize,
+        bytes: usize,
+    ) -> Result<Reservation, NoMemory> {
+        let add = |used: usize| used.checked_add(bytes).filter(|sum| *sum <= most);
         match self.used.try_update(Ordering::AcqRel, Ordering::Acquire, add) {
             Ok(_) => Ok(Reservation { budget: Arc::clone(self), bytes: AtomicUsize::new(bytes) }),
             Err(_) => Err(NoMemory { most: self.most }),

@@ -17,7 +17,7 @@ use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use crate::budget::Reservation;
+use crate::budget::{NoMemory, Reservation};
 use crate::clock::after;
 use crate::episode::Status;
 use crate::episode::actor::{ActError, Handle, Host};
@@ -147,7 +147,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                     Some(players) => players,
                     None if handle.hosted().is_empty() => return Ok(()),
                     None => {
-                        let Ok(memory) = host.budget.reserve(players_bytes(&handle)) else {
+                        let Ok(memory) = memory_for(&handle, host) else {
                             let again = after(host.clock.now(), MEMORY_PAUSE);
                             host.clock.sleep_until(again).await;
                             continue;
@@ -192,6 +192,11 @@ pub struct Players {
     /// The first round that they were not shown.
     shown: u32,
     _memory: Reservation,
+}
+
+/// Memory for the players of an episode. Half of all is left to worlds and answers.
+fn memory_for(handle: &Handle, host: &Host) -> Result<Reservation, NoMemory> {
+    host.budget.reserve_below(host.budget.most() / 2, players_bytes(handle))
 }
 
 /// About how much memory the players of an episode take: most keep what they saw of the map.
