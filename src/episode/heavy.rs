@@ -8,15 +8,6 @@ use crate::work::{Cancelled, WorkError, Workers};
 /// Steps that take longer leave the async threads, in microseconds.
 const LIGHT_MICROS: u64 = 2000;
 
-/// Bytes of a cell of a board.
-const CELL_BYTES: u64 = 3;
-
-/// Bytes of an agent in a state: its body, its act and its message.
-const AGENT_BYTES: u64 = 400;
-
-/// Bytes of a message that is delivered or under way, for each that hears it.
-const MESSAGE_BYTES: u64 = 24;
-
 /// About how long a step and its digest take at worst, in microseconds.
 ///
 /// It follows from the settings alone, so that whatever is decided by it is decided the same again. Measured
@@ -60,17 +51,6 @@ fn deliveries(config: &Config) -> u64 {
         }
     };
     agents * in_sight
-}
-
-/// About how many bytes a state takes at worst, with the rounds that agents remember. States share a part of
-/// that, so the sum over several is too large.
-#[must_use]
-pub fn state_bytes(config: &Config) -> u64 {
-    let settings = config.settings();
-    let cells = settings.width.unsigned_abs() * settings.height.unsigned_abs();
-    let board = cells * CELL_BYTES + u64::from(config.num_agents()) * AGENT_BYTES;
-    let messages = deliveries(config) * MESSAGE_BYTES * (1 + settings.max_delay.unsigned_abs());
-    board * (1 + settings.memory.unsigned_abs()) + messages
 }
 
 /// Whether work that takes so many microseconds has to leave the async threads.

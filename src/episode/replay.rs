@@ -52,7 +52,7 @@ struct Bytes;
 
 impl Weighter<Key, Arc<World>> for Bytes {
     fn weight(&self, _: &Key, world: &Arc<World>) -> u64 {
-        heavy::state_bytes(world.config())
+        world.approximate_bytes() as u64
     }
 }
 
