@@ -104,6 +104,11 @@ impl Shared {
         self.jobs.lock().expect("nothing panics while it holds this")
     }
 
+    fn add(&self, party: Party, rank: Rank, job: Box<dyn Job>) {
+        self.state().queue.add(party, rank, job);
+        self.wake.notify_all();
+    }
+
     fn push(&self, party: Party, rank: Rank, job: Box<dyn Job>) -> Result<(), WorkError> {
         {
             let queue = &mut self.state().queue;
@@ -212,12 +217,7 @@ impl Workers {
         rank: Rank,
         work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
     ) -> Result<T, WorkError> {
-        let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
-        let (done, result) = oneshot::channel();
-        let span = tracing::Span::current();
-        let work = move |cancelled: &Cancelled<'_>| span.in_scope(|| work(cancelled));
-        shared.push(party, rank, Box::new(Task { kind, work, done }))?;
-        result.await.map_err(|_| WorkError::BrokeOff)
+        self.hand_over(kind, work, |shared, job| shared.push(party, rank, job)).await
     }
 
     /// Does work that has to be done, however much waits: the caller bounds how much of it there is, as an
@@ -232,10 +232,25 @@ impl Workers {
         rank: Rank,
         work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
     ) -> Result<T, WorkError> {
+        let add = |shared: &Shared, job| {
+            shared.add(party, rank, job);
+            Ok(())
+        };
+        self.hand_over(kind, work, add).await
+    }
+
+    /// Queues work by `queue` and waits for its result. Its log lines have the request's id as well.
+    async fn hand_over<T: Send + 'static>(
+        &self,
+        kind: &'static str,
+        work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
+        queue: impl FnOnce(&Shared, Box<dyn Job>) -> Result<(), WorkError>,
+    ) -> Result<T, WorkError> {
         let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
         let (done, result) = oneshot::channel();
-        shared.state().queue.add(party, rank, Box::new(Task { kind, work, done }));
-        shared.wake.notify_all();
+        let span = tracing::Span::current();
+        let work = move |cancelled: &Cancelled<'_>| span.in_scope(|| work(cancelled));
+        queue(shared, Box::new(Task { kind, work, done }))?;
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
