@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
+use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
 use crate::budget::Budget;
@@ -136,7 +137,9 @@ impl Server {
         }
         let journal: Arc<dyn Journal> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
-        let spawn: Spawn = Arc::new(|task| drop(tokio::spawn(task)));
+        // Episodes run on these threads, also where a request of low priority takes them up.
+        let threads = Handle::current();
+        let spawn: Spawn = Arc::new(move |task| drop(threads.spawn(task)));
         let registry = Registry::new(
             journal,
             Arc::clone(&clock),

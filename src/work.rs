@@ -6,13 +6,19 @@
 //! decided by a [`FairQueue`], so that nobody's heavy work keeps others from theirs; one thread is
 //! reserved for work that a running game waits for, and another does that only when nothing else waits, so
 //! that neither kind keeps the other from all threads.
+//!
+//! Whole requests that no running game waits for, and those with large bodies, are handled on async threads of the
+//! same low priority: [`Workers::in_background`].
 
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Instant;
 
+use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
+use tokio_util::task::AbortOnDropHandle;
+use tracing::Instrument as _;
 
 use crate::fair::{FairQueue, Party, Rank, Shares};
 
@@ -127,8 +133,13 @@ impl Shared {
 #[derive(Clone)]
 pub struct Workers(Option<Arc<Owner>>);
 
-/// What ends the threads, and how many there are.
-struct Owner(Arc<Shared>, usize);
+/// What ends the threads.
+struct Owner {
+    shared: Arc<Shared>,
+    threads: usize,
+    /// Async threads of low priority. None where the host gave no more threads.
+    background: Option<Runtime>,
+}
 
 /// What a thread does first.
 #[derive(Clone, Copy)]
@@ -161,8 +172,10 @@ impl Duty {
 
 impl Drop for Owner {
     fn drop(&mut self) {
-        self.0.state().stopped = true;
-        self.0.wake.notify_all();
+        self.shared.state().stopped = true;
+        self.shared.wake.notify_all();
+        // The last clone may be dropped on one of these threads, which cannot wait for itself.
+        self.background.take().into_iter().for_each(Runtime::shutdown_background);
     }
 }
 
@@ -195,7 +208,8 @@ impl Workers {
                 tracing::error!(%error, "a worker thread could not be started");
             }
         }
-        Self(Some(Arc::new(Owner(shared, threads))))
+        let background = background(threads);
+        Self(Some(Arc::new(Owner { shared, threads, background })))
     }
 
     /// No threads: all work is done at once, where it is asked for. Then what comes of it does not depend on
@@ -246,7 +260,9 @@ impl Workers {
         work: impl FnOnce(&Cancelled<'_>) -> T + Send + 'static,
         queue: impl FnOnce(&Shared, Box<dyn Job>) -> Result<(), WorkError>,
     ) -> Result<T, WorkError> {
-        let Some(Owner(shared, _)) = self.0.as_deref() else { return Ok(work(&Cancelled::NEVER)) };
+        let Some(Owner { shared, .. }) = self.0.as_deref() else {
+            return Ok(work(&Cancelled::NEVER));
+        };
         let (done, result) = oneshot::channel();
         let span = tracing::Span::current();
         let work = move |cancelled: &Cancelled<'_>| span.in_scope(|| work(cancelled));
@@ -254,15 +270,34 @@ impl Workers {
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
+    /// Runs a future on async threads of low priority. It is dropped where it stands once its caller is.
+    ///
+    /// # Errors
+    /// Where the threads have stopped.
+    pub async fn in_background<T: Send + 'static>(
+        &self,
+        work: impl Future<Output = T> + Send + 'static,
+    ) -> Result<T, WorkError> {
+        let Some(background) = self.0.as_deref().and_then(|owner| owner.background.as_ref()) else {
+            return Ok(work.await);
+        };
+        let task = AbortOnDropHandle::new(background.spawn(work.in_current_span()));
+        task.await.map_err(|error| match error.try_into_panic() {
+            // It is answered where panics of all requests are.
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(_) => WorkError::BrokeOff,
+        })
+    }
+
     /// How many threads there are.
     #[must_use]
     pub fn threads(&self) -> usize {
-        self.0.as_deref().map_or(1, |Owner(_, threads)| *threads)
+        self.0.as_deref().map_or(1, |owner| owner.threads)
     }
 
     /// Forgets parties that have gone; to be called now and then.
     pub fn prune(&self) {
-        if let Some(Owner(shared, _)) = self.0.as_deref() {
+        if let Some(Owner { shared, .. }) = self.0.as_deref() {
             shared.state().queue.prune();
         }
     }
@@ -270,10 +305,21 @@ impl Workers {
     /// Jobs that run, and jobs that wait.
     #[must_use]
     pub fn load(&self) -> (usize, usize) {
-        let Some(Owner(shared, _)) = self.0.as_deref() else { return (0, 0) };
+        let Some(Owner { shared, .. }) = self.0.as_deref() else { return (0, 0) };
         let state = shared.state();
         (state.queue.running(), state.queue.waiting())
     }
+}
+
+/// Async threads of low priority, one a core. Threads that they start, such as those of new database connections,
+/// have the same priority.
+fn background(threads: usize) -> Option<Runtime> {
+    let mut builder = Builder::new_multi_thread();
+    builder.worker_threads(threads).thread_name("background").enable_all();
+    let runtime = builder.on_thread_start(lower_priority).build();
+    runtime
+        .inspect_err(|error| tracing::error!(%error, "background threads could not be started"))
+        .ok()
 }
 
 /// What a worker thread does.

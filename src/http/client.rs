@@ -21,6 +21,7 @@ use governor::middleware::NoOpMiddleware;
 use governor::nanos::Nanos;
 use governor::state::keyed::DashMapStateStore;
 use governor::{Quota, RateLimiter};
+use hyper::body::Body as _;
 use ipnet::IpNet;
 
 use super::App;
@@ -292,8 +293,11 @@ pub(super) async fn admit(
     request.extensions_mut().insert(client);
     let counted = app.in_flight.take(client.address, &app.limits)?;
     let rank = rank(request.method(), request.uri().path());
+    let is_light = rank == Rank::Urgent && is_light(&request);
     let answered = async { (next.run(request).await, Origin::current()) };
-    let (mut response, origin) = rank.scope(client.party().scope(answered)).await;
+    let answered = rank.scope(client.party().scope(answered));
+    let (mut response, origin) =
+        if is_light { answered.await } else { app.workers.in_background(answered).await? };
     // It counts until its body is sent, and is made for the same party to its end.
     response.extensions_mut().insert(Asked { origin, _counted: counted });
     Ok(response)
@@ -361,6 +365,15 @@ impl Drop for InFlightPlace {
             }
         }
     }
+}
+
+/// Bytes of a body that is read and handled in one piece on the threads on which games run. A larger one, or one that does
+/// not say how large it is, is handled on threads of lower priority.
+pub(super) const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
+
+/// Whether the body is small.
+pub(super) fn is_light(request: &Request) -> bool {
+    request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
 }
 
 /// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.

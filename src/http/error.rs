@@ -413,10 +413,12 @@ impl From<Full> for ApiError {
             Full::Episodes(_)
             | Full::EpisodesOfKey(_)
             | Full::EpisodesOfShare { .. }
-            | Full::BytesOfEpisode(_)
-            | Full::BytesPerSecond { .. } => Self::new(Code::Overloaded, full.to_string())
+            | Full::BytesOfEpisode(_) => Self::new(Code::Overloaded, full.to_string())
                 .with_limit(full)
                 .retry_after(Duration::from_secs(10)),
+            Full::BytesPerSecond { after_ms, .. } => Self::new(Code::RateLimited, full.to_string())
+                .with_limit(full)
+                .retry_after(Duration::from_millis(after_ms)),
         }
     }
 }

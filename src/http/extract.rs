@@ -1,17 +1,14 @@
 //! Requests, read strictly: whatever is wrong gets an error that names it.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, header};
-use bytes::{Bytes, BytesMut};
-use http_body_util::{BodyExt, LengthLimitError, Limited};
+use axum::http::HeaderMap;
 use serde::de::DeserializeOwned;
-use tokio::time::Instant;
 
 use super::App;
+use super::body::Arrived;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use super::page::Page;
@@ -80,103 +77,17 @@ impl Named for EpisodeRequest {
     const FIELDS: &'static [&'static str] = Self::FIELDS;
 }
 
-/// A JSON body of the usual size, with its bytes.
-pub(super) struct Json<T>(pub(super) T, pub(super) Bytes);
+/// A JSON body of the usual size, as it was read and as it came.
+pub(super) struct Json<T>(pub(super) T, pub(super) Arrived);
 
 impl<T: Named> FromRequest<App> for Json<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
         let limit = app.limits.body_bytes_max;
-        let bytes = json_bytes(request, app, limit, "body_bytes_max").await?;
-        Ok(Self(read(&bytes)?, bytes))
+        let body = app.json_body(request, limit, "body_bytes_max").await?;
+        Ok(Self(read(body.as_ref())?, body))
     }
-}
-
-/// Reads a body of at most `limit` bytes that says it is JSON and is text.
-pub(super) async fn json_bytes(
-    request: Request,
-    app: &App,
-    limit: usize,
-    limit_name: &str,
-) -> Result<Bytes, ApiError> {
-    let says_json = is_json(request.headers());
-    let mut body = Limited::new(request.into_body(), limit);
-    let mut bytes = BytesMut::new();
-    let mut arriving = Arriving { all: &app.arriving, bytes: 0 };
-    let started = Instant::now();
-    loop {
-        let late = started + patience(&app.limits, bytes.len());
-        match tokio::time::timeout_at(late, body.frame()).await {
-            Ok(Some(Ok(frame))) => {
-                bytes.extend(frame.into_data());
-                arriving.grow_to(bytes.len(), app.limits.bodies_bytes_max)?;
-            }
-            Ok(None) => break,
-            Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
-                let detail = format!("the body has more than {limit} bytes");
-                return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
-            }
-            Ok(Some(Err(_))) => return Err(ApiError::new(Code::Malformed, "the body broke off")),
-            Err(_) => {
-                metrics::counter!("swarmbench_connections_cut_total", "reason" => "body")
-                    .increment(1);
-                let detail = "the body did not arrive in time";
-                return Err(ApiError::new(Code::Malformed, detail));
-            }
-        }
-    }
-    let bytes = bytes.freeze();
-    if let Err(error) = std::str::from_utf8(&bytes) {
-        return Err(ApiError::new(Code::Malformed, format!("the body is not UTF-8: {error}")));
-    }
-    if !says_json && serde_json::from_slice::<serde::de::IgnoredAny>(&bytes).is_ok() {
-        return Err(ApiError::new(
-            Code::UnsupportedMediaType,
-            "send the header `Content-Type: application/json` with the body",
-        ));
-    }
-    Ok(bytes)
-}
-
-/// What has come of a body that is not complete; many of them together are limited.
-struct Arriving<'a> {
-    all: &'a AtomicUsize,
-    bytes: usize,
-}
-
-impl Arriving<'_> {
-    fn grow_to(&mut self, bytes: usize, most: usize) -> Result<(), ApiError> {
-        let more = bytes - self.bytes;
-        self.bytes = bytes;
-        if self.all.fetch_add(more, Ordering::Relaxed) + more <= most {
-            return Ok(());
-        }
-        let detail = "too many large bodies arrive at once; send it again later, or in pieces";
-        Err(ApiError::limit(Code::Overloaded, "bodies_bytes_max", most, detail)
-            .retry_after(Duration::from_secs(1)))
-    }
-}
-
-impl Drop for Arriving<'_> {
-    fn drop(&mut self) {
-        self.all.fetch_sub(self.bytes, Ordering::Relaxed);
-    }
-}
-
-/// How long a body may take of which so many bytes have come: a large one may be slow, but has to
-/// keep coming.
-fn patience(limits: &Limits, received: usize) -> Duration {
-    let more = received as u64 * 1000 / limits.body_bytes_per_s_min;
-    Duration::from_millis(limits.body_ms_max + more)
-}
-
-fn is_json(headers: &HeaderMap) -> bool {
-    let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok());
-    value.is_some_and(|value| {
-        let essence = value.split(';').next().unwrap_or_default().trim();
-        essence.eq_ignore_ascii_case("application/json")
-    })
 }
 
 /// Reads JSON; an error says whether it is none, or which fields are wrong.
@@ -363,18 +274,4 @@ pub(super) fn wait(app: &App, seconds: Option<f64>) -> Result<Duration, ApiError
         return Err(ApiError::limit(Code::Malformed, "wait_s_max", most as usize, detail));
     }
     Ok(Duration::from_secs_f64(seconds))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_body_earns_time_by_coming() {
-        let limits = Limits::default();
-        let seconds = |received| patience(&limits, received).as_secs();
-        assert_eq!(seconds(0), 5);
-        assert_eq!(seconds(32 * 1024), 6);
-        assert_eq!(seconds(limits.swarm_body_bytes_max), 5 + 256);
-    }
 }

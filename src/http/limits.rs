@@ -11,6 +11,10 @@ pub struct Limits {
     pub swarm_body_bytes_max: usize,
     /// Bytes of all bodies that are arriving.
     pub bodies_bytes_max: usize,
+    /// Large bodies that are handled at once.
+    pub large_bodies_max: usize,
+    /// Large bodies that wait for their turn.
+    pub large_bodies_waiting_max: usize,
     /// Acts in one body.
     pub acts_max: usize,
     /// Observations in one answer.
@@ -137,6 +141,8 @@ impl Default for Limits {
             body_bytes_max: 256 * 1024,
             swarm_body_bytes_max: 8 * 1024 * 1024,
             bodies_bytes_max: 256 * 1024 * 1024,
+            large_bodies_max: 4,
+            large_bodies_waiting_max: 1024,
             acts_max: 1024,
             observations_max: 1024,
             observations_default: 256,
@@ -222,6 +228,8 @@ impl Limits {
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
             ("bodies_bytes_max", self.bodies_bytes_max as u64),
+            ("large_bodies_max", self.large_bodies_max as u64),
+            ("large_bodies_waiting_max", self.large_bodies_waiting_max as u64),
             ("acts_max", self.acts_max as u64),
             ("observations_max", self.observations_max as u64),
             ("observations_default", self.observations_default as u64),

@@ -5,6 +5,7 @@ mod answer;
 mod audit;
 pub mod auth;
 mod boards;
+mod body;
 mod checks;
 mod claims;
 mod client;
@@ -59,6 +60,7 @@ use crate::telemetry;
 use crate::work::{JOBS_WAITING_MAX, Workers};
 use agent::look::Sights;
 use auth::Access;
+use body::Bodies;
 use client::Rates;
 use competitions::board::Ranking;
 use error::{ApiError, Code};
@@ -135,8 +137,7 @@ pub struct Shared {
     /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
     /// what is new to one look is new to all that come after it.
     rounds_seen: std::sync::Mutex<u64>,
-    /// Bytes of bodies that are not complete.
-    arriving: AtomicUsize,
+    bodies: Bodies,
     /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
     replays: FairLimit,
     /// Turns to make a large answer.
@@ -163,6 +164,7 @@ impl App {
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
             streams: Streams::new(&foundation.limits),
+            bodies: Bodies::new(&foundation.limits),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
@@ -179,7 +181,6 @@ impl App {
             sights: Sights::new(),
             waits: Arc::default(),
             rounds_seen: std::sync::Mutex::new(0),
-            arriving: AtomicUsize::new(0),
             creating: std::array::from_fn(|_| Mutex::new(())),
         }))
     }
@@ -201,6 +202,7 @@ impl App {
         self.replays.prune();
         self.large_answers.prune();
         self.streams.prune();
+        self.bodies.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where

@@ -23,6 +23,7 @@ use super::limits::Limits;
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
+use crate::work::WorkError;
 
 /// How long a request waits for a turn.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -167,13 +168,17 @@ impl App {
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
             let app = app.clone();
             async move {
-                let part = if ready.is_some() {
-                    ready
-                } else {
+                if ready.is_some() {
+                    return Ok(ready.map(|part| (part, (parts, None))));
+                }
+                let workers = app.workers.clone();
+                let next = async move {
                     let turn = patiently(&app.streams.journals, party).await;
-                    app.part((party, turn), &mut parts).await?
+                    let part = app.part((party, turn), &mut parts).await?;
+                    Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
                 };
-                Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
+                let stopped = |error: WorkError| JournalError(error.to_string().into());
+                workers.in_background(next).await.map_err(stopped)?
             }
         });
         Ok(Body::from_stream(rest))

@@ -55,13 +55,13 @@ pub(in super::super) async fn post_act(
     Params(params): Params<ActParams>,
     Json(request, body): Json<ActRequest>,
 ) -> Result<Response, ApiError> {
-    // It may be large, and the wait long.
-    drop(body);
     let patience = wait(&app, params.wait)?;
     app.check_backlog()?;
     let Seat { handle, agent } = seat;
     let submission = submission(request, &handle.spec.config, agent)?;
     let mut outcomes = handle.submit(vec![(agent, submission)]).await;
+    // It may be large, and the wait long.
+    drop(body);
     let given = outcomes.pop().ok_or_else(|| ApiError::new(Code::Internal, "no outcome"))??;
     let receipt = receipt(&handle.id, given);
     if params.wait.is_none() {

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use axum::body::Bytes;
 use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
 use futures::future::join_all;
@@ -16,11 +15,10 @@ use super::super::App;
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Named, Nothing, Params, json_bytes, read};
+use super::super::extract::{Named, Nothing, Params, read};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
-use crate::fair::{Party, Rank};
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 use crate::wire::problem::Problem;
 
@@ -50,25 +48,45 @@ pub(in super::super) async fn post_swarm_act(
     request: Request,
 ) -> Result<Response, ApiError> {
     let limit = app.limits.swarm_body_bytes_max;
-    let bytes = json_bytes(request, &app, limit, "swarm_body_bytes_max").await?;
+    let body = app.json_body(request, limit, "swarm_body_bytes_max").await?;
     app.check_backlog()?;
-    let Envelope { acts: Acts { acts, count } } = envelope(&app, bytes).await?;
+    let Envelope { acts: Acts { acts, count } } = read(body.as_ref())?;
     let most = app.limits.acts_max;
     if count > most {
         let detail = format!("{count} acts came, at most {most} are taken at once");
         return Err(ApiError::limit(Code::TooLarge, "acts_max", most, detail));
     }
     let mut source = Source::of(&app, swarm).await?;
+    let mut receipts = Vec::with_capacity(acts.len());
+    let mut acts = acts.into_iter().peekable();
+    while acts.peek().is_some() {
+        let mut bytes = 0;
+        let piece: Vec<_> = std::iter::from_fn(|| {
+            let act = acts.next_if(|act| bytes == 0 || bytes + act.get().len() <= PIECE_BYTES)?;
+            bytes += act.get().len();
+            Some(act)
+        })
+        .collect();
+        receipts.extend(submit_all(&app, &mut source, &piece).await?);
+    }
+    drop(body);
+    Ok(axum::Json(SwarmActResponse { receipts }).into_response())
+}
+
+/// Bytes of acts that are on their way to the journal at once: acts of others are written between the pieces of a large
+/// body.
+const PIECE_BYTES: usize = 512 * 1024;
+
+/// Sends acts and waits until they are durable.
+async fn submit_all(
+    app: &App,
+    source: &mut Source,
+    acts: &[Box<RawValue>],
+) -> Result<Vec<SwarmReceipt>, ApiError> {
     let mut receipts: Vec<Option<SwarmReceipt>> = vec![None; acts.len()];
     let mut groups: BTreeMap<String, Result<Group, ApiError>> = BTreeMap::new();
-    let mut unpaused = 0;
-    for (place, act) in acts.into_iter().enumerate() {
-        unpaused += act.get().len();
-        if unpaused > PIECE_BYTES {
-            unpaused = 0;
-            tokio::task::yield_now().await;
-        }
-        if let Err(error) = take(&app, &mut source, &mut groups, place, &act).await {
+    for (place, act) in acts.iter().enumerate() {
+        if let Err(error) = take(app, source, &mut groups, place, act).await {
             receipts[place] = Some(SwarmReceipt::Problem(error.problem()));
         }
     }
@@ -77,21 +95,7 @@ pub(in super::super) async fn post_swarm_act(
         receipts[place] = Some(receipt);
     }
     let receipts = receipts.into_iter().collect::<Option<Vec<_>>>();
-    let receipts =
-        receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))?;
-    Ok(axum::Json(SwarmActResponse { receipts }).into_response())
-}
-
-/// Bytes that are read in one piece, before others have their turn on the thread.
-const PIECE_BYTES: usize = 128 * 1024;
-
-/// Reads a body as far as its acts are told apart. That is for the workers where it is large: a round may wait
-/// for it.
-async fn envelope(app: &App, bytes: Bytes) -> Result<Envelope, ApiError> {
-    if bytes.len() <= PIECE_BYTES {
-        return read(&bytes);
-    }
-    app.workers.run("acts", Party::current(), Rank::Urgent, move |_| read(&bytes)).await?
+    receipts.ok_or_else(|| ApiError::new(Code::Internal, "an act has no outcome"))
 }
 
 /// The acts of a body, each still to be read for itself.

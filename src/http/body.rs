@@ -1,0 +1,234 @@
+//! Bodies as they arrive: how many bytes of them there may be, in all and of one party, and how long they may take.
+//!
+//! A body that is larger than [`LIGHT_BODY_BYTES_MAX`] costs its sender more. It is refused before it is read while the
+//! sender has written as much as it may; it waits for a turn to be handled; and a group gets no more memory for such
+//! bodies than is free.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard};
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderMap, header};
+use bytes::{Bytes, BytesMut};
+use http_body_util::{BodyExt, LengthLimitError, Limited};
+use tokio::time::Instant;
+
+use super::App;
+use super::client::{LIGHT_BODY_BYTES_MAX, is_light};
+use super::error::{ApiError, Code};
+use super::limits::Limits;
+use crate::fair::{Busy, FairLimit, Group, Party, Permit, Rank, Shares};
+
+/// How long a large body waits for its turn.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What all bodies share.
+#[derive(Debug)]
+pub(super) struct Bodies {
+    most: usize,
+    /// Bytes of all bodies.
+    all: AtomicUsize,
+    /// Bytes of large bodies by group; no entry is 0.
+    large: Mutex<HashMap<Group, usize>>,
+    /// Turns to handle a large one.
+    turns: FairLimit,
+}
+
+impl Bodies {
+    pub(super) fn new(limits: &Limits) -> Self {
+        let slots = limits.large_bodies_max;
+        let shares = Shares {
+            slots,
+            reserve: 0,
+            slots_per_group: slots.div_ceil(2),
+            slots_per_member: 1,
+            waiting: limits.large_bodies_waiting_max,
+            waiting_per_group: limits.large_bodies_waiting_max.div_ceil(4),
+        };
+        Self {
+            most: limits.bodies_bytes_max,
+            all: AtomicUsize::new(0),
+            large: Mutex::default(),
+            turns: FairLimit::new("large_bodies_max", shares, PATIENCE),
+        }
+    }
+
+    fn large(&self) -> MutexGuard<'_, HashMap<Group, usize>> {
+        self.large.lock().expect("nothing panics while it holds this")
+    }
+
+    /// Forgets parties that have gone.
+    pub(super) fn prune(&self) {
+        self.turns.prune();
+    }
+}
+
+/// A body that has arrived. Its bytes are counted, and a large one keeps its turn, until this is dropped.
+pub(super) struct Arrived {
+    bytes: Bytes,
+    _turn: Option<Permit>,
+    _counted: Counted,
+}
+
+impl AsRef<[u8]> for Arrived {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// Bytes of a body that are counted until this is dropped.
+struct Counted {
+    app: App,
+    group: Group,
+    bytes: usize,
+    /// How many of them are counted for the group: all of a large body.
+    of_group: usize,
+}
+
+impl Counted {
+    fn new(app: &App) -> Self {
+        Self { app: app.clone(), group: Party::current().group, bytes: 0, of_group: 0 }
+    }
+
+    fn grow_to(&mut self, bytes: usize) -> Result<(), ApiError> {
+        let bodies = &self.app.bodies;
+        let more = bytes - self.bytes;
+        self.bytes = bytes;
+        let all = bodies.all.fetch_add(more, Ordering::Relaxed) + more;
+        let of_group = if bytes > LIGHT_BODY_BYTES_MAX {
+            let mut groups = bodies.large();
+            let held = groups.entry(self.group).or_default();
+            *held += bytes - self.of_group;
+            self.of_group = bytes;
+            *held
+        } else {
+            0
+        };
+        let most = bodies.most;
+        if most.checked_sub(all).is_some_and(|free| of_group <= free) {
+            return Ok(());
+        }
+        let detail = "too many large bodies arrive at once; send it again later, or in pieces";
+        Err(ApiError::limit(Code::Overloaded, "bodies_bytes_max", most, detail)
+            .retry_after(Duration::from_secs(1)))
+    }
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.app.bodies.all.fetch_sub(self.bytes, Ordering::Relaxed);
+        if self.of_group == 0 {
+            return;
+        }
+        if let Entry::Occupied(mut held) = self.app.bodies.large().entry(self.group) {
+            *held.get_mut() -= self.of_group;
+            if *held.get() == 0 {
+                held.remove();
+            }
+        }
+    }
+}
+
+impl App {
+    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one has a turn until the
+    /// result is dropped.
+    pub(super) async fn json_body(
+        &self,
+        request: Request,
+        limit: usize,
+        limit_name: &str,
+    ) -> Result<Arrived, ApiError> {
+        if !is_light(&request) {
+            self.registry.host().quotas.check_pace(Party::current(), self.clock.now())?;
+        }
+        let says_json = is_json(request.headers());
+        let (bytes, counted) = self.collect(request.into_body(), limit, limit_name).await?;
+        let turn = if bytes.len() > LIGHT_BODY_BYTES_MAX {
+            Some(self.bodies.turns.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
+        } else {
+            None
+        };
+        if let Err(error) = std::str::from_utf8(&bytes) {
+            return Err(ApiError::new(Code::Malformed, format!("the body is not UTF-8: {error}")));
+        }
+        if !says_json && serde_json::from_slice::<serde::de::IgnoredAny>(&bytes).is_ok() {
+            return Err(ApiError::new(
+                Code::UnsupportedMediaType,
+                "send the header `Content-Type: application/json` with the body",
+            ));
+        }
+        Ok(Arrived { bytes, _turn: turn, _counted: counted })
+    }
+
+    async fn collect(
+        &self,
+        body: Body,
+        limit: usize,
+        limit_name: &str,
+    ) -> Result<(Bytes, Counted), ApiError> {
+        let mut body = Limited::new(body, limit);
+        let (mut bytes, mut counted) = (BytesMut::new(), Counted::new(self));
+        let started = Instant::now();
+        loop {
+            let late = started + patience(&self.limits, bytes.len());
+            match tokio::time::timeout_at(late, body.frame()).await {
+                Ok(Some(Ok(frame))) => {
+                    bytes.extend(frame.into_data());
+                    counted.grow_to(bytes.len())?;
+                }
+                Ok(None) => return Ok((bytes.freeze(), counted)),
+                Ok(Some(Err(error))) if error.is::<LengthLimitError>() => {
+                    let detail = format!("the body has more than {limit} bytes");
+                    return Err(ApiError::limit(Code::TooLarge, limit_name, limit, detail));
+                }
+                Ok(Some(Err(_))) => {
+                    return Err(ApiError::new(Code::Malformed, "the body broke off"));
+                }
+                Err(_) => {
+                    metrics::counter!("swarmbench_connections_cut_total", "reason" => "body")
+                        .increment(1);
+                    let detail = "the body did not arrive in time";
+                    return Err(ApiError::new(Code::Malformed, detail));
+                }
+            }
+        }
+    }
+}
+
+fn busy(Busy { name, slots }: Busy) -> ApiError {
+    let detail = "too many large bodies are handled at once; send it again later, or in pieces";
+    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(Duration::from_secs(1))
+}
+
+/// How long a body may take of which so many bytes have come: a large one may be slow, but has to
+/// keep coming.
+fn patience(limits: &Limits, received: usize) -> Duration {
+    let more = received as u64 * 1000 / limits.body_bytes_per_s_min;
+    Duration::from_millis(limits.body_ms_max + more)
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok());
+    value.is_some_and(|value| {
+        let essence = value.split(';').next().unwrap_or_default().trim();
+        essence.eq_ignore_ascii_case("application/json")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_earns_time_by_coming() {
+        let limits = Limits::default();
+        let seconds = |received| patience(&limits, received).as_secs();
+        assert_eq!(seconds(0), 5);
+        assert_eq!(seconds(32 * 1024), 6);
+        assert_eq!(seconds(limits.swarm_body_bytes_max), 5 + 256);
+    }
+}
