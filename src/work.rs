@@ -462,6 +462,40 @@ mod tests {
         blocking.await.expect("no panic");
     }
 
+    #[tokio::test]
+    async fn the_background_has_threads_of_its_own_and_low_priority() {
+        let workers = Workers::new(2);
+        let where_it_runs = async {
+            let nice = rustix::process::getpriority_process(None).expect("a priority");
+            (std::thread::current().name().map(str::to_owned), nice)
+        };
+        let (thread, nice) = workers.in_background(where_it_runs).await.expect("it ends");
+        assert_eq!(thread.as_deref(), Some("background"));
+        #[cfg(target_os = "linux")]
+        assert!(nice >= NICE, "{nice}");
+        let inline = Workers::inline().in_background(async { 1 }).await;
+        assert_eq!(inline, Ok(1));
+    }
+
+    #[tokio::test]
+    async fn what_runs_in_the_background_ends_with_its_caller_and_panics_with_it() {
+        let workers = Workers::new(2);
+        let (alive, has_ended) = oneshot::channel::<()>();
+        let endless = async move {
+            let _alive = alive;
+            std::future::pending::<()>().await;
+        };
+        let mut endless = Box::pin(workers.in_background(endless));
+        assert!(futures::poll!(&mut endless).is_pending());
+        drop(endless);
+        assert!(has_ended.await.is_err(), "it was dropped");
+        let failing = workers.clone();
+        let failing = tokio::spawn(async move {
+            failing.in_background(async { panic!("a fault") }).await.map(|()| ())
+        });
+        assert!(failing.await.is_err_and(|error| error.is_panic()));
+    }
+
     #[tokio::test(flavor = "multi_thread")]
     async fn work_that_nobody_waits_for_is_not_begun_and_ends_early() {
         let workers = Workers::new(2);

@@ -290,14 +290,6 @@ impl Quotas {
         held.check_pace(caps, *party, now)
     }
 
-    /// Whether a party may write another large act now.
-    ///
-    /// # Errors
-    /// The cap that was reached.
-    pub fn check_pace(&self, party: Party, now: Timestamp) -> Result<(), Full> {
-        self.held().check_pace(&self.caps, party, now)
-    }
-
     /// Counts bytes that an act of an episode takes.
     pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
         let mut held = self.held();

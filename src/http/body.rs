@@ -1,13 +1,13 @@
 //! Bodies as they arrive: how many bytes of them there may be, in all and of one party, and how long they may take.
 //!
-//! A body that is larger than [`LIGHT_BODY_BYTES_MAX`] costs its sender more. It is refused before it is read while the
-//! sender has written as much as it may; it waits for a turn to be handled; and a group gets no more memory for such
-//! bodies than is free.
+//! A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes, or does not say how many. It is refused before it is read
+//! where its sender has sent as much as it may; it waits for a turn to be handled; and a group gets no more memory for
+//! such bodies than is free.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use axum::body::Body;
@@ -15,6 +15,7 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
+use hyper::body::Body as _;
 use tokio::time::Instant;
 
 use super::App;
@@ -82,7 +83,7 @@ impl AsRef<[u8]> for Arrived {
 
 /// Bytes of a body that are counted until this is dropped.
 struct Counted {
-    app: App,
+    bodies: Arc<Bodies>,
     group: Group,
     bytes: usize,
     /// How many of them are counted for the group: all of a large body.
@@ -90,12 +91,12 @@ struct Counted {
 }
 
 impl Counted {
-    fn new(app: &App) -> Self {
-        Self { app: app.clone(), group: Party::current().group, bytes: 0, of_group: 0 }
+    fn new(bodies: &Arc<Bodies>, group: Group) -> Self {
+        Self { bodies: Arc::clone(bodies), group, bytes: 0, of_group: 0 }
     }
 
     fn grow_to(&mut self, bytes: usize) -> Result<(), ApiError> {
-        let bodies = &self.app.bodies;
+        let bodies = &self.bodies;
         let more = bytes - self.bytes;
         self.bytes = bytes;
         let all = bodies.all.fetch_add(more, Ordering::Relaxed) + more;
@@ -120,11 +121,11 @@ impl Counted {
 
 impl Drop for Counted {
     fn drop(&mut self) {
-        self.app.bodies.all.fetch_sub(self.bytes, Ordering::Relaxed);
+        self.bodies.all.fetch_sub(self.bytes, Ordering::Relaxed);
         if self.of_group == 0 {
             return;
         }
-        if let Entry::Occupied(mut held) = self.app.bodies.large().entry(self.group) {
+        if let Entry::Occupied(mut held) = self.bodies.large().entry(self.group) {
             *held.get_mut() -= self.of_group;
             if *held.get() == 0 {
                 held.remove();
@@ -143,7 +144,9 @@ impl App {
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
         if !is_light(&request) {
-            self.registry.host().quotas.check_pace(Party::current(), self.clock.now())?;
+            let bytes = request.body().size_hint().upper().and_then(|bytes| bytes.try_into().ok());
+            let bytes = bytes.unwrap_or(limit).min(limit);
+            self.rates.check_body(Party::current(), bytes, &self.limits)?;
         }
         let says_json = is_json(request.headers());
         let (bytes, counted) = self.collect(request.into_body(), limit, limit_name).await?;
@@ -171,7 +174,8 @@ impl App {
         limit_name: &str,
     ) -> Result<(Bytes, Counted), ApiError> {
         let mut body = Limited::new(body, limit);
-        let (mut bytes, mut counted) = (BytesMut::new(), Counted::new(self));
+        let mut bytes = BytesMut::new();
+        let mut counted = Counted::new(&self.bodies, Party::current().group);
         let started = Instant::now();
         loop {
             let late = started + patience(&self.limits, bytes.len());
@@ -222,6 +226,27 @@ fn is_json(headers: &HeaderMap) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_group_holds_no_more_bytes_of_large_bodies_than_are_free() {
+        let limits = Limits { bodies_bytes_max: 1_000_000, ..Limits::default() };
+        let bodies = Arc::new(Bodies::new(&limits));
+        let of = |address: u8| Group::Address([192, 0, 2, address].into());
+        let arrive = |address, bytes| {
+            let mut body = Counted::new(&bodies, of(address));
+            body.grow_to(bytes / 2).and_then(|()| body.grow_to(bytes)).map(|()| body)
+        };
+        let first = arrive(1, 400_000).expect("less than half");
+        assert!(arrive(1, 200_000).is_err(), "more than half of all");
+        let second = arrive(2, 300_000).expect("as much as is free then");
+        assert!(arrive(2, 200_000).is_err(), "more than is free");
+        let small: Vec<_> = (0..2).map(|_| arrive(1, LIGHT_BODY_BYTES_MAX)).collect();
+        assert!(small.iter().all(Result::is_ok), "small ones pass while there is room");
+        assert!(arrive(3, LIGHT_BODY_BYTES_MAX).is_err(), "there is none");
+        drop((first, second, small));
+        assert_eq!(bodies.all.load(Ordering::Relaxed), 0);
+        assert!(bodies.large().is_empty());
+    }
 
     #[test]
     fn a_body_earns_time_by_coming() {

@@ -59,6 +59,9 @@ const ADDRESSES_REMEMBERED: usize = 65_536;
 /// After so many requests of addresses it is looked how many are remembered.
 const ADDRESSES_COUNTED_EVERY: usize = 4096;
 
+/// Bytes of large bodies are counted in units of so many.
+const BODY_CELL_BYTES: usize = 1024;
+
 /// The headers by which proxies say that they are some.
 const FORWARDED: [HeaderName; 5] = [
     HeaderName::from_static("forwarded"),
@@ -152,6 +155,9 @@ pub(super) struct Rates {
     by_address: Option<Keyed<IpAddr>>,
     by_key: Option<Keyed<OwnerKey>>,
     entries: Option<Keyed<IpAddr>>,
+    /// KiB of large bodies.
+    bodies: Option<Keyed<Party>>,
+    bodies_of_competition: Option<Keyed<Party>>,
 }
 
 impl Rates {
@@ -170,8 +176,15 @@ impl Rates {
             let quota = Quota::per_hour(most);
             RateLimiter::new(quota, DashMapStateStore::default(), clock.clone())
         });
+        // Twice as much at once: two of the largest bodies at least.
+        let kib = |bytes: usize| u32::try_from(bytes / BODY_CELL_BYTES).unwrap_or(u32::MAX / 2);
         Self {
             entries,
+            bodies: keyed(kib(limits.large_body_bytes_per_key_s_max), &clock),
+            bodies_of_competition: keyed(
+                kib(limits.large_body_bytes_per_competition_s_max),
+                &clock,
+            ),
             by_address: keyed(limits.address_requests_per_s_max, &clock),
             by_key: keyed(limits.key_requests_per_s_max, &clock),
             seen: AtomicUsize::new(0),
@@ -219,12 +232,65 @@ impl Rates {
         })
     }
 
+    /// Counts a large body of `bytes` bytes before it is read. Those of this machine itself are not limited.
+    pub(super) fn check_body(
+        &self,
+        party: Party,
+        bytes: usize,
+        limits: &Limits,
+    ) -> Result<(), ApiError> {
+        if matches!(party.group, Group::Address(address) if address.is_loopback()) {
+            return Ok(());
+        }
+        let own = ("large_body_bytes_per_key_s_max", limits.large_body_bytes_per_key_s_max);
+        self.check_bytes(self.bodies.as_ref(), party, bytes, own)?;
+        if let Group::Competition(_) = party.group {
+            let most = limits.large_body_bytes_per_competition_s_max;
+            let all = ("large_body_bytes_per_competition_s_max", most);
+            self.check_bytes(
+                self.bodies_of_competition.as_ref(),
+                Party::of(party.group),
+                bytes,
+                all,
+            )?;
+        }
+        Ok(())
+    }
+
+    fn check_bytes(
+        &self,
+        rates: Option<&Keyed<Party>>,
+        party: Party,
+        bytes: usize,
+        (name, most): (&'static str, usize),
+    ) -> Result<(), ApiError> {
+        let Some(rates) = rates else { return Ok(()) };
+        if rates.len() > ADDRESSES_REMEMBERED {
+            forget(rates);
+        }
+        let cells = u32::try_from(bytes.div_ceil(BODY_CELL_BYTES)).ok().and_then(NonZeroU32::new);
+        let wait = match cells.map(|cells| rates.check_key_n(&party, cells)) {
+            None | Some(Ok(Ok(()))) => return Ok(()),
+            Some(Ok(Err(until))) => until.wait_time_from(self.clock.now()),
+            // It is more than may come at once.
+            Some(Err(_)) => Duration::from_secs(1),
+        };
+        metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
+        let detail = format!(
+            "more than {most} bytes a second come in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
+        );
+        Err(ApiError::limit(Code::RateLimited, name, most, detail).retry_after(wait))
+    }
+
     /// Forgets whoever has not asked for a while.
     pub(super) fn forget_idle(&self) {
         for rates in self.by_address.iter().chain(&self.entries) {
             forget(rates);
         }
         if let Some(rates) = &self.by_key {
+            forget(rates);
+        }
+        for rates in self.bodies.iter().chain(&self.bodies_of_competition) {
             forget(rates);
         }
     }

@@ -11,6 +11,11 @@ pub struct Limits {
     pub swarm_body_bytes_max: usize,
     /// Bytes of all bodies that are arriving.
     pub bodies_bytes_max: usize,
+    /// Bytes of large bodies a second of an entrant, a key or an address, on average; any number where it is 0. Programs
+    /// on this machine are not limited.
+    pub large_body_bytes_per_key_s_max: usize,
+    /// Bytes of large bodies a second of all entrants of a competition, on average; any number where it is 0.
+    pub large_body_bytes_per_competition_s_max: usize,
     /// Large bodies that are handled at once.
     pub large_bodies_max: usize,
     /// Large bodies that wait for their turn.
@@ -141,6 +146,8 @@ impl Default for Limits {
             body_bytes_max: 256 * 1024,
             swarm_body_bytes_max: 8 * 1024 * 1024,
             bodies_bytes_max: 256 * 1024 * 1024,
+            large_body_bytes_per_key_s_max: 16 * 1024 * 1024,
+            large_body_bytes_per_competition_s_max: 64 * 1024 * 1024,
             large_bodies_max: 4,
             large_bodies_waiting_max: 1024,
             acts_max: 1024,
@@ -228,6 +235,11 @@ impl Limits {
             ("body_bytes_max", self.body_bytes_max as u64),
             ("swarm_body_bytes_max", self.swarm_body_bytes_max as u64),
             ("bodies_bytes_max", self.bodies_bytes_max as u64),
+            ("large_body_bytes_per_key_s_max", self.large_body_bytes_per_key_s_max as u64),
+            (
+                "large_body_bytes_per_competition_s_max",
+                self.large_body_bytes_per_competition_s_max as u64,
+            ),
             ("large_bodies_max", self.large_bodies_max as u64),
             ("large_bodies_waiting_max", self.large_bodies_waiting_max as u64),
             ("acts_max", self.acts_max as u64),

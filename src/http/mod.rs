@@ -137,7 +137,7 @@ pub struct Shared {
     /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
     /// what is new to one look is new to all that come after it.
     rounds_seen: std::sync::Mutex<u64>,
-    bodies: Bodies,
+    bodies: Arc<Bodies>,
     /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
     replays: FairLimit,
     /// Turns to make a large answer.
@@ -164,7 +164,7 @@ impl App {
         Self(Arc::new(Shared {
             rates: Rates::new(&foundation.limits, Arc::clone(&foundation.clock)),
             streams: Streams::new(&foundation.limits),
-            bodies: Bodies::new(&foundation.limits),
+            bodies: Arc::new(Bodies::new(&foundation.limits)),
             standings: Standings::new(foundation.store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),

@@ -185,6 +185,29 @@ async fn many_large_bodies_at_once_are_told_to_come_again() {
     }
 }
 
+#[tokio::test]
+async fn large_bodies_come_at_a_pace_and_small_ones_always() {
+    let builder = TestApp::builder().manual_clock().keys();
+    let app = builder.limits(|limits| limits.large_body_bytes_per_key_s_max = 200 * 1024);
+    let app = app.start().await;
+    let (key, _) = app.key(json!({ "name": "blue" })).await;
+    let episode = app.create_with(&key, request()).await;
+    let act = |round: u32, kib: usize| {
+        let text = "x".repeat(kib * 1024);
+        json!({ "round": round, "action": "STAY", "reasoning": text })
+    };
+    // Two seconds' worth at once.
+    app.act(episode.seat(0), &act(0, 190)).await;
+    app.act(episode.seat(1), &act(0, 190)).await;
+    let late = || app.post("/act").token(episode.seat(0)).json(&act(0, 190));
+    let problem = late().problem(429, "rate_limited").await;
+    let limit = json!({ "name": "large_body_bytes_per_key_s_max", "value": 200 * 1024 });
+    assert_eq!(problem["limit"], limit);
+    app.act(episode.seat(0), &act(1, 120)).await;
+    app.pass(Duration::from_secs(1));
+    assert_eq!(late().ok().await["duplicate"], true);
+}
+
 /// What `/metrics` says of something that is counted in whole numbers.
 fn metric(text: &str, name: &str) -> u64 {
     let line = text.lines().find(|line| line.starts_with(name) && !line.starts_with('#'));

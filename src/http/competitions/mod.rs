@@ -53,8 +53,9 @@ impl App {
         competition: StoredCompetition,
         declared: Declared,
     ) -> Result<Field, ApiError> {
-        let entrants = self.store.entrants(competition.key, None, declared).await?;
+        // In this order each attempt has its entrant, also where somebody enters meanwhile.
         let attempts = self.store.attempts(competition.key, None).await?;
+        let entrants = self.store.entrants(competition.key, None, declared).await?;
         self.field_of(competition, entrants, attempts).await
     }
 
