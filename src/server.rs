@@ -1,11 +1,13 @@
 //! The server as a whole: opened, run, stopped. `main` and the tests start the same one.
 
+use std::io;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -92,6 +94,22 @@ fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
     let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
     let fit = usize::try_from(fit).unwrap_or(usize::MAX);
     Limits { connections_max: limits.connections_max.min(fit), ..*limits }
+}
+
+/// Connections that the host accepts before this process does. With the usual 128 some of many that come at once try
+/// again only after a second.
+const ACCEPT_BACKLOG: u32 = 4096;
+
+/// Listens on an address, so that many may connect at once.
+///
+/// # Errors
+/// Where the address cannot be had.
+pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // Connections of an earlier run that the host has not forgotten do not matter.
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(ACCEPT_BACKLOG)
 }
 
 /// A server could not be started.

@@ -5,11 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use ipnet::IpNet;
-use tokio::net::TcpListener;
 
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
-use crate::server::{Parts, Server, fit_memory, fit_open_files};
+use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
 use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
@@ -109,8 +108,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             "--open changes nothing: there are keys, so whoever creates episodes shows one"
         );
     }
-    let listener = TcpListener::bind(args.addr)
-        .await
+    let listener = listen(args.addr)
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;
     let addr = listener.local_addr()?;
     tracing::info!(%addr, db = %args.db.display(), "serving; documentation at http://{addr}/docs");
