@@ -260,13 +260,6 @@ impl Workers {
         self.0.as_deref().map_or(1, |Owner(_, threads)| *threads)
     }
 
-    /// Forgets parties that have gone; to be called now and then.
-    pub fn prune(&self) {
-        if let Some(Owner(shared, _)) = self.0.as_deref() {
-            shared.state().queue.prune();
-        }
-    }
-
     /// Jobs that run, and jobs that wait.
     #[must_use]
     pub fn load(&self) -> (usize, usize) {

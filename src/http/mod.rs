@@ -195,12 +195,7 @@ impl App {
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
         self.registry.let_go();
-        self.store.tidy();
         self.rates.forget_idle();
-        self.workers.prune();
-        self.replays.prune();
-        self.large_answers.prune();
-        self.streams.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where

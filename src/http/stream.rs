@@ -105,14 +105,6 @@ impl Streams {
             ),
         }
     }
-
-    /// Forgets parties that have gone.
-    pub(super) fn prune(&self) {
-        let places = [&self.exports_open.limit, &self.events.limit];
-        for limit in [&self.journals, &self.exports].into_iter().chain(places) {
-            limit.prune();
-        }
-    }
 }
 
 /// A member of a group gets so many slots, the group at least as many, and otherwise half of all.

@@ -156,11 +156,6 @@ impl Store {
         self.readers.get().await
     }
 
-    /// Forgets whoever has not read for a while; to be called now and then.
-    pub fn tidy(&self) {
-        self.readers.tidy();
-    }
-
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].
     pub fn append(&self, entries: Vec<Entry>, committed: Committed) {
         self.writer.append(entries, committed);

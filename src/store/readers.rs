@@ -103,12 +103,6 @@ impl Readers {
         Ok(Reading { connection, _turn: turn })
     }
 
-    /// Forgets whoever has not read for a while.
-    pub(super) fn tidy(&self) {
-        self.games.turns.prune();
-        self.others.turns.prune();
-    }
-
     pub(super) async fn close(&self) {
         self.games.pool.close().await;
         self.others.pool.close().await;
