@@ -23,12 +23,19 @@ use super::limits::Limits;
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
+use crate::store;
 
 /// How long a request waits for a turn.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// After how long a stream asks for its turn again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
+
+/// Requests that wait for a turn or a place, of each kind.
+pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
+
+/// Of these, those of one group.
+pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
 
 /// Where parts come from.
 pub(super) trait Parts: Send + 'static {
@@ -114,8 +121,8 @@ fn shares(slots: usize, of_a_member: usize) -> Shares {
         reserve: 0,
         slots_per_group: of_a_member.max(slots.div_ceil(2)),
         slots_per_member: of_a_member,
-        waiting: 16_384,
-        waiting_per_group: 4096,
+        waiting: STREAMS_WAITING_MAX,
+        waiting_per_group: STREAMS_WAITING_PER_GROUP_MAX,
     }
 }
 
@@ -163,7 +170,7 @@ impl App {
                     ready
                 } else {
                     let turn = patiently(&app.streams.journals, party).await;
-                    app.part((party, turn), &mut parts).await?
+                    store::patiently(app.part((party, turn), &mut parts)).await?
                 };
                 Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
             }
