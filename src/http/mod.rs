@@ -221,7 +221,8 @@ impl App {
     ) -> Result<T, ApiError> {
         let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
         let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
-            let detail = "too much heavy work waits; ask again later, or without `prompt`";
+            let detail =
+                "too much heavy work (prompts, boards, large worlds) waits; ask again later";
             return Err(ApiError::limit(
                 Code::Overloaded,
                 "heavy_jobs_max",
