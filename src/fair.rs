@@ -6,8 +6,8 @@
 //! [`FairLimit`] hands out permits by it to async code, and [`work`](crate::work) runs jobs by it.
 
 use std::cell::Cell;
-use std::collections::hash_map::Entry;
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::hash::Hash;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -88,6 +88,9 @@ pub enum Rank {
 }
 
 impl Rank {
+    /// Both, in the order in which they go.
+    const ALL: [Self; 2] = [Self::Urgent, Self::Normal];
+
     /// The rank of the request that this task handles. What the server does of its own accord, games wait for.
     #[must_use]
     pub fn current() -> Self {
@@ -143,79 +146,249 @@ pub struct Shares {
     pub waiting_per_group: usize,
 }
 
-/// How many requests of each rank wait.
+/// One of something for each rank.
 #[derive(Clone, Copy, Debug, Default)]
-struct Waiting {
-    urgent: usize,
-    normal: usize,
+struct Ranked<T> {
+    urgent: T,
+    normal: T,
 }
 
-impl Waiting {
-    const fn of(&mut self, rank: Rank) -> &mut usize {
+impl<T> Ranked<T> {
+    const fn of(&self, rank: Rank) -> &T {
+        match rank {
+            Rank::Urgent => &self.urgent,
+            Rank::Normal => &self.normal,
+        }
+    }
+
+    const fn of_mut(&mut self, rank: Rank) -> &mut T {
         match rank {
             Rank::Urgent => &mut self.urgent,
             Rank::Normal => &mut self.normal,
         }
     }
+}
 
+impl Ranked<usize> {
     const fn all(self) -> usize {
         self.urgent + self.normal
     }
 }
+
+/// Requests of a member, or of all members of a group.
+trait Requests {
+    /// Whether one of this rank may have a slot, as far as the members' shares go.
+    fn is_ready(&self, rank: Rank) -> bool;
+    fn is_empty(&self) -> bool;
+}
+
+/// A member's requests in their order.
+#[derive(Debug)]
+struct Line<T>(Ranked<VecDeque<T>>);
+
+impl<T> Requests for Line<T> {
+    fn is_ready(&self, rank: Rank) -> bool {
+        !self.0.of(rank).is_empty()
+    }
+
+    fn is_empty(&self) -> bool {
+        self.0.urgent.is_empty() && self.0.normal.is_empty()
+    }
+}
+
+impl<T> Line<T> {
+    /// Drops requests that are not wanted; how many.
+    fn retain(&mut self, is_wanted: &mut impl FnMut(&T) -> bool) -> Ranked<usize> {
+        let mut dropped = Ranked::default();
+        for rank in Rank::ALL {
+            let queue = self.0.of_mut(rank);
+            let before = queue.len();
+            queue.retain(&mut *is_wanted);
+            *dropped.of_mut(rank) = before - queue.len();
+        }
+        dropped
+    }
+}
+
+/// A group's members.
+#[derive(Debug)]
+struct Members<T> {
+    waiting: Ranked<usize>,
+    accounts: Accounts<Option<OwnerKey>, Line<T>>,
+    /// How many idle members were counted last.
+    idle: usize,
+}
+
+impl<T> Requests for Members<T> {
+    fn is_ready(&self, rank: Rank) -> bool {
+        !self.accounts.order.ready.of(rank).is_empty()
+    }
+
+    fn is_empty(&self) -> bool {
+        self.waiting.all() == 0
+    }
+}
+
+impl<T> Members<T> {
+    fn new(slots_per_member: usize) -> Self {
+        let accounts = Accounts::new(slots_per_member);
+        Self { waiting: Ranked::default(), accounts, idle: 0 }
+    }
+
+    fn retain(&mut self, is_wanted: &mut impl FnMut(&T) -> bool) -> Ranked<usize> {
+        let mut dropped = Ranked::default();
+        for name in self.accounts.waiting() {
+            let of_member = self.accounts.change(name, |line| line.requests.retain(is_wanted));
+            for rank in Rank::ALL {
+                *dropped.of_mut(rank) += of_member.of(rank);
+                *self.waiting.of_mut(rank) -= of_member.of(rank);
+            }
+        }
+        dropped
+    }
+}
+
+/// What a group or a member uses, and its requests.
+#[derive(Debug)]
+struct Account<R> {
+    running: usize,
+    used: Duration,
+    requests: R,
+}
+
+impl<R: Requests> Account<R> {
+    fn is_idle(&self) -> bool {
+        self.running == 0 && self.requests.is_empty()
+    }
+}
+
+/// Groups, or the members of one group.
+#[derive(Debug)]
+struct Accounts<K, R> {
+    /// Slots of each at once.
+    slots: usize,
+    known: HashMap<K, Account<R>>,
+    order: Order<K>,
+    /// The usage of the one that was served last: where new ones begin.
+    floor: Duration,
+}
+
+/// Accounts by whose turn it is. A look at the first takes no time, and a change as much as the logarithm of
+/// how many there are.
+#[derive(Debug)]
+struct Order<K> {
+    /// Those that may have a slot: by slots in use, then by usage.
+    ready: Ranked<BTreeSet<(usize, Duration, K)>>,
+    /// Those that neither wait nor run, by usage.
+    idle: BTreeSet<(Duration, K)>,
+}
+
+impl<K: Copy + Ord> Order<K> {
+    fn add<R: Requests>(&mut self, name: K, account: &Account<R>, slots: usize) {
+        let Account { running, used, ref requests } = *account;
+        for rank in Rank::ALL {
+            if running < slots && requests.is_ready(rank) {
+                self.ready.of_mut(rank).insert((running, used, name));
+            }
+        }
+        if account.is_idle() {
+            self.idle.insert((used, name));
+        }
+    }
+
+    fn remove<R>(&mut self, name: K, account: &Account<R>) {
+        for rank in Rank::ALL {
+            self.ready.of_mut(rank).remove(&(account.running, account.used, name));
+        }
+        self.idle.remove(&(account.used, name));
+    }
+}
+
+impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
+    fn new(slots: usize) -> Self {
+        let ready = Ranked { urgent: BTreeSet::new(), normal: BTreeSet::new() };
+        let order = Order { ready, idle: BTreeSet::new() };
+        Self { slots, known: HashMap::new(), order, floor: Duration::ZERO }
+    }
+
+    /// Changes an account that is known, and its place in the order.
+    fn change<T>(&mut self, name: K, change: impl FnOnce(&mut Account<R>) -> T) -> T {
+        let account = self.known.get_mut(&name).expect("who waits or runs is known");
+        self.order.remove(name, account);
+        let result = change(account);
+        self.order.add(name, account, self.slots);
+        result
+    }
+
+    /// Adds a request to an account, which may be new. One that is known has used as much as a new one at least:
+    /// the others have not caught up with it.
+    fn add(&mut self, name: K, new: impl FnOnce() -> R, add: impl FnOnce(&mut R)) {
+        let floor = self.floor;
+        let begin = || Account { running: 0, used: floor, requests: new() };
+        self.known.entry(name).or_insert_with(begin);
+        self.change(name, |account| add(&mut account.requests));
+    }
+
+    /// Gives a slot to the account whose turn it is, and takes one of its requests.
+    fn pop<T>(&mut self, rank: Rank, take: impl FnOnce(&mut R) -> T) -> Option<(K, T)> {
+        let (_, used, name) = *self.order.ready.of(rank).first()?;
+        self.floor = self.floor.max(used);
+        let taken = self.change(name, |account| {
+            account.running += 1;
+            take(&mut account.requests)
+        });
+        Some((name, taken))
+    }
+
+    /// Frees a slot of an account.
+    fn done(&mut self, name: K, used: Duration, then: impl FnOnce(&mut R)) {
+        self.change(name, |account| {
+            account.running -= 1;
+            account.used += used;
+            then(&mut account.requests);
+        });
+    }
+
+    /// Who has requests.
+    fn waiting(&self) -> Vec<K> {
+        let waiting = |(_, account): &(&K, &Account<R>)| !account.requests.is_empty();
+        self.known.iter().filter(waiting).map(|(name, _)| *name).collect()
+    }
+
+    /// Forgets the idle account that has used the least.
+    fn forget(&mut self) -> Option<R> {
+        let (_, name) = self.order.idle.pop_first()?;
+        self.known.remove(&name).map(|account| account.requests)
+    }
+
+    /// Forgets an idle account with which the others have caught up: it would begin where a new one does.
+    fn forget_caught_up(&mut self) -> Option<R> {
+        let is_behind = self.order.idle.first().is_some_and(|(used, _)| *used <= self.floor);
+        if is_behind { self.forget() } else { None }
+    }
+}
+
+/// Groups and members, together, that neither wait nor run and whose usage is remembered still. Of more than
+/// these the one that has used the least is forgotten, which begins like a new one when it comes back.
+pub const PARTIES_REMEMBERED_MAX: usize = 16_384;
 
 /// Requests that wait for a slot, and who is next.
 ///
 /// Of the groups that wait the one with the fewest slots in use is next; of those with equally many the one
 /// that has used slots for the least time. The same holds for the members of the group. A group that comes
 /// back after a pause begins at the least time of the others, so that a pause earns nothing.
+///
+/// Every operation but [`FairQueue::retain`] takes as long as the logarithm of how many groups and members
+/// there are.
 #[derive(Debug)]
 pub struct FairQueue<T> {
     shares: Shares,
     running: usize,
     running_normal: usize,
-    waiting: Waiting,
-    groups: HashMap<Group, Account<Option<OwnerKey>, T>>,
-    /// The usage of the group that was served last: where new groups begin.
-    floor: Duration,
-}
-
-/// A group: what it uses, and its members.
-#[derive(Debug)]
-struct Account<K, T> {
-    running: usize,
-    waiting: Waiting,
-    used: Duration,
-    floor: Duration,
-    members: HashMap<K, Line<T>>,
-}
-
-/// A member: what it uses, and its requests in their order.
-#[derive(Debug)]
-struct Line<T> {
-    running: usize,
-    used: Duration,
-    urgent: VecDeque<T>,
-    normal: VecDeque<T>,
-}
-
-impl<T> Line<T> {
-    const fn new(used: Duration) -> Self {
-        Self { running: 0, used, urgent: VecDeque::new(), normal: VecDeque::new() }
-    }
-
-    const fn queue(&mut self, rank: Rank) -> &mut VecDeque<T> {
-        match rank {
-            Rank::Urgent => &mut self.urgent,
-            Rank::Normal => &mut self.normal,
-        }
-    }
-
-    fn is_waiting(&self, rank: Rank) -> bool {
-        match rank {
-            Rank::Urgent => !self.urgent.is_empty(),
-            Rank::Normal => !self.normal.is_empty(),
-        }
-    }
+    waiting: Ranked<usize>,
+    groups: Accounts<Group, Members<T>>,
+    /// Idle members of all groups.
+    idle_members: usize,
 }
 
 /// As many requests wait as may.
@@ -230,9 +403,9 @@ impl<T> FairQueue<T> {
             shares,
             running: 0,
             running_normal: 0,
-            waiting: Waiting::default(),
-            groups: HashMap::new(),
-            floor: Duration::ZERO,
+            waiting: Ranked::default(),
+            groups: Accounts::new(shares.slots_per_group),
+            idle_members: 0,
         }
     }
 
@@ -253,9 +426,10 @@ impl<T> FairQueue<T> {
     /// # Errors
     /// Where too many of this rank wait, in all or of this group; the request comes back.
     pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), (QueueFull, T)> {
-        let group = self.groups.get(&party.group).map(|group| group.waiting);
+        let group = self.groups.known.get(&party.group);
+        let of_group = group.map_or(0, |group| *group.requests.waiting.of(rank));
         if *self.waiting.of(rank) >= self.shares.waiting
-            || *group.unwrap_or_default().of(rank) >= self.shares.waiting_per_group
+            || of_group >= self.shares.waiting_per_group
         {
             return Err((QueueFull, request));
         }
@@ -266,35 +440,25 @@ impl<T> FairQueue<T> {
     /// Adds a request to the queue of its party, also where too many wait: whoever adds it bounds how many
     /// of its kind there are.
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
-        let floor = self.floor;
-        let group = self.groups.entry(party.group).or_insert_with(|| Account {
-            running: 0,
-            waiting: Waiting::default(),
-            used: floor,
-            floor: Duration::ZERO,
-            members: HashMap::new(),
+        let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });
+        let add = |line: &mut Line<T>| line.0.of_mut(rank).push_back(request);
+        let new_group = || Members::new(self.shares.slots_per_member);
+        self.groups.add(party.group, new_group, |group| {
+            *group.waiting.of_mut(rank) += 1;
+            group.accounts.add(party.member, new_line, add);
         });
-        if group.running == 0 && group.waiting.all() == 0 {
-            group.used = group.used.max(floor);
-        }
-        let floor = group.floor;
-        let line = group.members.entry(party.member).or_insert_with(|| Line::new(floor));
-        if line.running == 0 && line.urgent.is_empty() && line.normal.is_empty() {
-            line.used = line.used.max(floor);
-        }
-        line.queue(rank).push_back(request);
-        *group.waiting.of(rank) += 1;
-        *self.waiting.of(rank) += 1;
+        *self.waiting.of_mut(rank) += 1;
+        self.settle(party.group);
     }
 
     /// Takes the next request that may have a slot. The slot is in use until [`FairQueue::done`].
     pub fn pop(&mut self) -> Option<(Party, Rank, T)> {
-        [Rank::Urgent, Rank::Normal].into_iter().find_map(|rank| self.pop_of(rank))
+        Rank::ALL.into_iter().find_map(|rank| self.pop_of(rank))
     }
 
     /// Takes the next request of this rank that may have a slot, as [`FairQueue::pop`] does.
     pub fn pop_of(&mut self, rank: Rank) -> Option<(Party, Rank, T)> {
-        let Shares { slots, reserve, slots_per_group, slots_per_member, .. } = self.shares;
+        let Shares { slots, reserve, .. } = self.shares;
         let is_free = match rank {
             Rank::Urgent => self.running < slots,
             Rank::Normal => {
@@ -304,71 +468,75 @@ impl<T> FairQueue<T> {
         if !is_free {
             return None;
         }
-        let may = |line: &Line<T>| line.is_waiting(rank) && line.running < slots_per_member;
-        let (name, group) = (self.groups.iter_mut())
-            .filter(|(_, group)| group.waiting.all() > 0 && group.running < slots_per_group)
-            .filter(|(_, group)| group.members.values().any(may))
-            .min_by_key(|(name, group)| (group.running, group.used, **name))?;
-        let (member, line) = (group.members.iter_mut())
-            .filter(|(_, line)| may(line))
-            .min_by_key(|(name, line)| (line.running, line.used, **name))?;
-        let request = line.queue(rank).pop_front()?;
-        let party = Party { group: *name, member: *member };
-        line.running += 1;
-        group.floor = group.floor.max(line.used);
-        group.running += 1;
-        *group.waiting.of(rank) -= 1;
-        self.floor = self.floor.max(group.used);
-        *self.waiting.of(rank) -= 1;
+        let (group, (member, request)) = self.groups.pop(rank, |group| {
+            *group.waiting.of_mut(rank) -= 1;
+            let first = |line: &mut Line<T>| line.0.of_mut(rank).pop_front();
+            let (member, request) =
+                group.accounts.pop(rank, first).expect("a group is ready when a member is");
+            (member, request.expect("a member is ready when it has a request"))
+        })?;
+        *self.waiting.of_mut(rank) -= 1;
         self.running += 1;
         self.running_normal += usize::from(rank == Rank::Normal);
-        Some((party, rank, request))
+        self.settle(group);
+        Some((Party { group, member }, rank, request))
     }
 
     /// Frees the slot of a request that used it for so long.
     pub fn done(&mut self, party: Party, rank: Rank, used: Duration) {
         self.running -= 1;
         self.running_normal -= usize::from(rank == Rank::Normal);
-        let Entry::Occupied(mut entry) = self.groups.entry(party.group) else { return };
-        let group = entry.get_mut();
-        group.running -= 1;
-        group.used += used;
-        if let Some(line) = group.members.get_mut(&party.member) {
-            line.running -= 1;
-            line.used += used;
-        }
-        // A group that neither waits nor runs is forgotten once the others have caught up with it.
-        let (floor, own_floor) = (self.floor, group.floor);
-        group.members.retain(|_, line| {
-            line.running > 0
-                || !line.urgent.is_empty()
-                || !line.normal.is_empty()
-                || line.used > own_floor
+        self.groups.done(party.group, used, |group| {
+            group.accounts.done(party.member, used, |_| ());
         });
-        if group.running == 0 && group.waiting.all() == 0 && group.used <= floor {
-            entry.remove();
-        }
+        self.settle(party.group);
     }
 
     /// Drops requests that nobody waits for any more.
     pub fn retain(&mut self, mut is_wanted: impl FnMut(&T) -> bool) {
-        for group in self.groups.values_mut() {
-            for line in group.members.values_mut() {
-                for rank in [Rank::Urgent, Rank::Normal] {
-                    let queue = line.queue(rank);
-                    let before = queue.len();
-                    queue.retain(&mut is_wanted);
-                    let dropped = before - queue.len();
-                    *group.waiting.of(rank) -= dropped;
-                    *self.waiting.of(rank) -= dropped;
-                }
+        for name in self.groups.waiting() {
+            let dropped = self.groups.change(name, |group| group.requests.retain(&mut is_wanted));
+            for rank in Rank::ALL {
+                *self.waiting.of_mut(rank) -= dropped.of(rank);
             }
+            self.settle(name);
         }
     }
 
-    /// Forgets parties that use nothing and wait for nothing, and their usage; to be called now and then.
-    pub fn prune(&mut self) {
-        self.groups.retain(|_, group| group.running > 0 || group.waiting.all() > 0);
+    /// Forgets those with whom the others have caught up, and idle ones beyond [`PARTIES_REMEMBERED_MAX`];
+    /// to be called after every change of a group.
+    fn settle(&mut self, changed: Group) {
+        self.change_idle(changed, |members| while members.forget_caught_up().is_some() {});
+        while let Some(group) = self.groups.forget_caught_up() {
+            self.idle_members -= group.idle;
+        }
+        while self.remembered() > PARTIES_REMEMBERED_MAX {
+            // Those of the group that has become one too many go first, so that it costs others little.
+            if self.change_idle(changed, Accounts::forget).flatten().is_some() {
+                continue;
+            }
+            let Some(group) = self.groups.forget() else { return };
+            self.idle_members -= group.idle;
+        }
+    }
+
+    /// Groups and members that are idle.
+    fn remembered(&self) -> usize {
+        self.groups.order.idle.len() + self.idle_members
+    }
+
+    /// Changes the idle members of a group, where it is known, and counts them.
+    fn change_idle<R>(
+        &mut self,
+        name: Group,
+        change: impl FnOnce(&mut Accounts<Option<OwnerKey>, Line<T>>) -> R,
+    ) -> Option<R> {
+        let Members { accounts, idle, .. } = &mut self.groups.known.get_mut(&name)?.requests;
+        let changed = change(accounts);
+        self.idle_members -= *idle;
+        *idle = accounts.order.idle.len();
+        self.idle_members += *idle;
+        Some(changed)
     }
 }
 
@@ -445,11 +613,6 @@ impl FairLimit {
         granted.await.expect("a request stays in the queue until it is granted")
     }
 
-    /// Forgets parties that have gone; to be called now and then.
-    pub fn prune(&self) {
-        lock(&self.queue).prune();
-    }
-
     /// Slots in use, and requests that wait.
     #[must_use]
     pub fn load(&self) -> (usize, usize) {
@@ -486,7 +649,13 @@ impl Drop for Permit {
 }
 
 #[cfg(test)]
+mod linear;
+
+#[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
+    use super::linear::Linear;
     use super::*;
 
     const SHARES: Shares = Shares {
@@ -610,8 +779,126 @@ mod tests {
         {
             queue.done(party, rank, Duration::from_millis(1));
         }
-        queue.prune();
-        assert!(queue.groups.is_empty() && queue.running() == 0);
+        // Its usage is remembered until others have caught up.
+        assert_eq!((queue.running(), queue.groups.known.len()), (0, 2));
+        for _ in 0..5 {
+            queue.push(owner(3), Rank::Normal, 0).expect("room");
+            assert_eq!(queue.pop().map(|(party, ..)| party), Some(owner(3)));
+            queue.done(owner(3), Rank::Normal, Duration::from_millis(1));
+        }
+        assert_eq!(queue.groups.known.keys().collect::<Vec<_>>(), [&owner(3).group]);
+    }
+
+    #[test]
+    fn idle_groups_and_members_are_remembered_up_to_their_bound() {
+        type Of = fn(i64) -> Party;
+        for (party, groups) in [(owner as Of, PARTIES_REMEMBERED_MAX / 2), (entrant as Of, 1)] {
+            let mut queue = FairQueue::new(SHARES);
+            for number in 0..20_000 {
+                queue.push(party(number), Rank::Normal, 0).expect("room");
+                let served = queue.pop().map(|(party, ..)| party);
+                assert_eq!(served, Some(party(number)));
+                let used = if number == 0 { 9 } else { 1 };
+                queue.done(party(number), Rank::Normal, Duration::from_millis(used));
+                assert!(queue.remembered() <= PARTIES_REMEMBERED_MAX);
+            }
+            assert_eq!(queue.remembered(), PARTIES_REMEMBERED_MAX);
+            assert!(queue.groups.known.len() >= groups);
+            let members =
+                queue.groups.known.values().map(|group| group.requests.accounts.known.len());
+            assert_eq!(members.sum::<usize>() + queue.groups.known.len(), PARTIES_REMEMBERED_MAX);
+            // Those who used the most are remembered the longest.
+            let first = &queue.groups.known[&party(0).group].requests.accounts;
+            assert!(first.known.contains_key(&party(0).member));
+        }
+    }
+
+    #[derive(Clone, Debug)]
+    enum Step {
+        Push(Party, Rank),
+        Add(Party, Rank),
+        Pop,
+        PopOf(Rank),
+        Done { which: usize, millis: u64 },
+        Retain { of: u32 },
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        let rank = || prop_oneof![Just(Rank::Urgent), Just(Rank::Normal)];
+        let member =
+            |(competition, owner)| Party::entrant(CompetitionKey(competition), OwnerKey(owner));
+        let party =
+            || prop_oneof![(0..6_i64).prop_map(owner), (0..3_i64, 0..5_i64).prop_map(member)];
+        prop_oneof![
+            6 => (party(), rank()).prop_map(|(party, rank)| Step::Push(party, rank)),
+            1 => (party(), rank()).prop_map(|(party, rank)| Step::Add(party, rank)),
+            4 => Just(Step::Pop),
+            2 => rank().prop_map(Step::PopOf),
+            5 => (0..8_usize, 0..20_u64).prop_map(|(which, millis)| Step::Done { which, millis }),
+            1 => (2..6_u32).prop_map(|of| Step::Retain { of }),
+        ]
+    }
+
+    fn shares() -> impl Strategy<Value = Shares> {
+        (1..7_usize, 0..3_usize, 1..4_usize, 1..4_usize, 1..30_usize, 1..10_usize).prop_map(
+            |(slots, reserve, slots_per_group, slots_per_member, waiting, waiting_per_group)| {
+                Shares {
+                    slots,
+                    reserve,
+                    slots_per_group,
+                    slots_per_member,
+                    waiting,
+                    waiting_per_group,
+                }
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn the_queue_serves_as_one_that_looks_at_everybody(
+            shares in shares(),
+            steps in proptest::collection::vec(step(), 0..300),
+        ) {
+            let (mut queue, mut model) = (FairQueue::new(shares), Linear::new(shares));
+            let mut running = Vec::new();
+            for (number, step) in (0..).zip(steps) {
+                match step {
+                    Step::Push(party, rank) => {
+                        let pushed = queue.push(party, rank, number).is_ok();
+                        prop_assert_eq!(pushed, model.push(party, rank, number));
+                    }
+                    Step::Add(party, rank) => {
+                        queue.add(party, rank, number);
+                        model.add(party, rank, number);
+                    }
+                    Step::Pop => {
+                        let popped = queue.pop();
+                        let expected = Rank::ALL.into_iter().find_map(|rank| model.pop_of(rank));
+                        prop_assert_eq!(popped, expected);
+                        running.extend(popped);
+                    }
+                    Step::PopOf(rank) => {
+                        let popped = queue.pop_of(rank);
+                        prop_assert_eq!(popped, model.pop_of(rank));
+                        running.extend(popped);
+                    }
+                    Step::Done { which, millis } => {
+                        if which < running.len() {
+                            let (party, rank, _) = running.swap_remove(which);
+                            queue.done(party, rank, Duration::from_millis(millis));
+                            model.done(party, rank, Duration::from_millis(millis));
+                        }
+                    }
+                    Step::Retain { of } => {
+                        queue.retain(|request| request % of > 0);
+                        model.retain(|request| request % of > 0);
+                    }
+                }
+                prop_assert_eq!(queue.waiting(), model.waiting());
+                prop_assert_eq!(queue.running(), model.running());
+            }
+        }
     }
 
     fn limit(slots: usize) -> FairLimit {

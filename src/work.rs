@@ -295,13 +295,6 @@ impl Workers {
         self.0.as_deref().map_or(1, |owner| owner.threads)
     }
 
-    /// Forgets parties that have gone; to be called now and then.
-    pub fn prune(&self) {
-        if let Some(Owner { shared, .. }) = self.0.as_deref() {
-            shared.state().queue.prune();
-        }
-    }
-
     /// Jobs that run, and jobs that wait.
     #[must_use]
     pub fn load(&self) -> (usize, usize) {
@@ -491,7 +484,7 @@ mod tests {
         assert!(has_ended.await.is_err(), "it was dropped");
         let failing = workers.clone();
         let failing = tokio::spawn(async move {
-            failing.in_background(async { panic!("a fault") }).await.map(|()| ())
+            failing.in_background(async { panic!("a fault") }).await
         });
         assert!(failing.await.is_err_and(|error| error.is_panic()));
     }

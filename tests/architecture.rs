@@ -287,3 +287,32 @@ fn players_know_the_engine_alone() {
         .collect();
     assert!(beyond.is_empty(), "{beyond:?}");
 }
+
+/// Names of limits in a text: literals that end as limits do. Metrics have a prefix.
+fn limits_named_in(code: &str) -> BTreeSet<&str> {
+    let is_name = |text: &&str| text.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+    let is_limit = |name: &&str| ["_max", "_min", "_percent"].iter().any(|end| name.ends_with(end));
+    let names = code.split('"').filter(is_name).filter(is_limit);
+    names.filter(|name| !name.starts_with("swarmbench_")).collect()
+}
+
+#[test]
+fn every_limit_that_is_named_is_in_the_table() {
+    let limits = swarmbench::http::limits::Limits::default().table();
+    let known: BTreeSet<&str> = limits.iter().map(|(name, _)| *name).collect();
+    assert_eq!(known.len(), limits.len(), "each has one row");
+    let protocol = fs::read_to_string(root().join("docs/protocol.md")).expect("the contract");
+    let mut wrong: Vec<String> = (known.iter())
+        .filter(|name| !protocol.contains(&format!("`{name}`")))
+        .map(|name| format!("docs/protocol.md has no `{name}`"))
+        .collect();
+    for module in ["fair", "work", "store", "episode", "house", "run", "http"] {
+        let code = code(module);
+        for name in limits_named_in(&code) {
+            if !known.contains(name) {
+                wrong.push(format!("{module} names {name}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -84,6 +84,7 @@ fn help_teaches() {
         "demo",
         "serve",
         "key",
+        "clock",
         "play",
         "eval",
         "verify",
@@ -221,6 +222,32 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
     assert!(!play(&member).status.success());
     let played = play(&organizer);
     assert!(played.status.success(), "{}", text(&played.stderr));
+}
+
+#[test]
+fn an_organizer_confirms_the_clock() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("clock.db");
+    let db = path.display().to_string();
+    let [organizer, member] = ["organizer", "member"].map(|role| {
+        let made = swarmbench(&["key", "create", "--name", role, "--role", role, "--db", &db]);
+        text(&made.stdout).trim().to_owned()
+    });
+    let server = Serving::start(&path, &[]);
+    let confirm = |key: &str| {
+        Command::new(env!("CARGO_BIN_EXE_swarmbench"))
+            .args(["clock", "confirm", "--server", &server.base])
+            .env("SWARMBENCH_KEY", key)
+            .output()
+            .expect("the binary runs")
+    };
+    let refused = confirm(&member);
+    let said = text(&refused.stderr);
+    assert!(!refused.status.success() && said.contains("organizer"), "{said}");
+    let confirmed = confirm(&organizer);
+    let shown = text(&confirmed.stdout);
+    assert!(confirmed.status.success(), "{}", text(&confirmed.stderr));
+    assert!(shown.contains("before  20") && shown.contains("was not in doubt"), "{shown}");
 }
 
 #[tokio::test]

@@ -3,6 +3,7 @@
 mod audit;
 mod backup;
 mod board;
+mod clock;
 mod competition;
 mod demo;
 mod eval;
@@ -49,6 +50,8 @@ enum Command {
     Competition(Box<competition::Args>),
     /// Show what organizers did.
     Audit(audit::Args),
+    /// Confirm the clock of a server whose time of day is in doubt.
+    Clock(clock::Args),
     /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
     /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
@@ -86,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Key(args) => with_runtime(key::run(args)),
         Command::Competition(args) => with_runtime(competition::run(*args)),
         Command::Audit(args) => with_runtime(audit::run(args)),
+        Command::Clock(args) => with_runtime(clock::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Verify(args) => with_runtime(verify::run(args)),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),

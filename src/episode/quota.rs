@@ -97,7 +97,7 @@ pub enum Full {
     EpisodesOfKey(usize),
     /// The group, or the entrant within it, has its share of the places.
     #[error(
-        "{held} episodes of this {whose} are played already, as many as its share is now; end some, or wait until some have ended"
+        "this {whose} has its share of the places for episodes, {percent} % of those that are free; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         /// Whose share it is.

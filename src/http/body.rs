@@ -61,11 +61,6 @@ impl Bodies {
     fn large(&self) -> MutexGuard<'_, HashMap<Group, usize>> {
         self.large.lock().expect("nothing panics while it holds this")
     }
-
-    /// Forgets parties that have gone.
-    pub(super) fn prune(&self) {
-        self.turns.prune();
-    }
 }
 
 /// A body that has arrived. Its bytes are counted, and a large one keeps its turn, until this is dropped.

@@ -3,9 +3,7 @@
 use axum::Json;
 use axum::extract::State;
 use jiff::Timestamp;
-use serde::Serialize;
 use serde_json::json;
-use utoipa::ToSchema;
 
 use super::App;
 use super::auth::Organizer;
@@ -14,17 +12,8 @@ use super::extract::{Nothing, Params};
 use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry, Journal};
 use crate::store::clock::CONFIRMED;
+use crate::wire::clock::ConfirmedClock;
 use crate::wire::problem::Problem;
-
-/// The time of day that the server goes by.
-#[derive(Clone, Debug, Serialize, ToSchema)]
-pub(super) struct ConfirmedClock {
-    /// The time of day from now on: that of the host.
-    #[schema(value_type = String, format = "date-time")]
-    now: Timestamp,
-    /// By how many milliseconds the server's time of day was set; negative where it was set back.
-    moved_ms: i64,
-}
 
 /// Confirm that the clock of the server's host is right.
 ///
@@ -67,7 +56,7 @@ pub(super) async fn confirm_clock(
         app.store.keep(vec![Entry::Audit(Box::new(deed))]).await?;
         app.clock.confirm();
         tracing::warn!(now = %app.clock.wall(), moved_ms, "an organizer confirmed the clock");
-        Ok(Json(ConfirmedClock { now: app.clock.wall(), moved_ms }))
+        Ok(Json(ConfirmedClock { now: app.clock.wall(), moved_ms, doubt }))
     })
     .await
 }

@@ -1,6 +1,13 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use super::stream::{STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
+use crate::episode::places::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
+use crate::episode::registry::TAKE_UPS_MAX;
+use crate::fair::PARTIES_REMEMBERED_MAX;
+use crate::house::HOSTED_ROUNDS_MAX;
+use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
+use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
 
 /// What the server takes at most. An error that comes from a limit names it.
 #[derive(Clone, Copy, Debug)]
@@ -228,7 +235,7 @@ impl Limits {
         }
     }
 
-    /// All limits by their names.
+    /// All limits by their names: those that can be set, and those that cannot.
     #[must_use]
     pub fn table(&self) -> Vec<(&'static str, u64)> {
         vec![
@@ -293,6 +300,17 @@ impl Limits {
             ("large_answers_waiting_max", self.large_answers_waiting_max as u64),
             ("replays_max", self.replays_max as u64),
             ("replays_waiting_max", self.replays_waiting_max as u64),
+            ("seat_acts_waiting_max", SEAT_ACTS_WAITING_MAX.into()),
+            ("heavy_jobs_max", JOBS_WAITING_MAX as u64),
+            ("heavy_jobs_per_group_max", JOBS_WAITING_PER_GROUP_MAX as u64),
+            ("hosted_rounds_max", HOSTED_ROUNDS_MAX as u64),
+            ("take_ups_max", TAKE_UPS_MAX as u64),
+            ("readers_max", READERS_MAX as u64),
+            ("readers_waiting_max", READERS_WAITING_MAX as u64),
+            ("readers_waiting_per_group_max", READERS_WAITING_PER_GROUP_MAX as u64),
+            ("streams_waiting_max", STREAMS_WAITING_MAX as u64),
+            ("streams_waiting_per_group_max", STREAMS_WAITING_PER_GROUP_MAX as u64),
+            ("parties_remembered_max", PARTIES_REMEMBERED_MAX as u64),
             ("event_streams_max", self.event_streams_max as u64),
             ("event_streams_per_party_max", self.event_streams_per_party_max as u64),
             ("events_pending_max", self.events_pending_max as u64),

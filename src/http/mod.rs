@@ -196,13 +196,7 @@ impl App {
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
         self.registry.let_go();
-        self.store.tidy();
         self.rates.forget_idle();
-        self.workers.prune();
-        self.replays.prune();
-        self.large_answers.prune();
-        self.streams.prune();
-        self.bodies.prune();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
@@ -228,7 +222,8 @@ impl App {
     ) -> Result<T, ApiError> {
         let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
         let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
-            let detail = "too much heavy work waits; ask again later, or without `prompt`";
+            let detail =
+                "too much heavy work (prompts, boards, large worlds) waits; ask again later";
             return Err(ApiError::limit(
                 Code::Overloaded,
                 "heavy_jobs_max",

@@ -23,6 +23,7 @@ use super::limits::Limits;
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
+use crate::store;
 use crate::work::WorkError;
 
 /// How long a request waits for a turn.
@@ -30,6 +31,12 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// After how long a stream asks for its turn again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
+
+/// Requests that wait for a turn or a place, of each kind.
+pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
+
+/// Of these, those of one group.
+pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
 
 /// Where parts come from.
 pub(super) trait Parts: Send + 'static {
@@ -106,14 +113,6 @@ impl Streams {
             ),
         }
     }
-
-    /// Forgets parties that have gone.
-    pub(super) fn prune(&self) {
-        let places = [&self.exports_open.limit, &self.events.limit];
-        for limit in [&self.journals, &self.exports].into_iter().chain(places) {
-            limit.prune();
-        }
-    }
 }
 
 /// A member of a group gets so many slots, the group at least as many, and otherwise half of all.
@@ -123,8 +122,8 @@ fn shares(slots: usize, of_a_member: usize) -> Shares {
         reserve: 0,
         slots_per_group: of_a_member.max(slots.div_ceil(2)),
         slots_per_member: of_a_member,
-        waiting: 16_384,
-        waiting_per_group: 4096,
+        waiting: STREAMS_WAITING_MAX,
+        waiting_per_group: STREAMS_WAITING_PER_GROUP_MAX,
     }
 }
 
@@ -174,7 +173,7 @@ impl App {
                 let workers = app.workers.clone();
                 let next = async move {
                     let turn = patiently(&app.streams.journals, party).await;
-                    let part = app.part((party, turn), &mut parts).await?;
+                    let part = store::patiently(app.part((party, turn), &mut parts)).await?;
                     Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
                 };
                 let stopped = |error: WorkError| JournalError(error.to_string().into());

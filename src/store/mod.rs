@@ -33,7 +33,9 @@ use sqlx::{ConnectOptions, Row};
 use crate::journal::{Committed, Entry, JournalError};
 pub use files::Lost;
 use files::{Files, Lock};
-pub use readers::READERS_MAX;
+pub use readers::{
+    READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX, patiently, patiently_blocking,
+};
 pub use writer::WriterState;
 
 /// The oldest SQLite that cannot lose commits where two connections checkpoint at once.
@@ -154,11 +156,6 @@ impl Store {
     /// A connection that reads, for whoever this task works for.
     async fn read(&self) -> Result<readers::Reading, JournalError> {
         self.readers.get().await
-    }
-
-    /// Forgets whoever has not read for a while; to be called now and then.
-    pub fn tidy(&self) {
-        self.readers.tidy();
     }
 
     /// Hands entries to the writer; see [`crate::journal::Journal::append`].

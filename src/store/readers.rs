@@ -20,8 +20,26 @@ pub const READERS_MAX: usize = 4;
 /// How long somebody waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Requests that wait for a connection; of one group a quarter of them.
-const WAITING_MAX: usize = 4000;
+/// Requests that wait for a connection to read, for games and for everybody else each.
+pub const READERS_WAITING_MAX: usize = 4000;
+
+/// Of these, those of one group.
+pub const READERS_WAITING_PER_GROUP_MAX: usize = READERS_WAITING_MAX / 4;
+
+tokio::task_local! {
+    static PATIENT: ();
+}
+
+/// Runs a future whose reads wait for a connection however long that takes: an answer that is being sent would
+/// break off. Whoever calls it bounds how many there are.
+pub async fn patiently<F: Future>(read: F) -> F::Output {
+    PATIENT.scope((), read).await
+}
+
+/// The same for work that keeps a thread busy.
+pub fn patiently_blocking<T>(read: impl FnOnce() -> T) -> T {
+    PATIENT.sync_scope((), read)
+}
 
 /// Connections that read. Cloning shares them.
 #[derive(Clone, Debug)]
@@ -71,8 +89,8 @@ impl Lane {
             // One is left for whoever comes next.
             slots_per_group: slots - 1,
             slots_per_member: slots - 1,
-            waiting: WAITING_MAX,
-            waiting_per_group: WAITING_MAX / 4,
+            waiting: READERS_WAITING_MAX,
+            waiting_per_group: READERS_WAITING_PER_GROUP_MAX,
         };
         Ok(Self { pool, turns: FairLimit::new("readers_max", shares, PATIENCE) })
     }
@@ -93,7 +111,8 @@ impl Readers {
             Rank::Urgent => &self.games,
             Rank::Normal => &self.others,
         };
-        let turn = if party == Party::SERVER {
+        let is_patient = PATIENT.try_with(|()| ()).is_ok();
+        let turn = if party == Party::SERVER || is_patient {
             // What the server does of its own accord is little, and is not given up as others read much.
             lane.turns.acquire_always(party, rank).await
         } else {
@@ -101,12 +120,6 @@ impl Readers {
         };
         let connection = lane.pool.acquire().await.map_err(failure)?;
         Ok(Reading { connection, _turn: turn })
-    }
-
-    /// Forgets whoever has not read for a while.
-    pub(super) fn tidy(&self) {
-        self.games.turns.prune();
-        self.others.turns.prune();
     }
 
     pub(super) async fn close(&self) {
@@ -143,5 +156,30 @@ mod tests {
         drop(readers.get().await.expect("a connection"));
         held.pop();
         drop(fourth.await.expect("its turn"));
+    }
+
+    #[tokio::test]
+    async fn an_answer_that_is_being_sent_waits_where_others_are_refused() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let options = SqliteConnectOptions::new()
+            .filename(directory.path().join("test.db"))
+            .create_if_missing(true);
+        let readers = Readers::open(options).await.expect("a database");
+        let party = Party::of(Group::Owner(OwnerKey(1)));
+        let look = || Rank::Normal.scope(party.scope(readers.get()));
+        let mut held = Vec::new();
+        for _ in 1..READERS_MAX {
+            held.push(look().await.expect("a connection"));
+        }
+        let mut waits: Vec<_> =
+            (0..READERS_WAITING_PER_GROUP_MAX).map(|_| Box::pin(look())).collect();
+        for wait in &mut waits {
+            assert!(futures::poll!(wait).is_pending());
+        }
+        assert!(look().await.is_err_and(|error| error.is_busy()));
+        let mut patient = Box::pin(patiently(look()));
+        assert!(futures::poll!(&mut patient).is_pending());
+        drop((held, waits));
+        drop(patient.await.expect("its turn"));
     }
 }

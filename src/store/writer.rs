@@ -40,7 +40,7 @@ const CHUNKS: [usize; 3] = [256, 16, 1];
 /// How long SQLite itself waits for the lock of the database before it says that it is busy.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// How long beginning a transaction is tried again while another program holds the lock.
+/// How long beginning is tried again in all for the jobs of a transaction, while another program holds the lock.
 const BEGIN_PATIENCE: Duration = Duration::from_mins(1);
 
 /// The first and the longest pause between two tries.
@@ -227,7 +227,10 @@ async fn run(
         }
         let (jobs, told): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
-        let outcomes = keep(&mut connection, &files, &state, &jobs).await;
+        let outcomes = {
+            let deadline = Instant::now() + BEGIN_PATIENCE;
+            keep(&mut connection, &files, &state, &jobs, deadline).await
+        };
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
                 // Before anybody is told: whoever knows of an end finds it on the board.
@@ -244,22 +247,23 @@ async fn run(
     }
 }
 
-/// Writes jobs in one transaction; what became of each, in their order.
+/// Writes jobs in one transaction, which begins by the deadline; what became of each, in their order.
 async fn keep(
     connection: &mut SqliteConnection,
     files: &Files,
     state: &WriterState,
     jobs: &[Vec<Entry>],
+    deadline: Instant,
 ) -> Vec<Outcome> {
     let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
     if state.has_failed() {
         return all(&Err(JournalError("an earlier commit failed; restart the server".into())));
     }
     let kept = if jobs.iter().any(|job| state.continues_broken(job)) {
-        commit_each(connection, state, jobs).await
+        commit_each(connection, state, jobs, deadline).await
     } else {
-        match commit_all(connection, state, jobs).await {
-            Err(Failure::Refused(_)) => commit_each(connection, state, jobs).await,
+        match commit_all(connection, state, jobs, deadline).await {
+            Err(Failure::Refused(_)) => commit_each(connection, state, jobs, deadline).await,
             committed => committed.map(|()| all(&Ok(()))),
         }
     };
@@ -312,6 +316,7 @@ async fn commit_all(
     connection: &mut SqliteConnection,
     state: &WriterState,
     jobs: &[Vec<Entry>],
+    deadline: Instant,
 ) -> Result<(), Failure> {
     let started = Instant::now();
     let entries = || jobs.iter().flatten();
@@ -320,7 +325,7 @@ async fn commit_all(
         // A barrier: what was queued before is durable by now.
         return Ok(());
     }
-    begin(connection, state).await?;
+    begin(connection, state, deadline).await?;
     if let Err(error) = write(connection, entries()).await {
         return Err(roll_back(connection, Failure::of(error)).await);
     }
@@ -332,9 +337,10 @@ async fn commit_each(
     connection: &mut SqliteConnection,
     state: &WriterState,
     jobs: &[Vec<Entry>],
+    deadline: Instant,
 ) -> Result<Vec<Outcome>, Failure> {
     let started = Instant::now();
-    begin(connection, state).await?;
+    begin(connection, state, deadline).await?;
     let mut outcomes = Vec::with_capacity(jobs.len());
     for job in jobs {
         if state.continues_broken(job) {
@@ -381,8 +387,12 @@ async fn execute(
     sqlx::query(statement).execute(connection).await.map(|_| ()).map_err(Failure::Fatal)
 }
 
-/// Begins a transaction; tries again where another program holds the lock.
-async fn begin(connection: &mut SqliteConnection, state: &WriterState) -> Result<(), Failure> {
+/// Begins a transaction; tries again by the deadline where another program holds the lock.
+async fn begin(
+    connection: &mut SqliteConnection,
+    state: &WriterState,
+    deadline: Instant,
+) -> Result<(), Failure> {
     let started = Instant::now();
     let (mut pause, longest) = BEGIN_PAUSES;
     let begun = loop {
@@ -396,10 +406,11 @@ async fn begin(connection: &mut SqliteConnection, state: &WriterState) -> Result
         if !state.locked_out.swap(true, Ordering::AcqRel) {
             tracing::warn!(%error, "another program has locked the database: nothing can be written");
         }
-        if started.elapsed() > BEGIN_PATIENCE {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
             break Err(Failure::Refused(error));
         }
-        tokio::time::sleep(pause).await;
+        tokio::time::sleep(pause.min(left)).await;
         pause = (pause * 2).min(longest);
     };
     if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
@@ -750,6 +761,30 @@ mod tests {
             kept.iter().take(100).all(|kept| *kept) && !kept.iter().skip(100).any(|kept| *kept)
         );
         store.close().await;
+    }
+
+    #[tokio::test]
+    async fn jobs_are_refused_at_their_deadline_while_another_program_holds_the_lock() {
+        let (folder, store) = store().await;
+        store.close().await;
+        let path = folder.path().join("a.db");
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(&path);
+        let options = options.busy_timeout(Duration::ZERO);
+        let mut other = SqliteConnection::connect_with(&options).await.expect("it opens");
+        let mut own = SqliteConnection::connect_with(&options).await.expect("it opens");
+        let files = Files::default();
+        let state = WriterState::default();
+        execute(&mut other, "BEGIN IMMEDIATE").await.unwrap_or_else(|_| panic!("it is free"));
+        let (started, patience) = (Instant::now(), Duration::from_secs(1));
+        let jobs = [vec![act(1, 0)], vec![act(2, 0)]];
+        let kept = keep(&mut own, &files, &state, &jobs, started + patience).await;
+        assert!(kept.iter().all(Result::is_err) && state.is_locked_out() && !state.has_failed());
+        let waited = started.elapsed();
+        assert!(patience <= waited && waited < patience * 19 / 10, "{waited:?}");
+        execute(&mut other, "ROLLBACK").await.unwrap_or_else(|_| panic!("it was begun"));
+        let jobs = [vec![act(3, 0)]];
+        let kept = keep(&mut own, &files, &state, &jobs, Instant::now() + patience).await;
+        assert!(kept.iter().all(Result::is_ok) && !state.is_locked_out());
     }
 
     #[tokio::test]

@@ -7,6 +7,7 @@
 pub mod act;
 pub mod board;
 pub mod claim;
+pub mod clock;
 pub mod competition;
 pub mod episode;
 pub mod import;

@@ -342,7 +342,8 @@ pub struct RunDetail {
     #[serde(flatten)]
     pub run: RunSummary,
     /// Its games in the order of the plan. One that the host broke stands before the one that was played
-    /// in its place.
+    /// in its place. Where all would be too much for one answer, those that were played again are left out from the
+    /// first slot on.
     pub games: Vec<RunGame>,
 }
 

@@ -152,6 +152,8 @@ async fn an_organizer_confirms_a_clock_that_was_set() {
     assert!(metrics.contains("swarmbench_clock_in_doubt"));
     let confirmed = confirm(&app).await;
     assert_eq!(confirmed["moved_ms"], HOUR_MS);
+    let doubt = confirmed["doubt"].as_str().expect("it was in doubt");
+    assert!(doubt.contains("jumped by +3600.0 s"), "{doubt}");
     assert_eq!(app.problems().await, "");
     cup.closed(&app).await;
     let audit = app.get("/api/v1/audit").token(&app.organizer).ok().await;
@@ -160,6 +162,7 @@ async fn an_organizer_confirms_a_clock_that_was_set() {
         (&deed["action"], &deed["detail"]["moved_ms"]),
         (&json!("clock.confirm"), &json!(HOUR_MS))
     );
+    assert_eq!(confirm(&app).await["doubt"], Value::Null);
 }
 
 #[tokio::test]

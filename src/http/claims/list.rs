@@ -67,3 +67,27 @@ pub(in super::super) async fn list_claims(
 
 /// Whose name stands at seats that the server plays.
 const SERVER: &str = "server";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::http::limits::Limits;
+    use crate::keys::NAME_CHARS_MAX;
+
+    #[test]
+    fn the_largest_list_of_seats_fits_into_an_answer() {
+        let limits = Limits::default();
+        let longest = |chars| Some("🐜".repeat(chars));
+        let seats = (0..1024).map(|agent| SeatHolder {
+            agent: AgentId(agent).to_string(),
+            claim: Some(u32::MAX),
+            holder: longest(NAME_CHARS_MAX),
+            model: longest(limits.model_chars_max),
+            player: longest(limits.model_chars_max),
+            claimed_at: Some(jiff::Timestamp::MAX),
+        });
+        let list = SeatList { open: u16::MAX, seats: seats.collect() };
+        let bytes = serde_json::to_vec(&list).expect("string keys").len();
+        assert!(bytes <= limits.answer_bytes_max, "{bytes}");
+    }
+}

@@ -7,6 +7,7 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
+use futures::StreamExt;
 use serde::Deserialize;
 use serde_json::json;
 use swarmbench_engine::TaskName;
@@ -14,6 +15,7 @@ use tokio::runtime::Handle;
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::DropGuard;
 use utoipa::IntoParams;
 
 use super::super::App;
@@ -29,6 +31,7 @@ use crate::episode::Status;
 use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
 use crate::journal::Journal;
+use crate::store;
 use crate::store::episodes::{Filter, Readable};
 
 /// Bytes that are sent on at once.
@@ -141,9 +144,12 @@ pub(in super::super) async fn download_export(
     app.store.keep(deed.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
+    // Dropped with this handler, or with the body, where the client hangs up.
+    let stop = app.stop.child_token();
+    let reader = stop.clone().drop_guard();
     let export = move || {
         let may = |stored: &_| app.may_read_journal(&caller, stored);
-        let select = Export::select(&app.store, &selection, may, |_, _| (), app.stop.clone());
+        let select = Export::select(&app.store, &selection, may, |_, _| (), stop);
         let export = match select {
             Ok(export) => export,
             Err(error) => return drop(selected.send(Err(error))),
@@ -153,7 +159,8 @@ pub(in super::super) async fn download_export(
         }
         let turns = Turns { limit: app.streams.exports.clone(), party, turn: Some(turn) };
         let (gathered, to) = (Vec::new(), pieces.clone());
-        let written = file.write(export, Pieces { gathered, to, turns, _held: (place, room) });
+        let out = Pieces { gathered, to, turns, _held: (place, room) };
+        let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
             // Whoever reads is to notice that this is not the whole file.
             tracing::info!(%error, "an export broke off");
@@ -173,7 +180,12 @@ pub(in super::super) async fn download_export(
         (header::CONTENT_TYPE, file.content_type().to_owned()),
         (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\"")),
     ];
-    Ok((headers, Body::from_stream(ReceiverStream::new(body))).into_response())
+    Ok((headers, read_by(reader, body)).into_response())
+}
+
+/// A body that says by its guard whether somebody reads it.
+fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body {
+    Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
 
 /// What is asked for, checked.
@@ -246,5 +258,24 @@ impl Write for Pieces {
     /// Only what is complete is sent on early: writers flush after every few bytes.
     fn flush(&mut self) -> io::Result<()> {
         self.send()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio_util::sync::CancellationToken;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn an_export_stops_when_its_body_is_dropped() {
+        let stop = CancellationToken::new();
+        let (pieces, receiver) = mpsc::channel(1);
+        let mut body = read_by(stop.clone().drop_guard(), receiver).into_data_stream();
+        pieces.send(Ok(Bytes::from_static(b"piece"))).await.expect("somebody reads");
+        assert_eq!(body.next().await.expect("a piece").expect("bytes"), "piece");
+        assert!(!stop.is_cancelled());
+        drop(body);
+        assert!(stop.is_cancelled());
     }
 }

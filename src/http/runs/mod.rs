@@ -8,6 +8,8 @@ pub(super) mod show;
 pub(super) mod suites;
 pub(super) mod token;
 
+use std::collections::VecDeque;
+
 use super::App;
 use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
@@ -146,8 +148,33 @@ impl Known {
                 });
             }
         }
+        fit(&mut shown, app.limits.answer_bytes_max.saturating_sub(RUN_BYTES_MAX));
         shown
     }
+}
+
+/// Bytes that a run takes at most in an answer beside its games.
+const RUN_BYTES_MAX: usize = 1024 * 1024;
+
+/// Bytes that a game takes at most in an answer, beside the reason for which it was voided.
+const GAME_BYTES_MAX: usize = 512;
+
+/// Leaves games out in whose place another was played, from the first slot on, where all would take more bytes.
+/// A run has a bounded number of slots, but a game may be voided again and again.
+fn fit(games: &mut Vec<RunGame>, bytes_max: usize) {
+    // Written as JSON a text takes at most twice its bytes: reasons have no control characters.
+    let reason = |game: &RunGame| game.void_reason.as_ref().map_or(0, |reason| 2 * reason.len());
+    let bytes = |game: &RunGame| GAME_BYTES_MAX + reason(game);
+    let mut over = games.iter().map(bytes).sum::<usize>().saturating_sub(bytes_max);
+    let mut next: VecDeque<u32> = games.iter().map(|game| game.slot).collect();
+    games.retain(|game| {
+        next.pop_front();
+        let stays = over == 0 || next.front() != Some(&game.slot);
+        if !stays {
+            over = over.saturating_sub(bytes(game));
+        }
+        stays
+    });
 }
 
 impl App {
@@ -188,5 +215,59 @@ fn tally(games: &[StoredGame]) -> ActTally {
         clock_out_share: share(sum.clock_outs, sum.acts + sum.clock_outs),
         prompt_tokens: sum.prompt_tokens,
         completion_tokens: sum.completion_tokens,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use swarmbench_engine::TaskName;
+
+    use super::*;
+    use crate::http::limits::Limits;
+
+    /// A game with the longest texts; its task and status are longer than any there is.
+    fn game(slot: u32, void_reason: Option<String>) -> RunGame {
+        RunGame {
+            slot,
+            task: "x".repeat(40),
+            seed: Some(u64::MAX),
+            episode: Some(format!("ep_{}", "0".repeat(32))),
+            status: "x".repeat(20),
+            reason: Some("x".repeat(40)),
+            round: u32::MAX,
+            score: Some(-f64::MIN_POSITIVE / 3.0),
+            void_reason,
+        }
+    }
+
+    fn json_bytes(games: &[RunGame]) -> usize {
+        serde_json::to_vec(games).expect("string keys").len()
+    }
+
+    #[test]
+    fn the_largest_run_fits_into_an_answer() {
+        let limits = Limits::default();
+        assert!(TaskName::ALL.iter().all(|task| task.name().len() < 40));
+        assert!(json_bytes(&[game(u32::MAX, None)]) < GAME_BYTES_MAX);
+        let slots = u32::try_from(limits.run_games_max).expect("few");
+        let bytes_max = limits.answer_bytes_max - RUN_BYTES_MAX;
+        for reason in ["\"", "🐜"].map(|text| text.repeat(limits.reason_chars_max)) {
+            // Each was voided once and played again, and the last ones count for nothing either.
+            let all = |times| {
+                let slots = (0..slots).flat_map(move |slot| std::iter::repeat_n(slot, times));
+                slots.map(|slot| game(slot, Some(reason.clone()))).collect::<Vec<_>>()
+            };
+            let mut few = all(1);
+            fit(&mut few, bytes_max);
+            assert_eq!(few.len(), limits.run_games_max);
+            let mut many = all(9);
+            assert!(json_bytes(&many) > limits.answer_bytes_max);
+            fit(&mut many, bytes_max);
+            assert!(json_bytes(&many) <= bytes_max);
+            let mut left: Vec<u32> = many.iter().map(|game| game.slot).collect();
+            left.dedup();
+            assert_eq!(left.len(), limits.run_games_max, "each slot has its last game");
+            assert!(many.len() > limits.run_games_max, "no more are left out than has to be");
+        }
     }
 }

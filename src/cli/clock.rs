@@ -1,0 +1,62 @@
+//! `swarmbench clock`
+
+use jiff::SignedDuration;
+use serde_json::json;
+
+use crate::players::client::Client;
+use crate::wire::clock::ConfirmedClock;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Look at `date -u` on the server's machine first: what a wrong clock reveals stays revealed. The server \
+    asks for an organizer's key: put it into SWARMBENCH_KEY."
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Confirm that the clock of the server's host is right, where the time of day is in doubt.
+    Confirm {
+        /// The address of the server.
+        #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
+        server: String,
+        /// An organizer's key.
+        #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
+        key: Option<String>,
+    },
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let Command::Confirm { server, key } = args.command;
+    let mut client = Client::new(&server)?;
+    if let Some(key) = key {
+        client = client.with_key(key);
+    }
+    let confirmed = client.post("/api/v1/clock/confirm", &json!({})).await?;
+    print!("{}", told(&confirmed));
+    Ok(())
+}
+
+fn told(confirmed: &ConfirmedClock) -> String {
+    let ConfirmedClock { now, moved_ms, doubt } = confirmed;
+    let before = *now - SignedDuration::from_millis(*moved_ms);
+    let doubt = doubt.as_deref().unwrap_or("the time of day was not in doubt");
+    format!("before  {before}\nnow     {now} ({moved_ms:+} ms)\ndoubt   {doubt}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_was_set_back_is_told() {
+        let now = "2026-03-01T11:00:00Z".parse().expect("a time");
+        let doubt = Some("it has jumped".to_owned());
+        let told = told(&ConfirmedClock { now, moved_ms: -3_600_000, doubt });
+        let expected = "before  2026-03-01T12:00:00Z\nnow     2026-03-01T11:00:00Z (-3600000 ms)\ndoubt   it has jumped\n";
+        assert_eq!(told, expected);
+    }
+}
