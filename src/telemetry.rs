@@ -28,6 +28,9 @@ pub fn spawn_blocking<T: Send + 'static>(
 const SECONDS: [f64; 12] =
     [0.000_5, 0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 60.0];
 
+/// Buckets of cells that are written for a request.
+const CELLS: [f64; 6] = [64.0, 1024.0, 8192.0, 32_768.0, 262_144.0, 2_097_152.0];
+
 /// How logs are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum LogFormat {
@@ -62,6 +65,9 @@ pub fn metrics() -> &'static PrometheusHandle {
     HANDLE.get_or_init(|| {
         let recorder = PrometheusBuilder::new()
             .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS)
+            .and_then(|builder| {
+                builder.set_buckets_for_metric(Matcher::Suffix("_cells".to_owned()), &CELLS)
+            })
             .expect("the buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
@@ -133,6 +139,10 @@ fn describe() {
     describe_histogram!(
         "swarmbench_heavy_seconds",
         "How long a piece of heavy work takes, by kind."
+    );
+    describe_histogram!(
+        "swarmbench_look_cells",
+        "Cells of observations that are written for one request, by thread: async, worker."
     );
     describe_gauge!(
         "swarmbench_clock_in_doubt",
