@@ -191,3 +191,27 @@ fn describe() {
     );
     describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
 }
+
+#[cfg(test)]
+mod tests {
+    use tracing::{Dispatch, Metadata};
+
+    use super::*;
+
+    #[tokio::test]
+    async fn parts_of_a_request_are_logged_within_it() {
+        let logs = Dispatch::new(tracing_subscriber::registry());
+        let _here = tracing::dispatcher::set_default(&logs);
+        let name = |logs: &Dispatch| {
+            let span = || Span::current().metadata().map(Metadata::name);
+            tracing::dispatcher::with_default(logs, span)
+        };
+        let (task, thread) = {
+            let _request = tracing::info_span!("request").entered();
+            let there = logs.clone();
+            (spawn(async move { name(&logs) }), spawn_blocking(move || name(&there)))
+        };
+        assert_eq!(task.await.expect("no panic"), Some("request"));
+        assert_eq!(thread.await.expect("no panic"), Some("request"));
+    }
+}

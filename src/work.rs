@@ -325,6 +325,8 @@ const fn lower_priority() {
 mod tests {
     use std::sync::mpsc;
 
+    use tracing::{Dispatch, Instrument, Metadata, Span};
+
     use super::*;
     use crate::fair::Group;
     use crate::keys::OwnerKey;
@@ -442,6 +444,29 @@ mod tests {
         drop(running);
         has_ended.await.expect("it notices");
         assert!(has_run.try_recv().is_err(), "the first was not begun");
+    }
+
+    #[tokio::test]
+    async fn work_is_logged_within_the_request_that_asks_for_it() {
+        let logs = Dispatch::new(tracing_subscriber::registry());
+        let _here = tracing::dispatcher::set_default(&logs);
+        let workers = Workers::new(2);
+        for rank in [Rank::Normal, Rank::Urgent] {
+            let request = || tracing::info_span!("request");
+            let name = |logs: &Dispatch| {
+                let logs = logs.clone();
+                move |_: &Cancelled<'_>| {
+                    let span = || Span::current().metadata().map(Metadata::name);
+                    tracing::dispatcher::with_default(&logs, span)
+                }
+            };
+            let run = workers.run("test", owner(1), rank, name(&logs)).instrument(request());
+            assert_eq!(run.await, Ok(Some("request")));
+            let always = workers.run_always("test", owner(1), rank, name(&logs));
+            assert_eq!(always.instrument(request()).await, Ok(Some("request")));
+            let outside = workers.run("test", owner(1), rank, name(&logs)).await;
+            assert_eq!(outside, Ok(None), "a thread is in no request after it");
+        }
     }
 
     #[tokio::test(flavor = "multi_thread")]
