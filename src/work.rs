@@ -324,6 +324,7 @@ const fn lower_priority() {
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
+    use std::time::Duration;
 
     use tracing::{Dispatch, Instrument, Metadata, Span};
 
@@ -472,11 +473,16 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn a_panic_costs_no_thread() {
         let workers = Workers::new(2);
-        for _ in 0..4 {
-            let panics =
-                workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
-            assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
-        }
-        assert_eq!(workers.run("test", owner(1), Rank::Normal, |_| 3).await, Ok(3));
+        let done = async {
+            for _ in 0..4 {
+                let panics =
+                    workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
+                assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
+            }
+            workers.run("test", owner(1), Rank::Normal, |_| 3).await
+        };
+        // Without a thread it would wait for ever.
+        let done = tokio::time::timeout(Duration::from_mins(1), done).await;
+        assert_eq!(done, Ok(Ok(3)));
     }
 }
