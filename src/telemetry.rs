@@ -28,6 +28,9 @@ pub fn spawn_blocking<T: Send + 'static>(
 const SECONDS: [f64; 12] =
     [0.000_5, 0.001, 0.002_5, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0, 5.0, 60.0];
 
+/// Buckets of cells that are written for a request.
+const CELLS: [f64; 6] = [64.0, 1024.0, 8192.0, 32_768.0, 262_144.0, 2_097_152.0];
+
 /// How logs are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum LogFormat {
@@ -62,6 +65,9 @@ pub fn metrics() -> &'static PrometheusHandle {
     HANDLE.get_or_init(|| {
         let recorder = PrometheusBuilder::new()
             .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS)
+            .and_then(|builder| {
+                builder.set_buckets_for_metric(Matcher::Suffix("_cells".to_owned()), &CELLS)
+            })
             .expect("the buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
@@ -134,6 +140,10 @@ fn describe() {
         "swarmbench_heavy_seconds",
         "How long a piece of heavy work takes, by kind."
     );
+    describe_histogram!(
+        "swarmbench_look_cells",
+        "Cells of observations that are written for one request, by thread: async, worker."
+    );
     describe_gauge!(
         "swarmbench_clock_in_doubt",
         "1 as long as the time of day is in doubt, and nothing irreversible happens because of it."
@@ -180,4 +190,28 @@ fn describe() {
         "Connections ended as a part took too long, by reason: head, body, idle, write; or to make room for another client: room."
     );
     describe_counter!("swarmbench_errors_total", "Answers with a status of 500 or above, by code.");
+}
+
+#[cfg(test)]
+mod tests {
+    use tracing::{Dispatch, Metadata};
+
+    use super::*;
+
+    #[tokio::test]
+    async fn parts_of_a_request_are_logged_within_it() {
+        let logs = Dispatch::new(tracing_subscriber::registry());
+        let _here = tracing::dispatcher::set_default(&logs);
+        let name = |logs: &Dispatch| {
+            let span = || Span::current().metadata().map(Metadata::name);
+            tracing::dispatcher::with_default(logs, span)
+        };
+        let (task, thread) = {
+            let _request = tracing::info_span!("request").entered();
+            let there = logs.clone();
+            (spawn(async move { name(&logs) }), spawn_blocking(move || name(&there)))
+        };
+        assert_eq!(task.await.expect("no panic"), Some("request"));
+        assert_eq!(thread.await.expect("no panic"), Some("request"));
+    }
 }

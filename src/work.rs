@@ -363,6 +363,9 @@ const fn lower_priority() {
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
+    use std::time::Duration;
+
+    use tracing::{Dispatch, Instrument, Metadata, Span};
 
     use super::*;
     use crate::fair::Group;
@@ -517,14 +520,42 @@ mod tests {
         assert!(has_run.try_recv().is_err(), "the first was not begun");
     }
 
+    #[tokio::test]
+    async fn work_is_logged_within_the_request_that_asks_for_it() {
+        let logs = Dispatch::new(tracing_subscriber::registry());
+        let _here = tracing::dispatcher::set_default(&logs);
+        let workers = Workers::new(2);
+        for rank in [Rank::Normal, Rank::Urgent] {
+            let request = || tracing::info_span!("request");
+            let name = |logs: &Dispatch| {
+                let logs = logs.clone();
+                move |_: &Cancelled<'_>| {
+                    let span = || Span::current().metadata().map(Metadata::name);
+                    tracing::dispatcher::with_default(&logs, span)
+                }
+            };
+            let run = workers.run("test", owner(1), rank, name(&logs)).instrument(request());
+            assert_eq!(run.await, Ok(Some("request")));
+            let always = workers.run_always("test", owner(1), rank, name(&logs));
+            assert_eq!(always.instrument(request()).await, Ok(Some("request")));
+            let outside = workers.run("test", owner(1), rank, name(&logs)).await;
+            assert_eq!(outside, Ok(None), "a thread is in no request after it");
+        }
+    }
+
     #[tokio::test(flavor = "multi_thread")]
     async fn a_panic_costs_no_thread() {
         let workers = Workers::new(2);
-        for _ in 0..4 {
-            let panics =
-                workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
-            assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
-        }
-        assert_eq!(workers.run("test", owner(1), Rank::Normal, |_| 3).await, Ok(3));
+        let done = async {
+            for _ in 0..4 {
+                let panics =
+                    workers.run("test", owner(1), Rank::Normal, |_| panic!("on purpose")).await;
+                assert_eq!(panics, Err::<(), _>(WorkError::BrokeOff));
+            }
+            workers.run("test", owner(1), Rank::Normal, |_| 3).await
+        };
+        // Without a thread it would wait for ever.
+        let done = tokio::time::timeout(Duration::from_mins(1), done).await;
+        assert_eq!(done, Ok(Ok(3)));
     }
 }

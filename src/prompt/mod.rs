@@ -41,6 +41,10 @@ pub const PROMPT_BYTES_MAX: usize = 128 * 1024;
 /// needs 5.
 pub const PROMPT_BYTES_PER_CELL_MAX: usize = 8;
 
+/// How many times as many bytes a prompt may take where it is written as JSON: quotes and line breaks take two
+/// there, other control characters six.
+pub const PROMPT_JSON_FACTOR_MAX: usize = 2;
+
 /// Bytes of a text in an expression. Text outside of expressions may be as long as the template.
 const CONSTANT_BYTES_MAX: usize = 1024;
 
@@ -85,24 +89,33 @@ pub fn check(template: &str) -> Result<(), TemplateError> {
 /// # Errors
 /// Where the template fails on it or exceeds its bounds.
 pub fn render(template: &str, sight: &Sight, config: &Config) -> Result<String, TemplateError> {
+    let mut text = Bounded::new(bytes_max(sight));
+    fill(template, sight, config, &mut text)?;
+    String::from_utf8(text.bytes).map_err(|error| TemplateError(error.to_string()))
+}
+
+/// Fills a template until it ends or fails.
+fn fill(
+    template: &str,
+    sight: &Sight,
+    config: &Config,
+    text: &mut Bounded,
+) -> Result<(), TemplateError> {
     let work = Work::new();
     let environment = environment(&work);
     let template = environment.template_from_str(template)?;
-    let mut text = Bounded { bytes: Vec::new(), most: bytes_max(sight) };
-    let most = text.most;
     let context = minijinja::Value::from(minijinja::value::Serde(Context::new(sight, config)));
-    let rendered = template.render_captured_to(counted(context, &work), &mut text).map(drop);
+    let rendered = template.render_captured_to(counted(context, &work), &mut *text).map(drop);
     if work.is_over() {
         return Err(TemplateError(format!("the template reads more than {READ_BYTES_MAX} bytes")));
     }
     rendered.map_err(|error| {
         if error.kind() == ErrorKind::WriteFailure {
-            TemplateError(format!("the prompt has more than {most} bytes"))
+            TemplateError(text.problem())
         } else {
             error.into()
         }
-    })?;
-    String::from_utf8(text.bytes).map_err(|error| TemplateError(error.to_string()))
+    })
 }
 
 /// Bytes that a prompt may have for what a seat sees.
@@ -134,11 +147,33 @@ fn syntax() -> SyntaxConfig {
 struct Bounded {
     bytes: Vec<u8>,
     most: usize,
+    /// How many bytes it takes as JSON.
+    json: usize,
+}
+
+impl Bounded {
+    const fn new(most: usize) -> Self {
+        Self { bytes: Vec::new(), most, json: 0 }
+    }
+
+    const fn json_most(&self) -> usize {
+        PROMPT_JSON_FACTOR_MAX * self.most
+    }
+
+    /// Why it takes no more.
+    fn problem(&self) -> String {
+        if self.json > self.json_most() {
+            format!("the prompt takes more than {} bytes as JSON", self.json_most())
+        } else {
+            format!("the prompt has more than {} bytes", self.most)
+        }
+    }
 }
 
 impl io::Write for Bounded {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.bytes.len() + bytes.len() > self.most {
+        self.json += bytes.iter().map(json_bytes).sum::<usize>();
+        if self.bytes.len() + bytes.len() > self.most || self.json > self.json_most() {
             return Err(io::ErrorKind::FileTooLarge.into());
         }
         self.bytes.extend_from_slice(bytes);
@@ -147,6 +182,15 @@ impl io::Write for Bounded {
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+/// How many bytes a byte of a text takes as JSON.
+const fn json_bytes(byte: &u8) -> usize {
+    match byte {
+        b'"' | b'\\' | b'\n' | b'\r' | b'\t' | 0x08 | 0x0c => 2,
+        0..0x20 => 6,
+        _ => 1,
     }
 }
 
@@ -566,6 +610,51 @@ mod tests {
             let reads = render(&template, &sight, &config).expect_err(reads).to_string();
             assert!(reads.contains("reads more than 16777216 bytes"), "{template}: {reads}");
         }
+    }
+
+    /// The widest window that there is.
+    fn widest() -> Settings {
+        let foraging = Settings::standard(TaskName::Foraging, 1);
+        Settings { num_agents: 3, width: 256, height: 256, view_size: 513, memory: 0, ..foraging }
+    }
+
+    #[test]
+    fn the_instructions_of_a_prompt_are_counted() {
+        let (sight, config) = sight(&widest(), 0, 0);
+        let template = "{% for a in views[0].cells %}{% for b in a %}x{% endfor %}{% endfor %}";
+        assert_eq!(check(template), Ok(()));
+        let mut text = Bounded::new(bytes_max(&sight));
+        let fuel = fill(template, &sight, &config, &mut text).expect_err("513² are too many");
+        assert!(fuel.to_string().contains("fuel"), "{fuel}");
+        // Each letter takes at least three: the next item, the text, the way back.
+        let printed = text.bytes.len();
+        assert!((10_000..=200_000 / 3).contains(&printed), "{printed} letters");
+    }
+
+    #[test]
+    fn a_prompt_is_bounded_as_it_is_written() {
+        let (sight, config) = sight(&widest(), 0, 0);
+        let most = bytes_max(&sight);
+        let template =
+            |text: &str| format!("{{% for row in views[0].cells %}}{text}{{% endfor %}}");
+        for (text, times) in [("x", 1), ("\"", 2), ("\n", 2), ("\t\\", 4)] {
+            let template = template(&text.repeat(4_000 / text.len()));
+            let prompt = render(&template, &sight, &config).expect("ordinary text");
+            assert!(prompt.len() > most * 9 / 10, "{} of {most} bytes", prompt.len());
+            let json = serde_json::to_string(&prompt).expect("a text");
+            assert_eq!(json.len(), 2 + prompt.len() * times / text.len());
+            assert!(json.len() <= 5_000_000, "{}", json.len());
+        }
+        let mut text = Bounded::new(most);
+        let control = template(&"\u{1}".repeat(4_000));
+        let problem = fill(&control, &sight, &config, &mut text).expect_err("six bytes each");
+        assert_eq!(
+            problem.to_string(),
+            format!("the prompt takes more than {} bytes as JSON", 2 * most)
+        );
+        assert!(6 * text.bytes.len() <= 2 * most);
+        let long = render(&template(&"x".repeat(5_000)), &sight, &config).expect_err("too long");
+        assert_eq!(long.to_string(), format!("the prompt has more than {most} bytes"));
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! What one answer costs at most, and what a new game may not ask for.
 
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use swarmbench_engine::{Config, Settings};
+use swarmbench_engine::{Control, Settings, TaskName};
 
-use crate::app::{TestApp, fields, list};
+use crate::app::{Episode, TestApp, fields, list};
+use crate::corners::corners;
 use crate::cup;
 
 /// Follows a list of one kind from its first page to its last; all its items, and how many pages it had.
@@ -222,67 +224,152 @@ async fn new_games_see_and_send_no_more_than_a_round_can_bear() {
     assert_eq!(fields(&problem)[0], "suite.settings.num_agents");
 }
 
-/// The corners of what is admitted: the most agents with each of these.
-const CORNERS: [(&str, &str, i64, i64, i64); 8] = [
-    ("Synchronization", "decentralized", 513, 0, 256),
-    ("Synchronization", "decentralized", 3, 50, 256),
-    ("Transport", "decentralized", 31, 1, 256),
-    ("Foraging", "decentralized", 35, 50, 64),
-    ("Pursuit", "centralized", 3, 1, 256),
-    ("Synchronization", "centralized", 3, 50, 36),
-    ("Flocking", "decentralized", 63, 5, 64),
-    ("Synchronization", "decentralized", 11, 5, 64),
-];
-
-/// The most agents that a new game may have with these settings.
-fn most_agents(settings: &Settings) -> i64 {
-    let admits =
-        |agents| Config::admit(&Settings { num_agents: agents, ..settings.clone() }).is_ok();
-    let (mut some, mut too_many) = (1, 1025);
-    assert!(admits(some), "{settings:?}");
-    while too_many - some > 1 {
-        let agents = i64::midpoint(some, too_many);
-        if admits(agents) { some = agents } else { too_many = agents }
+/// Cells of the window of an agent.
+fn window(settings: &Settings) -> i64 {
+    match &*settings.control {
+        "centralized" => settings.width * settings.height,
+        _ => settings.view_size.pow(2),
     }
-    some
 }
 
-#[tokio::test]
-async fn the_dearest_looks_of_new_games_are_small() {
-    let app = TestApp::start().await;
-    for (task, control, view_size, memory, size) in CORNERS {
-        let settings = Settings {
-            task: task.to_owned(),
-            control: control.to_owned(),
-            width: size,
-            height: size,
-            view_size,
-            memory,
-            ..Settings::default()
-        };
-        let agents = most_agents(&settings);
-        let case = format!("{agents} agents, {settings:?}");
-        let episode = app.create(json!({
-            "task": task, "control": control, "view_size": view_size, "memory": memory, "width": size,
-            "height": size, "num_agents": agents, "max_round": 5,
-        }));
-        let episode = episode.await;
-        app.swarm_act(&episode, &[episode.act(&json!("Agent_0"), 0, "STAY")]).await;
-        let bytes = |path: &str, token: &str| {
-            let call = app.get(path).token(token);
-            async move {
-                let answer = call.send().await;
-                assert_eq!(answer.status, 200, "{}", answer.text());
-                answer.text().len()
-            }
-        };
-        let look = bytes("/obs", episode.seat(0)).await;
-        assert!(look <= 2_000_000, "{look} bytes: {case}");
-        let prompt = bytes("/obs?prompt=true", episode.seat(0)).await;
-        assert!(prompt <= 4_000_000, "{prompt} bytes: {case}");
-        let page = bytes("/swarm/obs?limit=1024", &episode.swarm).await;
-        assert!(page <= 8_000_000, "{page} bytes: {case}");
+/// How many agents one of them hears at most.
+fn heard(settings: &Settings) -> i64 {
+    match &*settings.control {
+        "centralized" => settings.num_agents,
+        _ => settings.num_agents.min(window(settings)),
     }
+}
+
+/// What makes an answer large, or a round.
+const COSTS: [fn(&Settings) -> i64; 6] = [
+    window,
+    heard,
+    |settings| settings.num_agents,
+    |settings| settings.num_agents * window(settings),
+    |settings| settings.num_agents * heard(settings),
+    |settings| settings.num_agents * settings.memory * window(settings),
+];
+
+/// The dearest new games: for each of these costs a corner of the settings where it is largest. Different tasks
+/// take turns. Nothing is late in them, so that all that is said is heard at once.
+static DEAREST: LazyLock<Vec<Settings>> = LazyLock::new(|| {
+    let mut dearest = Vec::new();
+    for control in Control::ALL {
+        let tasks = TaskName::ALL.into_iter();
+        let all: Vec<_> = tasks.flat_map(|task| corners(task, control)).collect();
+        for (number, cost) in COSTS.iter().enumerate() {
+            let most = all.iter().map(cost).max();
+            let dear: Vec<_> = all.iter().filter(|settings| Some(cost(settings)) == most).collect();
+            let settings =
+                Settings { max_delay: 0, ..dear[number * dear.len() / COSTS.len()].clone() };
+            let is_same = |other: &Settings| {
+                Settings { task: settings.task.clone(), ..other.clone() } == settings
+            };
+            if !dearest.iter().any(is_same) {
+                dearest.push(settings);
+            }
+        }
+    }
+    dearest
+});
+
+/// A request for a game with these settings.
+fn request(settings: &Settings) -> Value {
+    json!({
+        "task": settings.task, "control": settings.control, "num_agents": settings.num_agents,
+        "width": settings.width, "height": settings.height, "view_size": settings.view_size,
+        "memory": settings.memory, "max_round": 100,
+    })
+}
+
+/// All agents say as much as one can.
+async fn talk(app: &TestApp, episode: &Episode, round: u64) {
+    let act = |agent| {
+        let mut act = episode.act(&json!(format!("Agent_{agent}")), round, "STAY");
+        act["message"] = json!("\u{1f41d}".repeat(120));
+        act
+    };
+    let acts: Vec<Value> = (0..episode.seats().count()).map(act).collect();
+    for receipt in app.swarm_act(episode, &acts).await {
+        assert_eq!(receipt["round"], round, "{receipt}");
+    }
+}
+
+/// Asks once; the bytes of the answer, which are no more than an answer has.
+async fn bytes(app: &TestApp, path: &str, token: &str) -> usize {
+    let answer = app.get(path).token(token).send().await;
+    assert_eq!(answer.status, 200, "{path}: {}", answer.text());
+    assert!(answer.body.len() <= 8_000_000, "{} bytes: {path}", answer.body.len());
+    answer.body.len()
+}
+
+/// Of all looks of this process: those of which so many cells or fewer were written on async threads, and all
+/// of which some were.
+async fn looks_on_async_threads(app: &TestApp, cells: &str) -> (u64, u64) {
+    let metrics = app.get("/metrics").send().await.text();
+    let value = |series: String| {
+        let line = metrics.lines().find_map(|line| line.strip_prefix(&series));
+        line.unwrap_or_else(|| panic!("no {series}")).trim().parse().expect("a number")
+    };
+    let bucket = format!("swarmbench_look_cells_bucket{{thread=\"async\",le=\"{cells}\"}}");
+    (value(bucket), value("swarmbench_look_cells_count{thread=\"async\"}".to_owned()))
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_dearest_requests_of_new_games_stay_within_their_bounds() {
+    let app = TestApp::start().await;
+    let mut most = [0; 3];
+    for settings in &*DEAREST {
+        let episode = app.create(request(settings)).await;
+        let rounds = settings.memory.clamp(1, 2).unsigned_abs();
+        for round in 0..rounds {
+            talk(&app, &episode, round).await;
+        }
+        let case = format!("{settings:?}");
+        let last = episode.seats().count() - 1;
+        for seat in [episode.seat(0), episode.seat(last)] {
+            let (look, prompt) =
+                (bytes(&app, "/obs", seat).await, bytes(&app, "/obs?prompt=true", seat).await);
+            assert!(look <= 2_000_000, "{look} bytes: {case}");
+            assert!(prompt <= 4_000_000, "{prompt} bytes: {case}");
+            most[0] = look.max(most[0]);
+            most[1] = prompt.max(most[1]);
+        }
+        let page = bytes(&app, "/swarm/obs?limit=1024", &episode.swarm).await;
+        most[2] = page.max(most[2]);
+        bytes(&app, "/swarm/obs?limit=8&prompt=true", &episode.swarm).await;
+        let state = bytes(&app, &episode.path("/state"), &episode.swarm).await;
+        assert!(state <= 250_000, "{state} bytes: {case}");
+        app.delete(&episode.path("")).token(&episode.swarm).ok().await;
+    }
+    // Some come near: what is asked for is the dearest.
+    let [look, prompt, page] = most;
+    assert!(look > 1_000_000 && prompt > 2_000_000 && page > 7_000_000, "{most:?}");
+    let (small, all) = looks_on_async_threads(&app, "32768").await;
+    assert!(all > 0);
+    assert_eq!(small, all, "more than a piece was written on an async thread");
+}
+
+/// Quotes take two bytes in an answer, and other characters six.
+#[tokio::test]
+async fn the_longest_prompts_of_ones_own_fit_into_an_answer() {
+    let app = TestApp::start().await;
+    let by_window = |settings: &&Settings| window(settings);
+    let settings = DEAREST.iter().max_by_key(by_window).expect("a corner");
+    let game = |text: &str| {
+        let mut request = request(settings);
+        let text = text.repeat(4_000 / text.len());
+        request["prompt_template"] =
+            json!(format!("{{% for row in views[0].cells %}}{text}{{% endfor %}}"));
+        request
+    };
+    let episode = app.create(game("\"")).await;
+    let long = bytes(&app, "/obs?prompt=true", episode.seat(0)).await;
+    assert!(long > 5_000_000, "{long} bytes");
+    let episode = app.create(game("\u{1}")).await;
+    let call = app.get("/obs?prompt=true").token(episode.seat(0));
+    let problem = call.problem(422, "template_failed").await;
+    assert!(problem["detail"].to_string().contains("bytes as JSON"), "{problem}");
 }
 
 /// Prints what the dearest requests cost: `cargo test --release --test http -- --ignored --nocapture dearest_requests`.
@@ -294,22 +381,11 @@ async fn the_dearest_looks_of_new_games_are_small() {
 async fn dearest_requests_are_measured() {
     let app = TestApp::start().await;
     println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
-    for (task, control, view_size, memory, size) in CORNERS {
-        let settings = Settings {
-            task: task.to_owned(),
-            control: control.to_owned(),
-            width: size,
-            height: size,
-            view_size,
-            memory,
-            ..Settings::default()
-        };
-        let agents = most_agents(&settings);
-        let episode = app.create(json!({
-                "task": task, "control": control, "view_size": view_size, "memory": memory, "width": size,
-                "height": size, "num_agents": agents, "max_round": 100,
-            }));
-        let episode = episode.await;
+    for settings in &*DEAREST {
+        let episode = app.create(request(settings)).await;
+        talk(&app, &episode, 0).await;
+        let Settings { task, control, num_agents, view_size, memory, width, .. } = settings;
+        let case = format!("{task} {control} {num_agents} × {view_size} × {memory} on {width}²");
         let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());
         for (path, token) in [
             ("/obs", &seat),
@@ -317,14 +393,9 @@ async fn dearest_requests_are_measured() {
             ("/swarm/obs?limit=1024", &swarm),
             ("/swarm/obs?limit=1024&prompt=true", &swarm),
         ] {
-            measure(
-                &app,
-                path,
-                token,
-                &format!("{task} {control} {agents} × {view_size} × {memory}"),
-            )
-            .await;
+            measure(&app, path, token, &case).await;
         }
+        measure(&app, &episode.path("/state"), &swarm, &case).await;
     }
     let name = |n: u32| json!({ "task": "Transport", "width": 256, "height": 256, "agent_meta": { "n": n, "x": "y".repeat(16_000) } });
     for n in 0..600 {

@@ -387,6 +387,46 @@ async fn models_that_look_the_same_are_written_the_same() {
 }
 
 #[tokio::test]
+async fn names_have_to_be_seen_wherever_one_is_given() {
+    let app = server().await;
+    let open_seats = json!({ "task": "Pursuit", "num_agents": 2, "open_seats": 2 });
+    let lobby = app.create_with(&app.organizer, open_seats).await;
+    let suite = |name: &str| json!({ "name": name, "tasks": ["Pursuit"], "seeds": [1] });
+    let cup = |name: &str| {
+        let mut request = crate::cup::request();
+        request["name"] = json!(name);
+        request
+    };
+    type Place<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
+    let path = |name: &str| format!("/api/v1/{name}");
+    let places: [Place<'_>; 6] = [
+        (path("episodes"), "model", Box::new(|name| json!({ "task": "Pursuit", "model": name }))),
+        (path("runs"), "model", Box::new(|name| json!({ "suite": "quick", "model": name }))),
+        (
+            path("runs"),
+            "suite.name",
+            Box::new(|name| json!({ "suite": suite(name), "model": "m" })),
+        ),
+        (lobby.path("/claims"), "model", Box::new(|name| json!({ "seats": 1, "model": name }))),
+        (path("keys"), "name", Box::new(|name| json!({ "name": name }))),
+        (path("competitions"), "name", Box::new(cup)),
+    ];
+    for (path, field, body) in places {
+        let post = |name: &str| app.post(&path).token(&app.organizer).json(&body(name));
+        let of_models = ["Built-in/random", "buiIt-in/random", "built-\u{456}n/random"];
+        let alike = of_models.into_iter().filter(|_| field == "model");
+        for name in ["\u{3164}", "a\u{3164}", "a\u{ffa0}", "a\u{200b}", "\u{202e}a"]
+            .into_iter()
+            .chain(alike)
+        {
+            let problem = post(name).problem(422, "invalid").await;
+            assert_eq!(fields(&problem), [field], "{path} {name:?}: {problem}");
+        }
+        assert_eq!(post("ünïcode 模型").send().await.status, 201, "{path}");
+    }
+}
+
+#[tokio::test]
 async fn nobody_else_gets_onto_the_board_of_a_competition() {
     let app = server().await;
     let cup = Cup::open(&app, json!({})).await;

@@ -31,6 +31,8 @@ use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
 use crate::golden::games;
 
+mod old_settings;
+
 /// All that has to be so when the database is opened again.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Facts {

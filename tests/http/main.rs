@@ -4,6 +4,8 @@
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
 mod app;
+#[path = "../../crates/engine/tests/common/corners.rs"]
+mod corners;
 mod cup;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;

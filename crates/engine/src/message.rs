@@ -112,6 +112,20 @@ impl Mail {
         Self { letters: Vec::new(), inbox: vec![Vec::new(); agents] }
     }
 
+    /// Messages that were delivered with the current observations, each as often as it is read.
+    pub(crate) fn delivered(&self) -> usize {
+        self.inbox.iter().map(Vec::len).sum()
+    }
+
+    /// Messages on their way, each as often as its receivers are known already, and at least once.
+    pub(crate) fn under_way(&self) -> usize {
+        let copies = |letter: &Letter| match &letter.audience {
+            Audience::Decided(receivers) => receivers.len(),
+            Audience::Open { .. } => 1,
+        };
+        self.letters.iter().map(copies).sum()
+    }
+
     /// About how much memory it takes. Copies of a message share its text, unless there is noise.
     pub(crate) fn bytes(&self, config: &Config) -> usize {
         let letters = self.letters.iter().map(|letter| {
@@ -121,7 +135,7 @@ impl Mail {
             };
             size_of::<Letter>() + letter.text.bytes() + receivers
         });
-        let received: usize = self.inbox.iter().map(Vec::len).sum();
+        let received = self.delivered();
         let texts = if config.noise > 0.0 { received } else { received.min(self.inbox.len()) };
         letters.sum::<usize>()
             + size_of_val(&*self.inbox)

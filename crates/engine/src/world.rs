@@ -113,6 +113,18 @@ impl World {
         layout + size_of::<Self>() + self.board.bytes() + self.mail.bytes(&self.config) + past
     }
 
+    /// How many messages were delivered with the current observations, each as often as it is read.
+    #[must_use]
+    pub fn messages_delivered(&self) -> usize {
+        self.mail.delivered()
+    }
+
+    /// How many messages are under way, each as often as it was addressed.
+    #[must_use]
+    pub fn messages_under_way(&self) -> usize {
+        self.mail.under_way()
+    }
+
     /// All agents in order of their numbers.
     pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
         (0..self.config.num_agents).map(AgentId)

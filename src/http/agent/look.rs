@@ -188,8 +188,7 @@ pub(in super::super) async fn observation(
 ) -> Result<Vec<u8>, ApiError> {
     let mut body = Vec::new();
     let _turn = turn(app, std::slice::from_ref(&look), with_prompt).await?;
-    let mut inline = PIECE_CELLS_MAX;
-    for (look, written) in written(app, vec![look], with_prompt, &mut inline).await? {
+    for (look, written) in Pen::new(app, with_prompt).write(vec![look]).await? {
         look.add_to(&mut body, &written, app);
     }
     Ok(body)
@@ -205,7 +204,7 @@ pub(in super::super) async fn observations(
 ) -> Result<(Vec<u8>, usize), ApiError> {
     let (mut body, mut given) = (b"[".to_vec(), 0);
     let _turn = turn(app, &looks, with_prompt).await?;
-    let mut inline = PIECE_CELLS_MAX;
+    let mut pen = Pen::new(app, with_prompt);
     let mut rest = looks.into_iter().peekable();
     while rest.peek().is_some() {
         let mut cells = 0;
@@ -216,7 +215,7 @@ pub(in super::super) async fn observations(
         }) {
             piece.push(look);
         }
-        for (look, written) in written(app, piece, with_prompt, &mut inline).await? {
+        for (look, written) in pen.write(piece).await? {
             let before = body.len();
             if given > 0 {
                 body.push(b',');
@@ -240,27 +239,49 @@ async fn turn(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Per
     Ok(if cells > PIECE_CELLS_MAX { Some(app.large_answer().await?) } else { None })
 }
 
-/// Writes what several seats see: here, as long as `inline` cells are left for that, or elsewhere.
-async fn written(
-    app: &App,
-    looks: Vec<Look>,
+/// Writes what seats see for one request: one piece here, all others elsewhere.
+struct Pen<'a> {
+    app: &'a App,
     with_prompt: bool,
-    inline: &mut usize,
-) -> Result<Vec<(Look, Written)>, ApiError> {
-    let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
-    let work = {
-        let app = app.clone();
-        move || {
-            let write = |look: Look| look.write(&app, with_prompt).map(|written| (look, written));
-            looks.into_iter().map(write).collect()
-        }
-    };
-    match inline.checked_sub(cells) {
-        Some(left) if !with_prompt => {
-            *inline = left;
+    /// Cells that were written on the async thread, and elsewhere.
+    cells: [usize; 2],
+}
+
+impl<'a> Pen<'a> {
+    const fn new(app: &'a App, with_prompt: bool) -> Self {
+        Self { app, with_prompt, cells: [0; 2] }
+    }
+
+    async fn write(&mut self, looks: Vec<Look>) -> Result<Vec<(Look, Written)>, ApiError> {
+        let with_prompt = self.with_prompt;
+        let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
+        let work = {
+            let app = self.app.clone();
+            move || {
+                let write =
+                    |look: Look| look.write(&app, with_prompt).map(|written| (look, written));
+                looks.into_iter().map(write).collect()
+            }
+        };
+        let [here, elsewhere] = &mut self.cells;
+        if !with_prompt && *here + cells <= PIECE_CELLS_MAX {
+            *here += cells;
             work()
+        } else {
+            *elsewhere += cells;
+            self.app.render(work).await?
         }
-        _ => app.render(work).await?,
+    }
+}
+
+impl Drop for Pen<'_> {
+    fn drop(&mut self) {
+        for (thread, cells) in ["async", "worker"].into_iter().zip(self.cells) {
+            if cells > 0 {
+                metrics::histogram!("swarmbench_look_cells", "thread" => thread)
+                    .record(u32::try_from(cells).unwrap_or(u32::MAX));
+            }
+        }
     }
 }
 
