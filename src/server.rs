@@ -219,7 +219,10 @@ impl Server {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            tokio::spawn(house::run(hosted, app.registry.host().clone(), stop.clone()));
+            let playing = house::run(hosted, app.registry.host().clone(), stop.clone());
+            app.workers.spawn_in_background(Box::pin(playing)).unwrap_or_else(|playing| {
+                drop(tokio::spawn(playing));
+            });
         }
         let clock = tokio::spawn(watch_clock(Arc::clone(&app.clock)));
         let recovery = tokio::spawn(take_up(app.clone()));

@@ -15,6 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Instant;
 
+use futures::future::BoxFuture;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 use tokio_util::task::AbortOnDropHandle;
@@ -289,6 +290,23 @@ impl Workers {
         })
     }
 
+    /// Runs a task on async threads of low priority to its end; gives it back where there are none.
+    ///
+    /// # Errors
+    /// The task, where these workers have no threads.
+    pub fn spawn_in_background(
+        &self,
+        task: BoxFuture<'static, ()>,
+    ) -> Result<(), BoxFuture<'static, ()>> {
+        match self.0.as_deref().and_then(|owner| owner.background.as_ref()) {
+            Some(background) => {
+                drop(background.spawn(task));
+                Ok(())
+            }
+            None => Err(task),
+        }
+    }
+
     /// How many threads there are.
     #[must_use]
     pub fn threads(&self) -> usize {
@@ -486,9 +504,8 @@ mod tests {
         drop(endless);
         assert!(has_ended.await.is_err(), "it was dropped");
         let failing = workers.clone();
-        let failing = tokio::spawn(async move {
-            failing.in_background(async { panic!("a fault") }).await
-        });
+        let failing =
+            tokio::spawn(async move { failing.in_background(async { panic!("a fault") }).await });
         assert!(failing.await.is_err_and(|error| error.is_panic()));
     }
 

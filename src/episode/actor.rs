@@ -542,7 +542,8 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         // Where nobody plays for the server, nobody is told.
         _ = host.hosted.send(handle.clone());
     }
-    let spawn = Arc::clone(&host.spawn);
+    let has_clients = !fresh.spec.is_all_hosted();
+    let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
     let actor = Actor {
         host,
         id: fresh.id,
@@ -567,7 +568,12 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         failed: CancellationToken::new(),
         _gone: gone.drop_guard(),
     };
-    spawn(Box::pin(actor.run(messages)));
+    let actor: BoxFuture<'static, ()> = Box::pin(actor.run(messages));
+    if has_clients {
+        spawn(actor);
+    } else {
+        workers.spawn_in_background(actor).unwrap_or_else(|actor| spawn(actor));
+    }
     handle
 }
 

@@ -105,6 +105,12 @@ impl Spec {
         self.player.is_some() || self.fill_after.is_some()
     }
 
+    /// Whether the server plays all seats: no client waits for its rounds.
+    #[must_use]
+    pub fn is_all_hosted(&self) -> bool {
+        self.player.is_some() && !self.is_mixed()
+    }
+
     /// Whether its journal says who holds which seat.
     #[must_use]
     pub fn is_seated(&self) -> bool {
