@@ -172,7 +172,7 @@ impl Bounded {
 
 impl io::Write for Bounded {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.json += bytes.iter().map(json_bytes).sum::<usize>();
+        self.json += bytes.iter().copied().map(json_bytes).sum::<usize>();
         if self.bytes.len() + bytes.len() > self.most || self.json > self.json_most() {
             return Err(io::ErrorKind::FileTooLarge.into());
         }
@@ -186,7 +186,7 @@ impl io::Write for Bounded {
 }
 
 /// How many bytes a byte of a text takes as JSON.
-const fn json_bytes(byte: &u8) -> usize {
+const fn json_bytes(byte: u8) -> usize {
     match byte {
         b'"' | b'\\' | b'\n' | b'\r' | b'\t' | 0x08 | 0x0c => 2,
         0..0x20 => 6,

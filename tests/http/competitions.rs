@@ -386,6 +386,9 @@ async fn models_that_look_the_same_are_written_the_same() {
     assert_eq!(call.problem(422, "invalid").await["fields"][0]["field"], "labels[1]");
 }
 
+/// Where a name is given: the path, the field, and the body with a name.
+type Place<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
+
 #[tokio::test]
 async fn names_have_to_be_seen_wherever_one_is_given() {
     let app = server().await;
@@ -397,7 +400,6 @@ async fn names_have_to_be_seen_wherever_one_is_given() {
         request["name"] = json!(name);
         request
     };
-    type Place<'a> = (String, &'a str, Box<dyn Fn(&str) -> Value + 'a>);
     let path = |name: &str| format!("/api/v1/{name}");
     let places: [Place<'_>; 6] = [
         (path("episodes"), "model", Box::new(|name| json!({ "task": "Pursuit", "model": name }))),
