@@ -33,7 +33,7 @@ use crate::journal::record::{ActRecord, End, RawRecord, Record, Source, round_re
 use crate::journal::replay::acts_of;
 use crate::journal::{
     ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
-    SeatingRow, Tally, TokenRow,
+    SeatingRow, StoredEpisode, Tally, TokenRow,
 };
 use crate::keys::OwnerKey;
 use crate::work::{Cancelled, Workers};
@@ -238,6 +238,7 @@ pub struct Running {
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
+    times: Arc<Times>,
     /// The memory that it takes; free again when nobody holds the episode.
     _memory: Arc<Reservation>,
     gone: CancellationToken,
@@ -397,6 +398,11 @@ impl Handle {
         Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
 
+    /// Its times, which outlive it in the registry.
+    pub(super) fn times(&self) -> Arc<Times> {
+        Arc::clone(&self.times)
+    }
+
     /// Cancelled when the actor has ended and hands nothing more to the journal.
     pub(super) fn gone(&self) -> CancellationToken {
         self.gone.clone()
@@ -410,6 +416,39 @@ impl Handle {
     /// Whether somebody else holds it, too.
     pub(super) fn is_shared(&self) -> bool {
         Arc::strong_count(&self.0) > 1
+    }
+}
+
+/// Moments of an episode by the running time. The journal has them by the time of day only, which may have
+/// been set since.
+pub(super) struct Times {
+    pub(super) created_at: Timestamp,
+    /// When the last durable act of a player came, or else the start or the creation, in milliseconds.
+    last_act_at: AtomicI64,
+}
+
+impl Times {
+    /// Those of a new episode.
+    pub(super) fn new(created_at: Timestamp) -> Self {
+        Self { created_at, last_act_at: AtomicI64::new(created_at.as_millisecond()) }
+    }
+
+    /// Those of a stored episode, as far as the time of day tells.
+    pub(super) fn stored(stored: &StoredEpisode, clock: &dyn Clock) -> Self {
+        let times = Self::new(clock.running_at(stored.created_at));
+        if let Some(at) = stored.last_act_at {
+            times.note_act(clock.running_at(at));
+        }
+        times
+    }
+
+    pub(super) fn last_act_at(&self) -> Timestamp {
+        let at = Timestamp::from_millisecond(self.last_act_at.load(Ordering::Acquire));
+        at.unwrap_or(self.created_at)
+    }
+
+    fn note_act(&self, at: Timestamp) {
+        self.last_act_at.store(at.as_millisecond(), Ordering::Release);
     }
 }
 
@@ -479,6 +518,7 @@ pub(super) struct Fresh {
     pub(super) party: Party,
     pub(super) spec: Arc<Spec>,
     pub(super) created_at: Timestamp,
+    pub(super) times: Arc<Times>,
     pub(super) world: Arc<World>,
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
@@ -534,6 +574,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         published,
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
+        times: Arc::clone(&fresh.times),
         hosted: Arc::clone(&hosted),
         _memory: memory,
         gone: gone.clone(),
@@ -562,6 +603,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         keyframes,
         memory: weight,
         ends_at,
+        times: fresh.times,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -624,6 +666,7 @@ struct Actor {
     /// The memory that the episode takes, as long as anybody holds it.
     memory: Weak<Reservation>,
     ends_at: Arc<AtomicI64>,
+    times: Arc<Times>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
@@ -945,6 +988,8 @@ impl Actor {
             open,
             acted,
             next,
+            times: Arc::clone(&self.times),
+            last_act_at: self.lockstep.last_act_at(),
             episode: self.id.clone(),
             key: self.key,
             run: self.run,
@@ -1099,6 +1144,8 @@ struct Kept {
     acted: Vec<(AgentId, &'static str)>,
     /// The state after them, if a round or the episode ended.
     next: Option<Arc<Snapshot>>,
+    times: Arc<Times>,
+    last_act_at: Timestamp,
     episode: EpisodeId,
     key: EpisodeKey,
     run: Option<RunKey>,
@@ -1112,6 +1159,7 @@ impl Kept {
             self.open.set_acted(agent);
             metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
         }
+        self.times.note_act(self.last_act_at);
         let Some(next) = self.next else { return };
         let task = next.world.config().task().name();
         let rounds = u64::from(next.world.round() - self.open.world.round());

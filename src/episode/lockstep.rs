@@ -306,6 +306,12 @@ impl Lockstep {
         }
     }
 
+    /// When the last act of a player came, or else the start or the creation.
+    #[must_use]
+    pub const fn last_act_at(&self) -> Timestamp {
+        self.last_act_at
+    }
+
     /// Whether no round begins any more.
     fn is_closed(&self, now: Timestamp) -> bool {
         self.clocks.closes_at.is_some_and(|at| at <= now)

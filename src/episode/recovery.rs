@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Host, Keyframes};
+use super::actor::{Fresh, Host, Keyframes, Times};
 use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
 use super::replay::rounds_at_once;
@@ -39,7 +39,11 @@ pub enum RecoveryError {
 }
 
 /// Takes a stored episode up. Its open round begins when that is done, however long it took.
-pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh, RecoveryError> {
+pub(super) async fn recover(
+    host: &Host,
+    stored: StoredEpisode,
+    times: Arc<Times>,
+) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let spec = Arc::new(described(&stored)?);
     let config = Arc::clone(&spec.config);
@@ -84,11 +88,11 @@ pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh,
         given: (open.into_iter().flat_map(|(_, acts)| acts))
             .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
-        last_act_at: clock.running_at(stored.last_act_at.unwrap_or(stored.created_at)),
+        last_act_at: times.last_act_at(),
     };
     let holders =
         if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
-    let seating = Seating::new(&spec, clock.running_at(stored.created_at), holders);
+    let seating = Seating::new(&spec, times.created_at, holders);
     let clocks = clocks(&spec);
     Ok(Fresh {
         id: stored.id,
@@ -98,6 +102,7 @@ pub(super) async fn recover(host: &Host, stored: StoredEpisode) -> Result<Fresh,
         party,
         spec,
         created_at: stored.created_at,
+        times,
         world: track.world,
         head: stored.head,
         lockstep: Lockstep::new(clocks, standing, clock.now()),

@@ -14,7 +14,7 @@ use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, seated, spawn};
+use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
@@ -169,6 +169,9 @@ struct Slot {
     revived_at: Option<Timestamp>,
     /// Whether it will be taken up as soon as those before it are.
     in_line: bool,
+    /// Of an episode that was in memory since the start of the server. The time of day may have been set
+    /// since then, so the journal does not know them.
+    times: Option<Arc<Times>>,
 }
 
 impl Slot {
@@ -181,6 +184,7 @@ impl Slot {
             leaving: None,
             revived_at: None,
             in_line: false,
+            times: None,
         }
     }
 
@@ -193,11 +197,8 @@ impl Slot {
         };
         tracing::warn!(episode = %handle.id, "its actor has ended: it is recovered from the journal");
         metrics::counter!("swarmbench_episodes_revived_total").increment(1);
-        self.ends_at = Some(now);
-        self.clocked = handle.spec.goes_on_alone();
-        self.leaving = Some(handle.gone());
         self.revived_at = Some(now);
-        self.handle = Arc::default();
+        self.vacate(now);
     }
 
     /// Whether anybody holds the episode, or is about to.
@@ -217,17 +218,22 @@ impl Slot {
         if handle.snapshot().status.is_over() {
             return false;
         }
-        if handle.gone().is_cancelled() {
-            // Its actor ended though the episode has not; it is taken up again.
-            self.ends_at = Some(now);
-            self.clocked = handle.spec.goes_on_alone();
-            self.handle = Arc::default();
+        if handle.is_dead() {
+            self.vacate(now);
         } else if !handle.spec.goes_on_alone() {
-            self.ends_at = Some(handle.ends_at());
-            self.leaving = Some(handle.gone());
-            self.handle = Arc::default();
+            self.vacate(handle.ends_at());
         }
         true
+    }
+
+    /// Takes the episode out of memory, until somebody asks for it or it is `ends_at`.
+    fn vacate(&mut self, ends_at: Timestamp) {
+        let place = std::mem::take(&mut self.handle);
+        let Some(handle) = place.get() else { return };
+        self.ends_at = Some(ends_at);
+        self.clocked = handle.spec.goes_on_alone();
+        self.leaving = Some(handle.gone());
+        self.times = Some(handle.times());
     }
 }
 
@@ -483,6 +489,7 @@ impl Registry {
             run: run.map(|(run, _)| run),
             party,
             created_at: now,
+            times: Arc::new(Times::new(running)),
             keyframes: Keyframes::new(Arc::clone(&world)),
             lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
             newest_at: now,
@@ -621,7 +628,8 @@ impl Registry {
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let room = self.room_for(&stored)?;
         self.host.journal.recovered(stored.episode);
-        let fresh = recover(&self.host, stored).await;
+        let times = self.times(&stored);
+        let fresh = recover(&self.host, stored, times).await;
         let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.
@@ -751,12 +759,16 @@ impl Registry {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
         let spec = described(&stored)?;
-        let clock = &self.host.clock;
-        let last_act_at = clock.running_at(stored.last_act_at.unwrap_or(stored.created_at));
-        let idle = after(last_act_at, spec.idle_timeout);
+        let idle = after(self.times(&stored).last_act_at(), spec.idle_timeout);
         let closes_at = spec.closes_at.filter(|_| stored.status == "waiting");
-        let closes_at = closes_at.map(|at| clock.running_at(at));
+        let closes_at = closes_at.map(|at| self.host.clock.running_at(at));
         Ok(Some(closes_at.map_or(idle, |at| at.min(idle))))
+    }
+
+    /// The times of a stored episode: those that it had in memory, else those by the time of day.
+    fn times(&self, stored: &StoredEpisode) -> Arc<Times> {
+        let known = self.slots().get(&stored.id).and_then(|slot| slot.times.clone());
+        known.unwrap_or_else(|| Arc::new(Times::stored(stored, &*self.host.clock)))
     }
 
     /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
