@@ -9,7 +9,7 @@ use std::process::Command;
 const MAY_NAME: &[(&str, &[&str])] = &[
     ("clock", &[]),
     ("board", &[]),
-    ("budget", &[]),
+    ("budget", &["fair"]),
     ("host", &[]),
     ("ids", &["clock"]),
     ("names", &[]),

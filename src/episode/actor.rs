@@ -33,7 +33,7 @@ use crate::journal::record::{ActRecord, End, RawRecord, Record, Source, round_re
 use crate::journal::replay::acts_of;
 use crate::journal::{
     ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
-    SeatingRow, Tally, TokenRow,
+    SeatingRow, StoredEpisode, Tally, TokenRow,
 };
 use crate::keys::OwnerKey;
 use crate::work::{Cancelled, Workers};
@@ -238,8 +238,9 @@ pub struct Running {
     published: watch::Receiver<Arc<Snapshot>>,
     keyframes: Arc<Mutex<Keyframes>>,
     ends_at: Arc<AtomicI64>,
+    times: Arc<Times>,
     /// The memory that it takes; free again when nobody holds the episode.
-    _memory: Arc<Reservation>,
+    memory: Arc<Reservation>,
     gone: CancellationToken,
 }
 
@@ -397,6 +398,16 @@ impl Handle {
         Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
 
+    /// Its times, which outlive it in the registry.
+    pub(super) fn times(&self) -> Arc<Times> {
+        Arc::clone(&self.times)
+    }
+
+    /// The group to whose share its memory belongs, if to any.
+    pub(super) fn memory_group(&self) -> Option<Group> {
+        self.memory.group()
+    }
+
     /// Cancelled when the actor has ended and hands nothing more to the journal.
     pub(super) fn gone(&self) -> CancellationToken {
         self.gone.clone()
@@ -410,6 +421,39 @@ impl Handle {
     /// Whether somebody else holds it, too.
     pub(super) fn is_shared(&self) -> bool {
         Arc::strong_count(&self.0) > 1
+    }
+}
+
+/// Moments of an episode by the running time. The journal has them by the time of day only, which may have
+/// been set since.
+pub(super) struct Times {
+    pub(super) created_at: Timestamp,
+    /// When the last durable act of a player came, or else the start or the creation, in milliseconds.
+    last_act_at: AtomicI64,
+}
+
+impl Times {
+    /// Those of a new episode.
+    pub(super) fn new(created_at: Timestamp) -> Self {
+        Self { created_at, last_act_at: AtomicI64::new(created_at.as_millisecond()) }
+    }
+
+    /// Those of a stored episode, as far as the time of day tells.
+    pub(super) fn stored(stored: &StoredEpisode, clock: &dyn Clock) -> Self {
+        let times = Self::new(clock.running_at(stored.created_at));
+        if let Some(at) = stored.last_act_at {
+            times.note_act(clock.running_at(at));
+        }
+        times
+    }
+
+    pub(super) fn last_act_at(&self) -> Timestamp {
+        let at = Timestamp::from_millisecond(self.last_act_at.load(Ordering::Acquire));
+        at.unwrap_or(self.created_at)
+    }
+
+    fn note_act(&self, at: Timestamp) {
+        self.last_act_at.store(at.as_millisecond(), Ordering::Release);
     }
 }
 
@@ -479,6 +523,7 @@ pub(super) struct Fresh {
     pub(super) party: Party,
     pub(super) spec: Arc<Spec>,
     pub(super) created_at: Timestamp,
+    pub(super) times: Arc<Times>,
     pub(super) world: Arc<World>,
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
@@ -502,9 +547,9 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }
-    memory.resize(memory::of_episode(&fresh.world, fresh.keyframes.bytes()));
     let memory = Arc::new(memory);
     let weight = Arc::downgrade(&memory);
+    let kept = fresh.keyframes.bytes();
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let ends_at = ends_at(&fresh.lockstep, &*host.clock).as_millisecond();
     let ends_at = Arc::new(AtomicI64::new(ends_at));
@@ -517,6 +562,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
     if let Some(seating) = fresh.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
         hosted.get_or_init(|| seating.hosted());
     }
+    memory.resize(memory::of_episode(&fresh.world, kept, hosted_max(&hosted, &fresh.spec)));
     let handle = Handle(Arc::new(Running {
         id: fresh.id.clone(),
         key: fresh.key,
@@ -534,8 +580,9 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         published,
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
+        times: Arc::clone(&fresh.times),
         hosted: Arc::clone(&hosted),
-        _memory: memory,
+        memory,
         gone: gone.clone(),
     }));
     if fresh.spec.may_be_hosted() && !latest.status.is_over() {
@@ -555,6 +602,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         head: fresh.head,
         lockstep: fresh.lockstep,
         newest_at: fresh.newest_at,
+        newest_running: Timestamp::MIN,
         bytes: fresh.bytes,
         tally: fresh.tally,
         seating: fresh.seating,
@@ -563,6 +611,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         keyframes,
         memory: weight,
         ends_at,
+        times: fresh.times,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -575,6 +624,11 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         workers.spawn_in_background(actor).unwrap_or_else(|actor| spawn(actor));
     }
     handle
+}
+
+/// How many seats the server plays: before the start, how many it may.
+fn hosted_max(hosted: &OnceLock<Vec<(AgentId, String)>>, spec: &Spec) -> usize {
+    hosted.get().map_or_else(|| spec.hosted_max(), Vec::len)
 }
 
 /// Tells the barrier, which goes by the running time, what the time of day says: while that is in doubt
@@ -620,6 +674,8 @@ struct Actor {
     lockstep: Lockstep,
     /// When its newest record came, by the time of day, which may be set back; records never go back.
     newest_at: Timestamp,
+    /// The same by the running time, of the records of this actor.
+    newest_running: Timestamp,
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
@@ -630,6 +686,7 @@ struct Actor {
     /// The memory that the episode takes, as long as anybody holds it.
     memory: Weak<Reservation>,
     ends_at: Arc<AtomicI64>,
+    times: Arc<Times>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
@@ -731,9 +788,14 @@ impl Actor {
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
+        self.note_end();
+        effects
+    }
+
+    /// Tells others when the episode ends unless somebody asks for something.
+    fn note_end(&self) {
         let ends_at = ends_at(&self.lockstep, &*self.host.clock);
         self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
-        effects
     }
 
     /// What is due before the first event: a layout that is solved already, or a round whose acts
@@ -910,6 +972,7 @@ impl Actor {
         let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
         let mut opens = false;
+        let bytes_before = self.bytes;
         let mut paused_at = self.bytes;
         for effect in effects {
             if self.bytes - paused_at > PIECE_BYTES {
@@ -929,6 +992,7 @@ impl Actor {
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
                         tracing::error!(episode = %self.id, %error, "a round was not resolved");
+                        self.host.quotas.give_back_bytes(self.key, self.bytes - bytes_before);
                         self.failed.cancel();
                         then(Err(error));
                         return;
@@ -951,20 +1015,25 @@ impl Actor {
             open,
             acted,
             next,
+            times: Arc::clone(&self.times),
+            last_act_at: self.lockstep.last_act_at(),
             episode: self.id.clone(),
             key: self.key,
             run: self.run,
             is_sealed: self.spec.visibility == Visibility::Sealed,
         };
         let (host, publish) = (self.host.clone(), self.publish.clone());
+        let (key, bytes) = (self.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), JournalError>| {
             // What this rests on may have been refused although there was nothing here to refuse.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
-            match &result {
-                Ok(()) => kept.tell(&host, &publish),
-                Err(_) => failed.cancel(),
+            if result.is_ok() {
+                kept.tell(&host, &publish);
+            } else {
+                host.quotas.give_back_bytes(key, bytes);
+                failed.cancel();
             }
             then(result);
         };
@@ -982,6 +1051,7 @@ impl Actor {
 
     /// The time of day at a moment of the running time, as it is written down.
     fn stamp(&mut self, at: Timestamp) -> Timestamp {
+        self.newest_running = self.newest_running.max(at);
         self.newest_at = self.newest_at.max(self.host.clock.to_wall(at));
         self.newest_at
     }
@@ -993,6 +1063,10 @@ impl Actor {
         self.tally.add(&given.record);
         self.host.quotas.add_bytes(self.key, bytes, at);
         let at = self.stamp(at);
+        if given.record.source == Source::Player {
+            self.lockstep.note_act(self.newest_running);
+            self.note_end();
+        }
         Entry::Act(ActRow {
             episode: self.key,
             round: self.world.round(),
@@ -1059,7 +1133,8 @@ impl Actor {
         let mut keyframes = self.keyframes.lock().expect("nothing panics while it holds this");
         keyframes.offer(&self.world);
         if let Some(reservation) = self.memory.upgrade() {
-            reservation.resize(memory::of_episode(&self.world, keyframes.bytes()));
+            let hosted = hosted_max(&self.hosted, &self.spec);
+            reservation.resize(memory::of_episode(&self.world, keyframes.bytes(), hosted));
         }
     }
 
@@ -1105,6 +1180,8 @@ struct Kept {
     acted: Vec<(AgentId, &'static str)>,
     /// The state after them, if a round or the episode ended.
     next: Option<Arc<Snapshot>>,
+    times: Arc<Times>,
+    last_act_at: Timestamp,
     episode: EpisodeId,
     key: EpisodeKey,
     run: Option<RunKey>,
@@ -1118,6 +1195,7 @@ impl Kept {
             self.open.set_acted(agent);
             metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
         }
+        self.times.note_act(self.last_act_at);
         let Some(next) = self.next else { return };
         let task = next.world.config().task().name();
         let rounds = u64::from(next.world.round() - self.open.world.round());

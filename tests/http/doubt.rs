@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use crate::app::{TestApp, list, number};
 use crate::cup::{self, Cup};
+use crate::limits::until_in_memory;
 
 const HOUR_MS: i64 = 3_600_000;
 
@@ -189,6 +190,31 @@ async fn nothing_is_abandoned_while_the_clock_is_in_doubt() {
     }
     app.step(-2_500);
     until_status(&app, &episode.path(""), "abandoned").await;
+}
+
+#[tokio::test]
+async fn a_jump_that_is_confirmed_abandons_no_episode_outside_of_memory() {
+    let app = server().await;
+    let request = json!({
+        "task": "Synchronization", "seed": 1, "num_agents": 2, "max_round": 9, "idle_timeout_s": 7200,
+    });
+    let episode = app.create_with(&app.organizer, request).await;
+    app.all_act(&episode, "SWITCH").await;
+    let ends_at = app.now() + seconds(7200);
+    until_in_memory(&app, 0).await;
+    app.step(4 * HOUR_MS);
+    confirm(&app).await;
+    // The sweep asks when it ends, and so does whoever takes it up.
+    for _ in 0..20 {
+        app.pass(seconds(10));
+        assert_eq!(app.show(&episode).await["status"], "running");
+    }
+    assert_eq!(app.obs(episode.seat(0)).await["round"], 1);
+    until_in_memory(&app, 0).await;
+    while app.show(&episode).await["status"] == "running" {
+        app.pass(seconds(60));
+    }
+    assert!(app.now() >= ends_at, "abandoned at {}, not {ends_at}", app.now());
 }
 
 #[tokio::test]

@@ -216,7 +216,7 @@ fn metric(text: &str, name: &str) -> u64 {
 }
 
 /// Waits until the server has looked after what nobody asks for.
-async fn until_in_memory(app: &TestApp, expected: u64) {
+pub(crate) async fn until_in_memory(app: &TestApp, expected: u64) {
     for _ in 0..2_000 {
         let metrics = app.get("/metrics").send().await.text();
         if metric(&metrics, "swarmbench_episodes_in_memory") == expected {
