@@ -2,78 +2,156 @@
 //!
 //! Whoever makes something large reserves its bytes first and gives them back by dropping the [`Reservation`].
 //! What is small always passes, so that running games finish however full the server is.
+//!
+//! Memory for games is shared between groups as places are ([`episode::quota`](crate::episode::quota)): a group gets more as
+//! long as it then has no more than is free (`memory_of_free_percent_max`). So one group alone gets half, two get a
+//! third each, and whoever comes new finds some. The first game of a group always gets what is free.
 
-use std::sync::Arc;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use crate::fair::Group;
 
 /// What has at most so many bytes passes also where the budget is used up.
 pub const SMALL_BYTES: usize = 64 * 1024;
 
-/// The budget is used up.
+/// Memory that was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "all worlds and answers together may take {most} bytes of memory, and no more of that is free"
-)]
-pub struct NoMemory {
-    /// The limit, in bytes.
-    pub most: usize,
+pub enum NoMemory {
+    /// The budget is used up.
+    #[error(
+        "all worlds and answers together may take {0} bytes of memory, and no more of that is free"
+    )]
+    All(usize),
+    /// The group has its share.
+    #[error(
+        "the games of a competition, a key or an address may take as much memory as is free; these take {used} bytes already"
+    )]
+    Share {
+        /// The bytes that the group has.
+        used: usize,
+        /// How many percent of the free bytes a share is.
+        percent: u32,
+    },
+}
+
+impl NoMemory {
+    /// The name of the limit and its value.
+    #[must_use]
+    pub const fn limit(self) -> (&'static str, usize) {
+        match self {
+            Self::All(most) => ("memory_bytes_max", most),
+            Self::Share { percent, .. } => ("memory_of_free_percent_max", percent as usize),
+        }
+    }
 }
 
 /// Bytes that may be used, and how many are.
 #[derive(Debug)]
 pub struct Budget {
-    used: AtomicUsize,
     most: usize,
+    of_free_percent: u32,
+    used: Mutex<Used>,
+}
+
+#[derive(Debug, Default)]
+struct Used {
+    bytes: usize,
+    /// Of these, those of the games of each group.
+    by_group: HashMap<Group, usize>,
+}
+
+impl Used {
+    fn of(&self, group: Group) -> usize {
+        self.by_group.get(&group).copied().unwrap_or(0)
+    }
+
+    fn add(&mut self, group: Option<Group>, bytes: usize) {
+        self.bytes = self.bytes.saturating_add(bytes);
+        if let Some(group) = group {
+            *self.by_group.entry(group).or_default() += bytes;
+        }
+    }
+
+    fn give_back(&mut self, group: Option<Group>, bytes: usize) {
+        self.bytes -= bytes;
+        let Some(group) = group else { return };
+        let left = self.of(group).saturating_sub(bytes);
+        if left == 0 {
+            self.by_group.remove(&group);
+        } else {
+            self.by_group.insert(group, left);
+        }
+    }
 }
 
 impl Budget {
-    /// A budget of `most` bytes.
+    /// A budget of `most` bytes, of which a group may have so many percent of those that are free.
     #[must_use]
-    pub fn new(most: usize) -> Arc<Self> {
-        Arc::new(Self { used: AtomicUsize::new(0), most })
+    pub fn new(most: usize, of_free_percent: u32) -> Arc<Self> {
+        Arc::new(Self { most, of_free_percent, used: Mutex::default() })
     }
 
     /// A budget that is never used up.
     #[must_use]
     pub fn unlimited() -> Arc<Self> {
-        Self::new(usize::MAX)
+        Self::new(usize::MAX, u32::MAX)
     }
 
-    /// Reserves bytes where they are free.
-    ///
-    /// # Errors
-    /// Where they are not.
-    pub fn reserve(self: &Arc<Self>, bytes: usize) -> Result<Reservation, NoMemory> {
-        self.reserve_below(self.most, bytes)
+    fn lock(&self) -> MutexGuard<'_, Used> {
+        self.used.lock().expect("nothing panics while it holds this")
     }
 
-    /// Reserves bytes where no more than `most` are used then: for what must leave some to others.
+    /// Reserves bytes where they are free, and within the share of the group for whose game they are.
     ///
     /// # Errors
-    /// Where more would be used.
-    pub fn reserve_below(
+    /// Where they are not free, or the group has its share.
+    pub fn reserve(
         self: &Arc<Self>,
-        most: usize,
         bytes: usize,
+        group: Option<Group>,
     ) -> Result<Reservation, NoMemory> {
-        let add = |used: usize| used.checked_add(bytes).filter(|sum| *sum <= most);
-        match self.used.try_update(Ordering::AcqRel, Ordering::Acquire, add) {
-            Ok(_) => Ok(Reservation { budget: Arc::clone(self), bytes: AtomicUsize::new(bytes) }),
-            Err(_) => Err(NoMemory { most: self.most }),
+        let mut used = self.lock();
+        self.check(&used, bytes, group)?;
+        used.add(group, bytes);
+        Ok(self.reservation(bytes, group))
+    }
+
+    /// Whether bytes could be reserved now.
+    #[must_use]
+    pub fn has(&self, bytes: usize, group: Option<Group>) -> bool {
+        self.check(&self.lock(), bytes, group).is_ok()
+    }
+
+    fn check(&self, used: &Used, bytes: usize, group: Option<Group>) -> Result<(), NoMemory> {
+        let sum = used.bytes.checked_add(bytes).filter(|sum| *sum <= self.most);
+        let free = self.most - sum.ok_or(NoMemory::All(self.most))?;
+        // Programs on the server's own machine share with nobody.
+        let Some(group) = group.filter(|group| *group != Group::Server) else { return Ok(()) };
+        let (of_group, percent) = (used.of(group), self.of_free_percent);
+        let share = free as u128 * u128::from(percent) / 100;
+        if of_group == 0 || (of_group + bytes) as u128 <= share {
+            return Ok(());
         }
+        Err(NoMemory::Share { used: of_group, percent })
     }
 
     /// Reserves bytes, free or not.
     #[must_use]
-    pub fn take(self: &Arc<Self>, bytes: usize) -> Reservation {
-        self.used.fetch_add(bytes, Ordering::AcqRel);
-        Reservation { budget: Arc::clone(self), bytes: AtomicUsize::new(bytes) }
+    pub fn take(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
+        self.lock().add(group, bytes);
+        self.reservation(bytes, group)
+    }
+
+    fn reservation(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
+        Reservation { budget: Arc::clone(self), group, bytes: AtomicUsize::new(bytes) }
     }
 
     /// How many bytes are reserved.
     #[must_use]
     pub fn used(&self) -> usize {
-        self.used.load(Ordering::Acquire)
+        self.lock().bytes
     }
 
     /// The limit, in bytes.
@@ -87,18 +165,17 @@ impl Budget {
 #[derive(Debug)]
 pub struct Reservation {
     budget: Arc<Budget>,
+    group: Option<Group>,
     bytes: AtomicUsize,
 }
 
 impl Reservation {
     /// From now on it is so many bytes, free or not: what exists already cannot be refused.
     pub fn resize(&self, bytes: usize) {
+        let mut used = self.budget.lock();
         let before = self.bytes.swap(bytes, Ordering::AcqRel);
-        if bytes >= before {
-            self.budget.used.fetch_add(bytes - before, Ordering::AcqRel);
-        } else {
-            self.budget.used.fetch_sub(before - bytes, Ordering::AcqRel);
-        }
+        used.add(self.group, bytes);
+        used.give_back(self.group, before);
     }
 
     /// How many bytes it is.
@@ -106,40 +183,87 @@ impl Reservation {
     pub fn bytes(&self) -> usize {
         self.bytes.load(Ordering::Acquire)
     }
+
+    /// The group for whose game it is, if it is for one.
+    #[must_use]
+    pub const fn group(&self) -> Option<Group> {
+        self.group
+    }
 }
 
 impl Drop for Reservation {
     fn drop(&mut self) {
-        self.budget.used.fetch_sub(*self.bytes.get_mut(), Ordering::AcqRel);
+        let bytes = *self.bytes.get_mut();
+        self.budget.lock().give_back(self.group, bytes);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::keys::OwnerKey;
+
+    const ONE: Option<Group> = Some(Group::Owner(OwnerKey(1)));
+    const TWO: Option<Group> = Some(Group::Owner(OwnerKey(2)));
 
     #[test]
     fn what_was_reserved_is_free_again_when_it_is_dropped() {
-        let budget = Budget::new(100);
-        let first = budget.reserve(60).expect("free");
-        assert_eq!(budget.reserve(41).err(), Some(NoMemory { most: 100 }));
-        let second = budget.reserve(40).expect("free");
+        let budget = Budget::new(100, 100);
+        let first = budget.reserve(60, None).expect("free");
+        assert_eq!(budget.reserve(41, None).err(), Some(NoMemory::All(100)));
+        let second = budget.reserve(40, None).expect("free");
         drop(first);
         assert_eq!(budget.used(), 40);
         second.resize(90);
         assert_eq!((budget.used(), second.bytes()), (90, 90));
         second.resize(10);
-        let beyond = budget.take(200);
+        let beyond = budget.take(200, ONE);
         assert_eq!(budget.used(), 210);
-        assert_eq!(budget.reserve(1).err(), Some(NoMemory { most: 100 }));
+        assert_eq!(budget.reserve(1, None).err(), Some(NoMemory::All(100)));
         drop((second, beyond));
-        assert_eq!(budget.used(), 0);
+        assert_eq!((budget.used(), budget.lock().by_group.len()), (0, 0));
     }
 
     #[test]
     fn a_sum_that_is_too_large_for_a_number_does_not_fit() {
-        let budget = Budget::new(usize::MAX - 1);
-        let _some = budget.reserve(10).expect("free");
-        assert!(budget.reserve(usize::MAX).is_err());
+        let budget = Budget::new(usize::MAX - 1, 100);
+        let _some = budget.reserve(10, None).expect("free");
+        assert!(budget.reserve(usize::MAX, None).is_err());
+    }
+
+    /// Reserves games of ten bytes until one is refused.
+    fn fill(budget: &Arc<Budget>, group: Option<Group>) -> (Vec<Reservation>, NoMemory) {
+        let mut games = Vec::new();
+        loop {
+            match budget.reserve(10, group) {
+                Ok(game) => games.push(game),
+                Err(refused) => return (games, refused),
+            }
+        }
+    }
+
+    #[test]
+    fn groups_share_memory_as_they_share_places() {
+        let budget = Budget::new(1000, 100);
+        let (games, refused) = fill(&budget, ONE);
+        assert_eq!((games.len(), refused), (50, NoMemory::Share { used: 500, percent: 100 }));
+        assert_eq!(refused.limit(), ("memory_of_free_percent_max", 100));
+        let (others, _) = fill(&budget, TWO);
+        assert_eq!(others.len(), 25);
+        // Answers, and programs on the server's machine, take what is free.
+        assert!(
+            budget.reserve(100, None).is_ok() && budget.reserve(100, Some(Group::Server)).is_ok()
+        );
+        drop(games);
+        assert_eq!(fill(&budget, TWO).0.len(), 25);
+    }
+
+    #[test]
+    fn the_first_game_of_a_group_gets_what_is_free() {
+        let budget = Budget::new(100, 100);
+        let large = budget.reserve(80, ONE).expect("it is free");
+        assert!(budget.reserve(1, ONE).is_err() && budget.reserve(20, TWO).is_ok());
+        drop(large);
+        assert!(budget.reserve(30, ONE).is_ok());
     }
 }

@@ -17,7 +17,6 @@ use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use crate::budget::{NoMemory, Reservation};
 use crate::clock::after;
 use crate::episode::Status;
 use crate::episode::actor::{ActError, Handle, Host};
@@ -36,13 +35,6 @@ pub const HOSTED_ROUNDS_MAX: usize = 4;
 
 /// How long a game waits whose players could not be shown what they had seen, as too many others read.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
-
-/// How long a game whose players have no memory waits before it asks for some again.
-const MEMORY_PAUSE: Duration = Duration::from_secs(1);
-
-/// Bytes that a player keeps for each cell of the map, and beside that.
-const PLAYER_CELL_BYTES: usize = 16;
-const PLAYER_BYTES: usize = 16 * 1024;
 
 /// Turns of hosted games to play a round: a group has no more than three of four.
 #[must_use]
@@ -146,14 +138,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                 let mut all = match players.take() {
                     Some(players) => players,
                     None if handle.hosted().is_empty() => return Ok(()),
-                    None => {
-                        let Ok(memory) = memory_for(&handle, host) else {
-                            let again = after(host.clock.now(), MEMORY_PAUSE);
-                            host.clock.sleep_until(again).await;
-                            continue;
-                        };
-                        Players::new(&handle.spec, handle.hosted(), memory)?
-                    }
+                    None => Players::new(&handle.spec, handle.hosted())?,
                 };
                 let _turn = turns.acquire_always(handle.party, Rank::Normal).await;
                 let round = snapshot.world.round();
@@ -186,24 +171,11 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
     }
 }
 
-/// The players of one episode's hosted seats.
+/// The players of one episode's hosted seats. Their memory is reserved with that of the episode.
 pub struct Players {
     seats: Vec<(AgentId, Box<dyn Player>)>,
     /// The first round that they were not shown.
     shown: u32,
-    _memory: Reservation,
-}
-
-/// Memory for the players of an episode. Half of all is left to worlds and answers.
-fn memory_for(handle: &Handle, host: &Host) -> Result<Reservation, NoMemory> {
-    host.budget.reserve_below(host.budget.most() / 2, players_bytes(handle))
-}
-
-/// About how much memory the players of an episode take: most keep what they saw of the map.
-fn players_bytes(handle: &Handle) -> usize {
-    let settings = handle.spec.config.settings();
-    let cells = usize::try_from(settings.width * settings.height).unwrap_or(usize::MAX);
-    handle.hosted().len() * (cells * PLAYER_CELL_BYTES + PLAYER_BYTES)
 }
 
 impl Players {
@@ -211,18 +183,14 @@ impl Players {
     ///
     /// # Errors
     /// Where one is not built in.
-    pub fn new(
-        spec: &Spec,
-        hosted: &[(AgentId, String)],
-        memory: Reservation,
-    ) -> Result<Self, HouseError> {
+    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
             let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
             Ok((*agent, built_in.make(&seat(spec, *agent))))
         });
         let seats = made.collect::<Result<_, HouseError>>()?;
-        Ok(Self { seats, shown: 0, _memory: memory })
+        Ok(Self { seats, shown: 0 })
     }
 
     /// Shows all that live their observations of the next round, and asks what they do.

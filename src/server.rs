@@ -145,7 +145,7 @@ impl Server {
             spawn,
             last_key,
         )
-        .with_budget(Budget::new(limits.memory_bytes_max));
+        .with_budget(Budget::new(limits.memory_bytes_max, limits.memory_of_free_percent_max));
         let disk = disk.unwrap_or_else(|| Arc::new(HostDisk::of(database)));
         let stop = CancellationToken::new();
         let runs = Runs::new(manager::Parts {

@@ -240,7 +240,7 @@ pub struct Running {
     ends_at: Arc<AtomicI64>,
     times: Arc<Times>,
     /// The memory that it takes; free again when nobody holds the episode.
-    _memory: Arc<Reservation>,
+    memory: Arc<Reservation>,
     gone: CancellationToken,
 }
 
@@ -403,6 +403,11 @@ impl Handle {
         Arc::clone(&self.times)
     }
 
+    /// The group to whose share its memory belongs, if to any.
+    pub(super) fn memory_group(&self) -> Option<Group> {
+        self.memory.group()
+    }
+
     /// Cancelled when the actor has ended and hands nothing more to the journal.
     pub(super) fn gone(&self) -> CancellationToken {
         self.gone.clone()
@@ -542,9 +547,9 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         // It may have been counted from a list that was older than its end.
         Some(_) => host.quotas.release(fresh.key),
     }
-    memory.resize(memory::of_episode(&fresh.world, fresh.keyframes.bytes()));
     let memory = Arc::new(memory);
     let weight = Arc::downgrade(&memory);
+    let kept = fresh.keyframes.bytes();
     let keyframes = Arc::new(Mutex::new(fresh.keyframes));
     let ends_at = ends_at(&fresh.lockstep, &*host.clock).as_millisecond();
     let ends_at = Arc::new(AtomicI64::new(ends_at));
@@ -557,6 +562,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
     if let Some(seating) = fresh.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
         hosted.get_or_init(|| seating.hosted());
     }
+    memory.resize(memory::of_episode(&fresh.world, kept, hosted_max(&hosted, &fresh.spec)));
     let handle = Handle(Arc::new(Running {
         id: fresh.id.clone(),
         key: fresh.key,
@@ -576,7 +582,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         ends_at: Arc::clone(&ends_at),
         times: Arc::clone(&fresh.times),
         hosted: Arc::clone(&hosted),
-        _memory: memory,
+        memory,
         gone: gone.clone(),
     }));
     if fresh.spec.may_be_hosted() && !latest.status.is_over() {
@@ -611,6 +617,11 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
     };
     spawn(Box::pin(actor.run(messages)));
     handle
+}
+
+/// How many seats the server plays: before the start, how many it may.
+fn hosted_max(hosted: &OnceLock<Vec<(AgentId, String)>>, spec: &Spec) -> usize {
+    hosted.get().map_or_else(|| spec.hosted_max(), Vec::len)
 }
 
 /// Tells the barrier, which goes by the running time, what the time of day says: while that is in doubt
@@ -1098,7 +1109,8 @@ impl Actor {
         let mut keyframes = self.keyframes.lock().expect("nothing panics while it holds this");
         keyframes.offer(&self.world);
         if let Some(reservation) = self.memory.upgrade() {
-            reservation.resize(memory::of_episode(&self.world, keyframes.bytes()));
+            let hosted = hosted_max(&self.hosted, &self.spec);
+            reservation.resize(memory::of_episode(&self.world, keyframes.bytes(), hosted));
         }
     }
 

@@ -14,17 +14,30 @@ const SEAT: usize = 400;
 /// Bytes of an episode beside its states: its task, its channels, its description.
 const EPISODE: usize = 8 * 1024;
 
-/// Bytes of an episode that stands at `world` and keeps other states of `kept` bytes.
+/// Bytes that a player which the server hosts keeps for each cell of the map, and beside that.
+const PLAYER_CELL: usize = 16;
+const PLAYER: usize = 16 * 1024;
+
+/// Bytes of an episode that stands at `world`, keeps other states of `kept` bytes and has `hosted` players of the
+/// server.
 #[must_use]
-pub fn of_episode(world: &World, kept: usize) -> usize {
-    beside_states(world.config()) + world.approximate_bytes().saturating_add(kept)
+pub fn of_episode(world: &World, kept: usize, hosted: usize) -> usize {
+    let players = of_players(world.config(), hosted);
+    beside_states(world.config()) + players + world.approximate_bytes().saturating_add(kept)
 }
 
 /// Bytes that an episode takes at most before it is known what it takes: in round `round`, without other states
 /// that it keeps.
 #[must_use]
-pub fn expected(config: &Config, round: u32) -> usize {
-    beside_states(config) + of_world(config, round)
+pub fn expected(config: &Config, round: u32, hosted: usize) -> usize {
+    beside_states(config) + of_players(config, hosted) + of_world(config, round)
+}
+
+/// Bytes of so many players that the server hosts: most keep what they saw of the map.
+fn of_players(config: &Config, hosted: usize) -> usize {
+    let settings = config.settings();
+    let cells = usize::try_from(settings.width * settings.height).unwrap_or(usize::MAX);
+    hosted * (cells * PLAYER_CELL + PLAYER)
 }
 
 /// Bytes of the state after `round` rounds, at most.
@@ -57,7 +70,7 @@ mod tests {
 
     #[test]
     fn the_standard_setting_is_small_and_the_largest_maps_are_not() {
-        assert!(expected(&config(|_| {}), 100) < crate::budget::SMALL_BYTES);
+        assert!(expected(&config(|_| {}), 100, 0) < crate::budget::SMALL_BYTES);
         let large = config(|settings| {
             (settings.width, settings.height) = (256, 256);
             (settings.num_agents, settings.memory) = (1, 50);
@@ -73,9 +86,9 @@ mod tests {
                 (settings.num_agents, settings.width, settings.height) = (agents, size, size);
                 (settings.view_size, settings.memory) = (3, 0);
             });
-            let expected = expected(&config, 0);
+            let expected = expected(&config, 0, 0);
             let world = World::new(Arc::new(config));
-            let is = of_episode(&world, 0);
+            let is = of_episode(&world, 0, 0);
             assert!(is <= expected + 8192, "{agents} agents, {size} cells: {is}, not {expected}");
         }
     }

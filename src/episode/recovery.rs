@@ -9,7 +9,7 @@ use swarmbench_engine::World;
 use super::actor::{Fresh, Host, Keyframes, Times};
 use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Clocks, Given, Lockstep, Standing};
-use super::replay::rounds_at_once;
+use super::replay::{acts_bytes, rounds_at_once};
 use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
@@ -42,16 +42,15 @@ pub enum RecoveryError {
 pub(super) async fn recover(
     host: &Host,
     stored: StoredEpisode,
+    spec: Arc<Spec>,
+    party: Party,
     times: Arc<Times>,
 ) -> Result<Fresh, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
-    let spec = Arc::new(described(&stored)?);
     let config = Arc::clone(&spec.config);
     let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
-    let Host { journal, clock, workers, .. } = host;
-    let party = host.party(stored.owner, stored.run, &spec).await?;
-    // One that has ended is taken up for whoever asks.
-    let share = (if stored.end.is_some() { Party::current() } else { party }, Rank::Normal);
+    let Host { journal, clock, workers, budget, .. } = host;
+    let share = (taken_up_for(&stored, party), Rank::Normal);
     let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
     let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {
@@ -64,6 +63,7 @@ pub(super) async fn recover(
     while track.world.round() < stored.rounds {
         let from = track.world.round();
         let to = stored.rounds.min(from + at_once);
+        let _memory = budget.take(acts_bytes(&spec.config, to - from), None);
         let acts = journal.acts(stored.episode, from, to).await?;
         let rounds = journal.rounds(stored.episode, from, to).await?;
         let play = move |cancelled: &Cancelled<'_>| track.play(&acts, &rounds, cancelled);
@@ -71,7 +71,7 @@ pub(super) async fn recover(
         let played = off_thread(workers, "recovery", share, is_heavy, play).await?;
         track = played.map_err(broken)?;
     }
-    let open = journal.acts(stored.episode, stored.rounds, stored.rounds + 1).await?;
+    let open = journal.round_acts(stored.episode, stored.rounds).await?;
     track.count(&open);
     let outcome = match &stored.end {
         None => None,
@@ -85,7 +85,7 @@ pub(super) async fn recover(
         round: stored.rounds,
         alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
         bank_spent: track.bank_spent,
-        given: (open.into_iter().flat_map(|(_, acts)| acts))
+        given: (open.into_iter())
             .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
         last_act_at: times.last_act_at(),
@@ -112,6 +112,11 @@ pub(super) async fn recover(
         tally: track.tally,
         seating,
     })
+}
+
+/// For whom an episode of `party` is taken up: one that has ended for whoever asks.
+pub(super) fn taken_up_for(stored: &StoredEpisode, party: Party) -> Party {
+    if stored.end.is_some() { Party::current() } else { party }
 }
 
 /// The description of a stored episode.
@@ -141,9 +146,9 @@ struct Track {
 }
 
 impl Track {
-    fn count(&mut self, acts: &[(u32, RoundActs)]) {
-        for (_, act) in acts.iter().flat_map(|(_, acts)| acts) {
-            self.bytes += act.raw.as_str().len() as u64;
+    fn count(&mut self, acts: &RoundActs) {
+        for (_, act) in acts {
+            self.bytes += act.bytes;
             self.tally.add(&act.record);
         }
     }
@@ -154,7 +159,9 @@ impl Track {
         rounds: &[StoredRound],
         cancelled: &Cancelled<'_>,
     ) -> Result<Self, String> {
-        self.count(acts);
+        for (_, acts) in acts {
+            self.count(acts);
+        }
         for round in rounds {
             if cancelled.is_cancelled() {
                 return Err("nobody waits for it any more".to_owned());

@@ -19,12 +19,12 @@ use super::heavy::{is_heavy, off_thread, step_micros};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
-use super::recovery::{RecoveryError, clocks, described, recover};
+use super::recovery::{RecoveryError, clocks, described, recover, taken_up_for};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
-use crate::fair::{self, FairLimit, Party, Rank, Shares};
+use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
 use crate::ids::EpisodeId;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
@@ -42,6 +42,10 @@ const LIGHT_TO_TAKE_UP_MICROS: u64 = 250_000;
 /// Light episodes that are taken up at once after a start.
 const TAKEN_UP_AT_ONCE: usize = 8;
 
+/// Episodes that are not in memory and are looked after at once by a sweep: one that takes long, or whose journal is
+/// broken, keeps no other from its end.
+const LOOKED_AFTER_AT_ONCE: usize = 8;
+
 /// How long an episode that nobody asks for stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
@@ -51,6 +55,9 @@ const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
 /// How long an episode that nobody asks for stays in memory where memory is short.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
+
+/// Where too few episodes were idle, how long nobody looks for others.
+const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
 
 /// How long whoever takes up an episode whose time is over waits for its end.
 const END_PATIENCE: Duration = Duration::from_secs(5);
@@ -144,8 +151,8 @@ pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
-    /// Until then nobody looks for idle episodes again, in milliseconds since 1970: there were too few.
-    none_idle_until: Arc<AtomicI64>,
+    /// Until when nobody looks for idle episodes of a group, or of all, again: there were too few.
+    none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
     /// Turns to take an episode up from its journal.
     take_ups: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
@@ -264,7 +271,7 @@ impl Registry {
             },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
-            none_idle_until: Arc::new(AtomicI64::new(i64::MIN)),
+            none_idle_until: Arc::default(),
             take_ups: take_ups(),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
@@ -284,37 +291,47 @@ impl Registry {
         &self.host.budget
     }
 
-    /// Reserves memory. Where none is free, idle episodes leave it first; what is small always passes.
+    /// Reserves memory for an answer. Where none is free, idle episodes leave it first; what is small always
+    /// passes.
     ///
     /// # Errors
     /// Where none gets free.
     pub fn room(&self, bytes: usize) -> Result<Reservation, NoMemory> {
+        self.room_of(bytes, None)
+    }
+
+    /// Reserves memory as [`Registry::room`] does, for a game within the share of its group.
+    fn room_of(&self, bytes: usize, group: Option<Group>) -> Result<Reservation, NoMemory> {
         let budget = &self.host.budget;
-        if let Ok(reservation) = budget.reserve(bytes) {
-            return Ok(reservation);
-        }
-        self.evict_idle(bytes);
-        let refused = match budget.reserve(bytes) {
+        match budget.reserve(bytes, group) {
             Ok(reservation) => return Ok(reservation),
-            Err(_) if bytes <= SMALL_BYTES => return Ok(budget.take(bytes)),
+            Err(NoMemory::All(_)) => self.evict_idle(bytes, None),
+            Err(NoMemory::Share { .. }) => self.evict_idle(bytes, group),
+        }
+        let refused = match budget.reserve(bytes, group) {
+            Ok(reservation) => return Ok(reservation),
+            Err(_) if bytes <= SMALL_BYTES => return Ok(budget.take(bytes, group)),
             Err(refused) => refused,
         };
         metrics::counter!("swarmbench_memory_refusals_total").increment(1);
         Err(refused)
     }
 
-    /// Evicts idle episodes, those that nobody has asked for the longest first, until `bytes` are free and an
-    /// eighth of the budget more: so that not every request looks for them.
-    fn evict_idle(&self, bytes: usize) {
+    /// Evicts idle episodes of a group, or of all, those that nobody has asked for the longest first, until there
+    /// is room for `bytes` and an eighth of the budget more: so that not every request looks for them.
+    fn evict_idle(&self, bytes: usize, group: Option<Group>) {
         let budget = &self.host.budget;
-        let spare = budget.most() / 8;
-        let is_enough = || budget.used().saturating_add(bytes) <= budget.most() - spare;
+        let wanted = bytes.saturating_add(budget.most() / 8);
+        let is_enough = || budget.has(wanted, group);
         let now = self.host.clock.now();
-        if now.as_millisecond() < self.none_idle_until.load(Ordering::Acquire) {
+        if self.none_idle_until().get(&group).is_some_and(|until| now < *until) {
             return;
         }
         let mut slots = self.slots();
-        let idle = |slot: &Slot| slot.handle.initialized() && slot.is_idle(now, IDLE_STAYS);
+        let is_of_group = |handle: &Handle| group.is_none() || handle.memory_group() == group;
+        let idle = |slot: &Slot| {
+            slot.handle.get().is_some_and(is_of_group) && slot.is_idle(now, IDLE_STAYS)
+        };
         let idle = slots.iter().filter(|(_, slot)| idle(slot));
         let mut idle: Vec<_> = idle.map(|(id, slot)| (slot.used_at, id.clone())).collect();
         idle.sort_unstable();
@@ -335,8 +352,14 @@ impl Registry {
             tracing::debug!(evicted, used = budget.used(), "memory is short");
         }
         if !is_enough() {
-            self.none_idle_until.store(now.as_millisecond() + 1000, Ordering::Release);
+            let mut none_idle_until = self.none_idle_until();
+            none_idle_until.retain(|_, until| now < *until);
+            none_idle_until.insert(group, after(now, LOOKS_FOR_IDLE_AFTER));
         }
+    }
+
+    fn none_idle_until(&self) -> MutexGuard<'_, HashMap<Option<Group>, Timestamp>> {
+        self.none_idle_until.lock().expect("nothing panics while it holds this")
     }
 
     /// Where it is told that an episode of a run has ended, durably; whoever comes first hears it.
@@ -429,10 +452,13 @@ impl Registry {
 
     /// Keeps the opening of an episode and starts its actor.
     async fn open(&self, key: EpisodeKey, creation: Creation) -> Result<Handle, CreateError> {
-        let Creation { id, party, purpose: _, run, spec, tokens, idempotency } = creation;
+        let Creation { id, party, purpose, run, spec, tokens, idempotency } = creation;
         let owner = party.owner();
         let config = Arc::clone(&spec.config);
-        let room = self.room(memory::expected(&config, 0))?;
+        let bytes = memory::expected(&config, 0, spec.hosted_max());
+        // What an organizer creates may take more than a share.
+        let group = (purpose != Purpose::Organizer).then_some(party.group);
+        let room = self.room_of(bytes, group)?;
         let heavy = is_heavy(&config);
         let lay_out = move |_: &Cancelled<'_>| World::new(config);
         let share = (party, Rank::Normal);
@@ -626,10 +652,13 @@ impl Registry {
         kept.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
-        let room = self.room_for(&stored)?;
+        let spec = Arc::new(described(&stored).map_err(FindError::from)?);
+        let party = self.host.party(stored.owner, stored.run, &spec).await;
+        let party = party.map_err(FindError::from)?;
+        let room = self.room_for(&stored, &spec, party)?;
         self.host.journal.recovered(stored.episode);
         let times = self.times(&stored);
-        let fresh = recover(&self.host, stored, times).await;
+        let fresh = recover(&self.host, stored, spec, party, times).await;
         let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.
@@ -651,13 +680,18 @@ impl Registry {
     }
 
     /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
-    fn room_for(&self, stored: &StoredEpisode) -> Result<Reservation, FindError> {
-        let spec = described(stored)?;
-        let bytes = memory::expected(&spec.config, stored.rounds);
-        match self.room(bytes) {
-            Err(_) if spec.goes_on_alone() && stored.end.is_none() => {
-                Ok(self.host.budget.take(bytes))
-            }
+    fn room_for(
+        &self,
+        stored: &StoredEpisode,
+        spec: &Spec,
+        party: Party,
+    ) -> Result<Reservation, FindError> {
+        let is_over = stored.end.is_some();
+        let hosted = if is_over { 0 } else { spec.hosted_max() };
+        let bytes = memory::expected(&spec.config, stored.rounds, hosted);
+        let group = Some(taken_up_for(stored, party).group);
+        match self.room_of(bytes, group) {
+            Err(_) if spec.goes_on_alone() && !is_over => Ok(self.host.budget.take(bytes, group)),
             room => Ok(room?),
         }
     }
@@ -742,16 +776,15 @@ impl Registry {
         }
         // The oldest first, and always in the same order.
         due.sort_unstable();
-        for (id, clocked) in due {
-            match self.ends_at(&id).await {
-                Ok(Some(at)) if at > now && !clocked => {
-                    if let Some(slot) = self.slots().get_mut(&id) {
-                        slot.ends_at = slot.ends_at.map(|_| at);
-                    }
+        let look_after = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
+            Ok(Some(at)) if at > now && !clocked => {
+                if let Some(slot) = self.slots().get_mut(&id) {
+                    slot.ends_at = slot.ends_at.map(|_| at);
                 }
-                _ => self.look_after(&id).await,
             }
-        }
+            _ => self.look_after(&id).await,
+        };
+        stream::iter(due).for_each_concurrent(LOOKED_AFTER_AT_ONCE, look_after).await;
     }
 
     /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.

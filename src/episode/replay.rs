@@ -30,6 +30,9 @@ const ROUNDS_MAX: u32 = 64;
 /// Acts that are read at once.
 const ACTS_MAX: u32 = 4096;
 
+/// Bytes of an act as it is played again, at most: without its answer and its reasons.
+const ACT_BYTES_MAX: usize = 1024;
+
 /// Microseconds for which rounds are played in one piece; a single round may take longer.
 const PIECE_MICROS: u64 = 100_000;
 
@@ -38,6 +41,12 @@ pub(super) fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
     let by_acts = ACTS_MAX / u32::from(config.num_agents()).max(1);
     let by_time = u32::try_from(PIECE_MICROS / step_micros(config)).unwrap_or(ROUNDS_MAX);
     by_acts.min(by_time).clamp(1, ROUNDS_MAX)
+}
+
+/// Bytes of the acts of so many rounds while these are played again. They are reserved, free or not: only so
+/// many replays and episodes that are taken up come at once (`replays_max`, `take_ups_max`).
+pub(super) fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
+    rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }
 
 /// A state of an episode: its number, and the round.
@@ -133,6 +142,7 @@ async fn play(
     while world.round() < round {
         let from = world.round();
         let to = round.min(from + at_once);
+        let _memory = host.budget.take(acts_bytes(world.config(), to - from), None);
         let acts = host.journal.acts(handle.key, from, to).await?;
         let is_heavy = heavy::is_long(micros * u64::from(to - from));
         let play = move |cancelled: &Cancelled<'_>| steps(&world, &acts, to, cancelled);

@@ -105,6 +105,15 @@ impl Spec {
         self.player.is_some() || self.fill_after.is_some()
     }
 
+    /// How many seats the server plays at most.
+    #[must_use]
+    pub fn hosted_max(&self) -> usize {
+        let open = self.open_seats.len();
+        let own = usize::from(self.config.num_agents()) - open;
+        let filled = if self.fill_after.is_some() { open } else { 0 };
+        filled + if self.player.is_some() { own } else { 0 }
+    }
+
     /// Whether its journal says who holds which seat.
     #[must_use]
     pub fn is_seated(&self) -> bool {

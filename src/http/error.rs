@@ -284,7 +284,8 @@ impl From<JournalError> for ApiError {
 
 impl From<NoMemory> for ApiError {
     fn from(full: NoMemory) -> Self {
-        Self::limit(Code::Overloaded, "memory_bytes_max", full.most, full.to_string())
+        let (name, value) = full.limit();
+        Self::limit(Code::Overloaded, name, value, full.to_string())
             .retry_after(Duration::from_secs(5))
     }
 }

@@ -129,6 +129,8 @@ pub struct Limits {
     /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; any number
     /// where it is 0. Programs on this machine are not limited.
     pub entries_per_address_h_max: u32,
+    /// How much memory the games of a competition, a key or an address may take, in percent of what is free.
+    pub memory_of_free_percent_max: u32,
 }
 
 impl Default for Limits {
@@ -194,6 +196,7 @@ impl Default for Limits {
             events_pending_bytes_max: 1024 * 1024,
             entrants_max: 10_000,
             entries_per_address_h_max: 100,
+            memory_of_free_percent_max: 100,
         }
     }
 }
@@ -279,6 +282,7 @@ impl Limits {
             ("events_pending_bytes_max", self.events_pending_bytes_max as u64),
             ("entrants_max", self.entrants_max as u64),
             ("entries_per_address_h_max", self.entries_per_address_h_max.into()),
+            ("memory_of_free_percent_max", self.memory_of_free_percent_max.into()),
         ]
     }
 }

@@ -186,7 +186,7 @@ impl App {
         parts: &mut impl Parts,
     ) -> Result<Option<Bytes>, JournalError> {
         let most = self.limits.stream_part_bytes_max;
-        let small = |_| self.registry.budget().take(most.min(SMALL_BYTES));
+        let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);
         // The connection's own task does not know for whom it works.
         let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
@@ -208,7 +208,7 @@ pub(super) async fn reserve(State(app): State<App>, request: Request, next: Next
     let room = match app.registry.room(bytes) {
         Ok(room) => room,
         Err(full) if is_read => return ApiError::from(full).into_response(),
-        Err(_) => app.registry.budget().take(bytes),
+        Err(_) => app.registry.budget().take(bytes, None),
     };
     response.map(|body| Body::new(Large { body, room: Some(room) }))
 }

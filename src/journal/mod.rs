@@ -571,8 +571,8 @@ pub type RoundActs = Vec<(AgentId, StoredAct)>;
 pub struct StoredAct {
     /// The record.
     pub record: ActRecord,
-    /// The record, to the byte.
-    pub raw: RawRecord,
+    /// Bytes of the whole record as it is stored.
+    pub bytes: u64,
     /// How many seats the round waited for after it.
     pub waiting_for: u32,
 }
@@ -651,13 +651,21 @@ pub trait Journal: Send + Sync + 'static {
     /// The public id of a key.
     fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;
 
-    /// The acts of the rounds `from..to` by round, those of an unresolved round too.
+    /// The acts of the rounds `from..to` by round, without `response` and `reasoning`: no state follows from
+    /// these, and they may be large.
     fn acts(
         &self,
         episode: EpisodeKey,
         from: u32,
         to: u32,
     ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>>;
+
+    /// The acts of one round, whole.
+    fn round_acts(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+    ) -> BoxFuture<'_, Result<RoundActs, JournalError>>;
 
     /// What one seat did in one round.
     fn act(

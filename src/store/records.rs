@@ -19,7 +19,14 @@ use crate::journal::{
 use crate::keys::OwnerKey;
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
-const PIECE_BYTES: usize = 128 * 1024;
+const PIECE_BYTES: u64 = 128 * 1024;
+
+/// Records of more bytes are read for a replay without their texts. Those of fewer are read as they are, which
+/// costs less.
+const WHOLE_BYTES_MAX: u32 = 512;
+
+/// Acts without their texts that are parsed in one piece.
+const ACTS_OF_A_PIECE: usize = 512;
 
 /// Acts of which the lengths are looked at for one part.
 const ACTS_OF_A_PART_MAX: u32 = 4096;
@@ -187,9 +194,12 @@ impl Store {
         to: u32,
     ) -> Result<Vec<(u32, RoundActs)>, JournalError> {
         let rows = sqlx::query(
-            "SELECT round, agent, waiting_for, record FROM acts
-             WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
+            "SELECT round, agent, waiting_for, octet_length(record) AS bytes,
+               CASE WHEN octet_length(record) > ?
+                 THEN json_remove(record, '$.response', '$.reasoning') ELSE record END AS record
+             FROM acts WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
         )
+        .bind(WHOLE_BYTES_MAX)
         .bind(episode.0)
         .bind(from)
         .bind(to)
@@ -197,21 +207,48 @@ impl Store {
         .await
         .map_err(failure)?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
-        let mut unpaused = 0;
-        for row in &rows {
-            if unpaused > PIECE_BYTES {
-                unpaused = 0;
+        for (number, row) in rows.iter().enumerate() {
+            if number > 0 && number.is_multiple_of(ACTS_OF_A_PIECE) {
                 tokio::task::yield_now().await;
             }
             let (round, agent) = position(row).map_err(failure)?;
-            let act = act(row).map_err(failure)?;
-            unpaused += act.raw.as_str().len();
+            let mut act = act(row).map_err(failure)?;
+            (act.record.response, act.record.reasoning) = (None, None);
             match rounds.last_mut() {
                 Some((last, acts)) if *last == round => acts.push((agent, act)),
                 _ => rounds.push((round, vec![(agent, act)])),
             }
         }
         Ok(rounds)
+    }
+
+    async fn read_round_acts(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+    ) -> Result<RoundActs, JournalError> {
+        let rows = sqlx::query(
+            "SELECT round, agent, waiting_for, octet_length(record) AS bytes, record FROM acts
+             WHERE episode = ? AND round = ? ORDER BY agent",
+        )
+        .bind(episode.0)
+        .bind(round)
+        .fetch_all(&mut *self.read().await?)
+        .await
+        .map_err(failure)?;
+        let mut acts = RoundActs::with_capacity(rows.len());
+        let mut unpaused = 0;
+        for row in rows {
+            if unpaused > PIECE_BYTES {
+                unpaused = 0;
+                tokio::task::yield_now().await;
+            }
+            let (_, agent) = position(&row).map_err(failure)?;
+            let act = act(&row).map_err(failure)?;
+            unpaused += act.bytes;
+            acts.push((agent, act));
+        }
+        Ok(acts)
     }
 
     async fn read_act(
@@ -221,7 +258,8 @@ impl Store {
         agent: AgentId,
     ) -> Result<Option<StoredAct>, JournalError> {
         let row = sqlx::query(
-            "SELECT waiting_for, record FROM acts WHERE episode = ? AND round = ? AND agent = ?",
+            "SELECT waiting_for, octet_length(record) AS bytes, record FROM acts
+             WHERE episode = ? AND round = ? AND agent = ?",
         )
         .bind(episode.0)
         .bind(round)
@@ -282,9 +320,9 @@ fn position(row: &SqliteRow) -> Result<(u32, AgentId), sqlx::Error> {
 
 fn act(row: &SqliteRow) -> Result<StoredAct, sqlx::Error> {
     let decode = |error: serde_json::Error| sqlx::Error::Decode(error.into());
-    let raw = RawRecord::from_stored(row.try_get("record")?).map_err(decode)?;
-    let record = raw.read().map_err(decode)?;
-    Ok(StoredAct { record, raw, waiting_for: row.try_get("waiting_for")? })
+    let record = serde_json::from_str(row.try_get("record")?).map_err(decode)?;
+    let bytes = row.try_get::<i64, _>("bytes")?.unsigned_abs();
+    Ok(StoredAct { record, bytes, waiting_for: row.try_get("waiting_for")? })
 }
 
 impl Journal for Store {
@@ -326,6 +364,14 @@ impl Journal for Store {
         to: u32,
     ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>> {
         self.read_acts(episode, from, to).boxed()
+    }
+
+    fn round_acts(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+    ) -> BoxFuture<'_, Result<RoundActs, JournalError>> {
+        self.read_round_acts(episode, round).boxed()
     }
 
     fn act(

@@ -54,6 +54,34 @@ async fn one_competition_leaves_places_to_another() {
 }
 
 #[tokio::test]
+async fn a_key_leaves_memory_to_others() {
+    let builder = TestApp::builder().manual_clock().keys();
+    let app = builder.limits(|limits| limits.memory_bytes_max = 2_000_000).start().await;
+    // Its clock keeps it in memory.
+    let request = json!({
+        "task": "Synchronization", "num_agents": 1, "width": 256, "height": 256, "memory": 0,
+        "round_deadline_s": 3600,
+    });
+    let (greedy, _) = app.key(json!({ "name": "greedy" })).await;
+    let (other, _) = app.key(json!({ "name": "other" })).await;
+    let create = |key: &str| app.post("/api/v1/episodes").token(key).json(&request);
+    for _ in 0..3 {
+        create(&greedy).ok().await;
+    }
+    let refused = loop {
+        let answer = create(&greedy).send().await;
+        if answer.status != 201 {
+            break answer;
+        }
+    };
+    assert_eq!((refused.status, refused.header("retry-after")), (503, "5"));
+    let limit = json!({ "name": "memory_of_free_percent_max", "value": 100 });
+    assert_eq!(refused.json()["limit"], limit);
+    create(&other).ok().await;
+    create(&app.organizer).ok().await;
+}
+
+#[tokio::test]
 async fn strangers_of_a_server_without_keys_share_by_address() {
     let app = TestApp::builder()
         .limits(|limits| limits.episodes_unfinished_max = 8)

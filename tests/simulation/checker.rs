@@ -589,12 +589,7 @@ impl Checker {
         // What the server's players do follows from what they were shown, whatever happened to it.
         let players = episode.players.get_or_insert_with(|| {
             episode.hosted.sort_unstable();
-            house::Players::new(
-                &episode.spec,
-                &episode.hosted,
-                swarmbench::budget::Budget::unlimited().take(0),
-            )
-            .expect("players that are built in")
+            house::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
         });
         for (agent, decided) in players.decide(&episode.world) {
             let kept = given.get(&agent).filter(|kept| kept.by_player());

@@ -297,7 +297,15 @@ fn record(row: &ActRow) -> ActRecord {
 }
 
 fn stored(row: &ActRow) -> StoredAct {
-    StoredAct { record: record(row), raw: row.record.clone(), waiting_for: row.waiting_for }
+    let bytes = row.record.as_str().len() as u64;
+    StoredAct { record: record(row), bytes, waiting_for: row.waiting_for }
+}
+
+/// As a replay needs it.
+fn without_texts(row: &ActRow) -> StoredAct {
+    let mut act = stored(row);
+    (act.record.response, act.record.reasoning) = (None, None);
+    act
 }
 
 impl Journal for MemoryJournal {
@@ -387,9 +395,23 @@ impl Journal for MemoryJournal {
             let by_round = rows.chunk_by(|a, b| a.round == b.round);
             Ok(by_round
                 .map(|rows| {
-                    (rows[0].round, rows.iter().map(|row| (row.agent, stored(row))).collect())
+                    let acts = rows.iter().map(|row| (row.agent, without_texts(row)));
+                    (rows[0].round, acts.collect())
                 })
                 .collect())
+        }))
+    }
+
+    fn round_acts(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+    ) -> BoxFuture<'_, Result<RoundActs, JournalError>> {
+        Box::pin(self.read(move |state| {
+            let acts = state.acts(episode).filter(|row| row.round == round);
+            let mut acts: RoundActs = acts.map(|row| (row.agent, stored(row))).collect();
+            acts.sort_by_key(|(agent, _)| *agent);
+            Ok(acts)
         }))
     }
 
