@@ -601,6 +601,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         head: fresh.head,
         lockstep: fresh.lockstep,
         newest_at: fresh.newest_at,
+        newest_running: Timestamp::MIN,
         bytes: fresh.bytes,
         tally: fresh.tally,
         seating: fresh.seating,
@@ -667,6 +668,8 @@ struct Actor {
     lockstep: Lockstep,
     /// When its newest record came, by the time of day, which may be set back; records never go back.
     newest_at: Timestamp,
+    /// The same by the running time, of the records of this actor.
+    newest_running: Timestamp,
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
@@ -779,9 +782,14 @@ impl Actor {
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
+        self.note_end();
+        effects
+    }
+
+    /// Tells others when the episode ends unless somebody asks for something.
+    fn note_end(&self) {
         let ends_at = ends_at(&self.lockstep, &*self.host.clock);
         self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
-        effects
     }
 
     /// What is due before the first event: a layout that is solved already, or a round whose acts
@@ -958,6 +966,7 @@ impl Actor {
         let mut entries = std::mem::take(&mut self.ahead);
         let mut acted = Vec::new();
         let mut opens = false;
+        let bytes_before = self.bytes;
         let mut paused_at = self.bytes;
         for effect in effects {
             if self.bytes - paused_at > PIECE_BYTES {
@@ -977,6 +986,7 @@ impl Actor {
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
                         tracing::error!(episode = %self.id, %error, "a round was not resolved");
+                        self.host.quotas.give_back_bytes(self.key, self.bytes - bytes_before);
                         self.failed.cancel();
                         then(Err(error));
                         return;
@@ -1007,14 +1017,17 @@ impl Actor {
             is_sealed: self.spec.visibility == Visibility::Sealed,
         };
         let (host, publish) = (self.host.clone(), self.publish.clone());
+        let (key, bytes) = (self.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), JournalError>| {
             // What this rests on may have been refused although there was nothing here to refuse.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
-            match &result {
-                Ok(()) => kept.tell(&host, &publish),
-                Err(_) => failed.cancel(),
+            if result.is_ok() {
+                kept.tell(&host, &publish);
+            } else {
+                host.quotas.give_back_bytes(key, bytes);
+                failed.cancel();
             }
             then(result);
         };
@@ -1032,6 +1045,7 @@ impl Actor {
 
     /// The time of day at a moment of the running time, as it is written down.
     fn stamp(&mut self, at: Timestamp) -> Timestamp {
+        self.newest_running = self.newest_running.max(at);
         self.newest_at = self.newest_at.max(self.host.clock.to_wall(at));
         self.newest_at
     }
@@ -1043,6 +1057,10 @@ impl Actor {
         self.tally.add(&given.record);
         self.host.quotas.add_bytes(self.key, bytes, at);
         let at = self.stamp(at);
+        if given.record.source == Source::Player {
+            self.lockstep.note_act(self.newest_running);
+            self.note_end();
+        }
         Entry::Act(ActRow {
             episode: self.key,
             round: self.world.round(),

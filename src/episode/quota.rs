@@ -300,6 +300,13 @@ impl Quotas {
         }
     }
 
+    /// Gives back bytes that were counted for acts which were not kept.
+    pub fn give_back_bytes(&self, episode: EpisodeKey, bytes: u64) {
+        let mut held = self.held();
+        let Some(party) = held.unfinished.get(&episode).copied() else { return };
+        held.give_back_bytes(party, bytes);
+    }
+
     /// Counts bytes that were written earlier with a key.
     pub fn note_bytes(&self, owner: OwnerKey, bytes: u64) {
         self.held().by_owner.entry(owner).or_default().bytes += bytes;
@@ -426,6 +433,15 @@ impl Held {
             self.by_owner.entry(owner).or_default().bytes += bytes;
         }
         self.by_group.entry(party.group).or_default().bytes += bytes;
+    }
+
+    fn give_back_bytes(&mut self, party: Party, bytes: u64) {
+        if let Some(own) = party.owner().and_then(|owner| self.by_owner.get_mut(&owner)) {
+            own.bytes = own.bytes.saturating_sub(bytes);
+        }
+        if let Some(share) = self.by_group.get_mut(&party.group) {
+            share.bytes = share.bytes.saturating_sub(bytes);
+        }
     }
 
     /// Counts a large act against what may be written a second.

@@ -24,6 +24,8 @@ pub(crate) enum Flaw {
     AltersDigests,
     /// After a failed commit the journal keeps and acknowledges what comes next.
     GoesOnAfterFailure,
+    /// After it refused an entry the journal keeps and acknowledges what comes next of the same episode.
+    GoesOnAfterRefusal,
     /// The journal does not tell of one job in twenty.
     ForgetsToTell,
     /// The journal forgets who claimed seats.
@@ -46,7 +48,7 @@ pub(crate) enum Flaw {
 
 /// Each flaw and the invariant that it breaks. `OtherChance` is not here: it breaks none of them,
 /// but that a run follows from its seed.
-pub(crate) const FLAWS: [(Flaw, Invariant); 16] = [
+pub(crate) const FLAWS: [(Flaw, Invariant); 17] = [
     (Flaw::AcknowledgesEarly, Invariant::Durable),
     (Flaw::LosesActs, Invariant::Barrier),
     (Flaw::TearsPieces, Invariant::Barrier),
@@ -55,6 +57,7 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 16] = [
     (Flaw::DoesNotWait, Invariant::TrueRefusals),
     (Flaw::AltersDigests, Invariant::Replay),
     (Flaw::GoesOnAfterFailure, Invariant::NoFalseAck),
+    (Flaw::GoesOnAfterRefusal, Invariant::Barrier),
     (Flaw::ForgetsToTell, Invariant::Progress),
     (Flaw::ForgetsClaims, Invariant::Seats),
     (Flaw::ForgetsTheLastAct, Invariant::Idle),

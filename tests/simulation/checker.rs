@@ -29,7 +29,7 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 
 use crate::clients::{Acts, Answer, Request, RequestId};
-use crate::journal::Told;
+use crate::journal::{Lost, Told};
 
 /// What must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -93,6 +93,8 @@ pub(crate) struct Checker {
     started_at: Timestamp,
     /// When it was first told that a commit failed.
     failed: Option<u64>,
+    /// Episodes of which a job was refused in this run of the server.
+    refused: BTreeSet<EpisodeId>,
     /// Requests that are not answered.
     requests: BTreeMap<RequestId, Sent>,
     /// Episodes that are asked for, not durable and not refused.
@@ -163,10 +165,14 @@ pub(crate) struct Episode {
     lines: String,
     /// Which round was published in this run of the server, and when.
     opened: Option<(u32, Timestamp, u64)>,
+    /// The round that was open when a job was refused: it is opened again when the episode is recovered, and some may
+    /// still look at it as it was before.
+    reopened: Option<u32>,
     /// Whether the server knows of the end.
     end_told: bool,
-    /// The furthest that anybody saw.
+    /// The furthest that anybody saw, and at which moment first.
     seen: (u32, bool),
+    seen_first: u64,
 }
 
 /// A durable act.
@@ -241,6 +247,7 @@ impl Checker {
             moment: 0,
             started_at: now,
             failed: None,
+            refused: BTreeSet::new(),
             requests: BTreeMap::new(),
             creating: BTreeMap::new(),
             handed: BTreeMap::new(),
@@ -444,8 +451,10 @@ impl Checker {
             began_at: row.at,
             lines: row.record.line(head),
             opened: None,
+            reopened: None,
             end_told: false,
             seen: (0, false),
+            seen_first: 0,
             world,
             spec,
         };
@@ -693,9 +702,13 @@ impl Checker {
     /// The server was told of a job.
     pub(crate) fn told(&mut self, told: &Told) {
         let moment = self.next_moment();
-        if told.result.is_err() {
-            self.failed.get_or_insert(moment);
-            return;
+        match told.result {
+            Ok(()) => {}
+            Err(Lost::Failed) => {
+                self.failed.get_or_insert(moment);
+                return;
+            }
+            Err(Lost::Refused) => return self.refused(&told.entries),
         }
         self.note_held();
         for entry in &told.entries {
@@ -713,6 +726,23 @@ impl Checker {
             if let Some(episode) = self.episodes.get_mut(key) {
                 episode.opened = Some((round, self.now, moment));
             }
+        }
+    }
+
+    /// A job was refused: what is in it never happened.
+    fn refused(&mut self, entries: &[Entry]) {
+        for entry in entries {
+            if let Entry::Open(row) = entry {
+                self.refused.insert(row.id.clone());
+            }
+            if let Entry::Act(row) = entry {
+                self.handed.remove(&(row.episode, row.round, row.agent));
+            }
+            let Some(episode) = entry.chain().and_then(|key| self.episodes.get_mut(&key)) else {
+                continue;
+            };
+            (episode.opened, episode.reopened) = (None, Some(episode.world.round()));
+            self.refused.insert(episode.id.clone());
         }
     }
 
@@ -747,12 +777,13 @@ impl Checker {
     pub(crate) fn seen(&mut self, number: RequestId, snapshot: &Snapshot) {
         let moment = self.next_moment();
         if let Some(sent) = self.requests.get(&number) {
-            let id = sent.id.clone();
-            self.shown(&id, snapshot, moment);
+            let (id, sent) = (sent.id.clone(), sent.moment);
+            self.shown(&id, snapshot, sent, moment);
         }
     }
 
-    fn shown(&mut self, id: &EpisodeId, snapshot: &Snapshot, moment: u64) {
+    fn shown(&mut self, id: &EpisodeId, snapshot: &Snapshot, sent: u64, moment: u64) {
+        let is_refused = self.refused.contains(id);
         let round = snapshot.world.round();
         let name = format!("{id}: round {round}, {}, is shown", snapshot.status.name());
         let key = self.keys.get(id).copied();
@@ -778,10 +809,14 @@ impl Checker {
         if snapshot.world.digest().0 != *digest || snapshot.head != head {
             wrong.push((Invariant::Replay, format!("{name}, its journal says something else")));
         }
-        if (round, is_over) < episode.seen {
+        // Whoever asked before an actor ended by a fault may be shown what that one published last.
+        let may_be_old = is_refused && sent < episode.seen_first;
+        if (round, is_over) < episode.seen && !may_be_old {
             wrong.push((Invariant::Durable, format!("{name} after {:?}", episode.seen)));
         }
-        episode.seen = episode.seen.max((round, is_over));
+        if (round, is_over) > episode.seen {
+            (episode.seen, episode.seen_first) = ((round, is_over), moment);
+        }
         for agent in snapshot.world.agents().filter(|&agent| snapshot.has_acted(agent)) {
             if episode.act(round, agent).is_none() {
                 wrong.push((Invariant::Durable, format!("{name}: {agent} has not acted")));
@@ -792,7 +827,8 @@ impl Checker {
             wrong.push((Invariant::Clocks, format!("{name} with banks {banks:?}")));
         }
         let clocked = episode.spec.round_deadline.is_some();
-        if clocked && snapshot.status == Status::Running && round == episode.world.round() {
+        let is_known = round == episode.world.round() && episode.reopened != Some(round);
+        if clocked && snapshot.status == Status::Running && is_known {
             match (snapshot.opened_at(), episode.opened) {
                 (None, _) => wrong.push((Invariant::Clocks, format!("{name} without its opening"))),
                 (Some(at), Some((known, opened_at, _))) if known == round => {
@@ -893,7 +929,7 @@ impl Checker {
                 return self.broken(Invariant::Replay, what);
             }
             Answer::Acted(acts, outcomes, snapshot) => {
-                self.shown(&id, &snapshot, moment);
+                self.shown(&id, &snapshot, sent.moment, moment);
                 let whole = acts.len() == outcomes.len();
                 self.check(Invariant::Progress, whole, || format!("{id}: an act has no outcome"));
                 let mut acks = false;
@@ -942,7 +978,8 @@ impl Checker {
     /// The server could not keep something: that must be so.
     fn failure(&mut self, id: &EpisodeId, failed: bool, error: &JournalError) {
         self.stats.count("refused: unavailable", 1);
-        self.check(Invariant::Progress, failed, || format!("{id}: {error}, and none failed"));
+        let is_true = failed || self.refused.contains(id);
+        self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));
     }
 
     /// How many places are taken, in all and of the key: at most, as seen from outside.
@@ -1094,13 +1131,14 @@ impl Checker {
         self.orphans.clear();
         self.creating.clear();
         self.failed = None;
+        self.refused.clear();
         self.started_at = self.now;
         let is_kept = |(key, round, agent): &Place| {
             self.episodes.get(key).is_some_and(|e| e.act(*round, *agent).is_some())
         };
         self.handed.retain(|place, _| is_kept(place));
         for episode in self.episodes.values_mut() {
-            episode.opened = None;
+            (episode.opened, episode.reopened) = (None, None);
             episode.end_told = episode.end.is_some();
         }
         self.on_disk(disk);

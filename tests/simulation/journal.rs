@@ -1,7 +1,7 @@
 //! A journal in memory. Nothing becomes durable, and nobody is told, before the run says so: a crash
 //! can come between any two of these.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Mutex, MutexGuard};
 
 use futures::future::BoxFuture;
@@ -20,8 +20,9 @@ use crate::broken::Flaw;
 use crate::dice::Dice;
 use crate::executor::pause;
 
-/// Keeps entries in the order in which they were handed over, all of a job or none. It refuses
-/// nothing: what should not have been handed over is for the checker to find.
+/// Keeps entries in the order in which they were handed over, all of a job or none. It judges nothing:
+/// what should not have been handed over is for the checker to find. It refuses single jobs when the run says
+/// so, and then, as the writer does, all later ones of that episode until it was recovered.
 pub(crate) struct MemoryJournal {
     flaw: Option<Flaw>,
     pauses_max: usize,
@@ -36,10 +37,12 @@ struct State {
     /// Jobs that are not durable yet.
     queue: VecDeque<Job>,
     /// Jobs that are, of which nobody was told.
-    telling: VecDeque<(Job, Result<(), JournalError>)>,
+    telling: VecDeque<(Job, Result<(), Lost>)>,
     /// What was handed over since somebody asked.
     handed: Vec<Vec<Entry>>,
     has_failed: bool,
+    /// Episodes of which a job was refused and that were not recovered since.
+    broken: BTreeSet<EpisodeKey>,
     dice: Dice,
 }
 
@@ -51,7 +54,25 @@ struct Job {
 /// A job of which the one who handed it over was told now.
 pub(crate) struct Told {
     pub(crate) entries: Vec<Entry>,
-    pub(crate) result: Result<(), JournalError>,
+    pub(crate) result: Result<(), Lost>,
+}
+
+/// Why a job was not kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Lost {
+    /// Its commit failed, or an earlier one.
+    Failed,
+    /// It was refused, or an earlier one of its episode.
+    Refused,
+}
+
+impl From<Lost> for JournalError {
+    fn from(lost: Lost) -> Self {
+        Self(match lost {
+            Lost::Failed => "a commit failed".into(),
+            Lost::Refused => "an entry was refused".into(),
+        })
+    }
 }
 
 impl MemoryJournal {
@@ -64,6 +85,7 @@ impl MemoryJournal {
             telling: VecDeque::new(),
             handed: Vec::new(),
             has_failed: false,
+            broken: BTreeSet::new(),
             dice: Dice(seed),
         };
         Self { flaw, pauses_max, state: Mutex::new(state) }
@@ -103,7 +125,11 @@ impl MemoryJournal {
         let goes_on = self.flaw == Some(Flaw::GoesOnAfterFailure);
         for job in group {
             if state.has_failed && !goes_on {
-                state.telling.push_back((job, Err(failure())));
+                state.telling.push_back((job, Err(Lost::Failed)));
+                continue;
+            }
+            if state.continues_broken(&job.entries) && self.flaw != Some(Flaw::GoesOnAfterRefusal) {
+                state.telling.push_back((job, Err(Lost::Refused)));
                 continue;
             }
             let entries = match self.flaw {
@@ -123,11 +149,28 @@ impl MemoryJournal {
         let mut state = self.state();
         state.has_failed = true;
         for job in state.queue.drain(..jobs).collect::<Vec<_>>() {
-            if is_on_disk {
+            if is_on_disk && !state.continues_broken(&job.entries) {
                 state.limbo.extend(job.entries.iter().cloned());
             }
-            state.telling.push_back((job, Err(failure())));
+            state.telling.push_back((job, Err(Lost::Failed)));
         }
+    }
+
+    /// Whether the first job of the queue holds anything that could be refused.
+    pub(crate) fn can_refuse(&self) -> bool {
+        let state = self.state();
+        state.telling.is_empty() && state.queue.front().is_some_and(|job| !job.entries.is_empty())
+    }
+
+    /// Refuses the first job of the queue, and no other.
+    pub(crate) fn refuse(&self) {
+        let mut state = self.state();
+        let Some(job) = state.queue.pop_front() else { return };
+        // Nothing comes after an opening before it was kept.
+        if !job.entries.iter().any(|entry| matches!(entry, Entry::Open(_))) {
+            state.broken.extend(job.entries.iter().filter_map(Entry::chain));
+        }
+        state.telling.push_back((job, Err(Lost::Refused)));
     }
 
     /// Tells the one who handed over the oldest job that is not told.
@@ -138,7 +181,7 @@ impl MemoryJournal {
             std::mem::forget(job.committed);
             return None;
         }
-        (job.committed)(result.clone());
+        (job.committed)(result.map_err(JournalError::from));
         Some(Told { entries: job.entries, result })
     }
 
@@ -153,6 +196,7 @@ impl MemoryJournal {
         }
         state.durable.extend(found.iter().cloned());
         state.has_failed = false;
+        state.broken.clear();
         let lost = (std::mem::take(&mut state.queue), std::mem::take(&mut state.telling));
         state.handed.clear();
         drop(state);
@@ -196,11 +240,12 @@ impl MemoryJournal {
     }
 }
 
-fn failure() -> JournalError {
-    JournalError("a commit failed".into())
-}
-
 impl State {
+    /// Whether a job continues the chain of an episode whose chain would have a gap.
+    fn continues_broken(&self, entries: &[Entry]) -> bool {
+        entries.iter().filter_map(Entry::chain).any(|episode| self.broken.contains(&episode))
+    }
+
     fn openings(&self) -> impl Iterator<Item = &OpeningRow> {
         self.durable.iter().filter_map(|entry| match entry {
             Entry::Open(row) => Some(&**row),
@@ -324,6 +369,10 @@ impl Journal for MemoryJournal {
         } else {
             state.queue.push_back(Job { entries, committed });
         }
+    }
+
+    fn recovered(&self, episode: EpisodeKey) {
+        self.state().broken.remove(&episode);
     }
 
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {

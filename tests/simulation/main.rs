@@ -1,6 +1,6 @@
 //! The lockstep machine, the actors and the registry under a scheduler that draws every step from a
 //! seed: random orders of arrival, acts again, changed, early and late, clocks, clients that go away,
-//! episodes that leave the memory, commits that fail, and crashes between any two effects. What must
+//! episodes that leave the memory, commits that fail, entries that are refused, and crashes between any two effects. What must
 //! hold is in [`checker`]; [`broken`] shows that it would be found if it did not.
 //!
 //! The number of seeds is in `SWARMBENCH_SEEDS`, the first in `SWARMBENCH_SEED`.
@@ -29,7 +29,7 @@ const SEEDS: u64 = 500;
 const SEEDS_OF_A_FLAW: u64 = 200;
 
 /// What the seeds of a test have to reach, all together.
-const REACHED: [&str; 32] = [
+const REACHED: [&str; 33] = [
     "episodes",
     "rounds",
     "clocks run out",
@@ -61,6 +61,7 @@ const REACHED: [&str; 32] = [
     "requests cut off",
     "requests dropped",
     "failed commits",
+    "refused jobs",
     "evictions",
 ];
 

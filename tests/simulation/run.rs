@@ -64,6 +64,8 @@ pub(crate) struct Options {
     long_waits: bool,
     crashes: usize,
     failures: usize,
+    /// Jobs that the journal refuses though it keeps the others.
+    refusals: usize,
     /// How often clients go away.
     drops: usize,
     aborts: bool,
@@ -98,8 +100,9 @@ impl Options {
             journal_bytes_per_key_s_max: 0,
             journal_bytes_per_competition_s_max: 0,
         };
-        Self {
+        let mut options = Self {
             seed,
+            refusals: 0,
             episodes: 1 + below(4),
             requests: 20 + below(100),
             pending: 1 + below(8),
@@ -116,7 +119,9 @@ impl Options {
             haste: [1, 4, 16][below(3)],
             silence: below(2) == 0,
             flaw,
-        }
+        };
+        options.refusals = [0, 1, 5, 20][below(4)];
+        options
     }
 }
 
@@ -172,6 +177,8 @@ enum Step {
     Sweep,
     /// A commit fails.
     Fail,
+    /// The journal refuses a job.
+    Refuse,
     /// The server falls over and is started again.
     Crash,
 }
@@ -193,6 +200,7 @@ struct Run {
     created: usize,
     crashes: usize,
     failures: usize,
+    refusals: usize,
     trace: Vec<String>,
     /// How many faults are in the trace.
     faults: usize,
@@ -233,6 +241,7 @@ impl Run {
             created: 0,
             crashes: 0,
             failures: 0,
+            refusals: 0,
             trace: Vec::new(),
             faults: 0,
             options,
@@ -324,6 +333,7 @@ impl Run {
                     3,
                 ),
             ),
+            (Step::Refuse, when(self.refusals < options.refusals && self.journal.can_refuse(), 10)),
             (
                 Step::Crash,
                 if self.journal.has_failed() {
@@ -387,6 +397,12 @@ impl Run {
                 self.note(format!("a commit of {jobs} jobs fails, on disk: {is_on_disk}"));
                 self.journal.fail(jobs, is_on_disk);
                 self.checker.stats.count("failed commits", 1);
+            }
+            Step::Refuse => {
+                self.refusals += 1;
+                self.note("the next job is refused".to_owned());
+                self.journal.refuse();
+                self.checker.stats.count("refused jobs", 1);
             }
             Step::Crash => self.crash(),
         }
@@ -640,6 +656,8 @@ impl Run {
             self.crash();
         }
         self.settle();
+        // An episode that failed twice at once is left alone for a while.
+        self.pass(Duration::from_secs(1));
         if self.options.silence {
             self.fall_silent();
         } else {
