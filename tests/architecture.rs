@@ -20,7 +20,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("work", &["fair"]),
     ("store", &["clock", "competition", "fair", "ids", "journal", "keys", "names"]),
     ("episode", &["budget", "clock", "fair", "ids", "journal", "keys", "telemetry", "work"]),
-    ("house", &["budget", "clock", "episode", "fair", "journal", "work"]),
+    ("house", &["clock", "episode", "fair", "journal", "work"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
