@@ -417,7 +417,7 @@ pub struct EntrantDetail {
     /// The entrant.
     #[serde(flatten)]
     pub entrant: EntrantSummary,
-    /// Its attempts, in the order in which they were started.
+    /// Its attempts, in the order in which they were started; the last 1,000 of them.
     pub attempts: Vec<AttemptSummary>,
 }
 

@@ -14,6 +14,10 @@ use crate::journal::EntryKey;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 use crate::wire::problem::Problem;
 
+/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. Only an entrant of whom an organizer
+/// voids attempts again and again has more; the list of attempts has all.
+const ATTEMPTS_SHOWN_MAX: usize = 1000;
+
 /// List the entrants of a competition.
 #[utoipa::path(
     get,
@@ -83,6 +87,7 @@ pub(in super::super) async fn show_entrant(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let field = app.part_of_field(competition, vec![stored.clone()]).await?;
-    let attempts = field.summaries()?;
+    let mut attempts = field.summaries()?;
+    attempts.drain(..attempts.len().saturating_sub(ATTEMPTS_SHOWN_MAX));
     Ok(Json(EntrantDetail { entrant: (&stored.entrant).into(), attempts }))
 }
