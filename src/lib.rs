@@ -32,6 +32,7 @@ pub mod journal;
 pub mod keys;
 pub mod llm;
 pub mod loadtest;
+mod migrations;
 pub mod names;
 pub mod players;
 pub mod prompt;

@@ -9,6 +9,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 
 use super::LoadError;
 use super::games::SEATS;
+use crate::migrations::migrator;
 
 /// Rows that one statement inserts at most: each binds six values, and SQLite takes some thousands.
 const ROWS_MAX: usize = 1000;
@@ -62,7 +63,7 @@ impl BareCommit {
             .synchronous(SqliteSynchronous::Full)
             .disable_statement_logging();
         let mut connection = options.connect().await.map_err(|error| failed(&error))?;
-        sqlx::migrate!().run(&mut connection).await.map_err(|error| failed(&error))?;
+        migrator().run(&mut connection).await.map_err(|error| failed(&error))?;
         Ok(Self { connection, folder, episodes: episodes.max(1), acts: 0, record })
     }
 

@@ -23,6 +23,7 @@ use crate::journal::chain::Head;
 use crate::journal::record::{ActRecord, End, Opening, RawRecord};
 use crate::journal::replay::Report;
 use crate::journal::{EpisodeKey, ImportHash, Tally};
+use crate::migrations;
 
 /// Damages that are told one by one; those beyond are counted.
 pub const DAMAGES_MAX: usize = 1000;
@@ -160,7 +161,7 @@ async fn tables(
             return Ok(false);
         }
     };
-    let migrator = sqlx::migrate!();
+    let migrator = migrations::migrator();
     let known: Vec<_> =
         migrator.iter().map(|known| (known.version, known.checksum.to_vec(), true)).collect();
     if applied == known {

@@ -31,6 +31,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, Sq
 use sqlx::{ConnectOptions, Row};
 
 use crate::journal::{Committed, Entry, JournalError};
+use crate::migrations::migrator;
 pub use files::Lost;
 use files::{Files, Lock};
 pub use readers::{
@@ -145,7 +146,7 @@ impl Store {
             .await
             .map_err(failed)?;
         let readers = readers::Readers::open(options).await.map_err(failed)?;
-        let known = sqlx::migrate!().iter().map(|migration| migration.version).max();
+        let known = migrator().iter().map(|migration| migration.version).max();
         if newest != known {
             return Err(OpenError::Tables(path.to_owned()));
         }
@@ -219,7 +220,7 @@ async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
         .disable_statement_logging();
     let mut connection = options.connect().await.map_err(failed)?;
     check_version(&mut connection).await.map_err(failed)??;
-    sqlx::migrate!()
+    migrator()
         .run(&mut connection)
         .await
         .map_err(|source| OpenError::Migrate { path: path.to_owned(), source })?;
