@@ -25,7 +25,7 @@ pub mod episode;
 pub mod eval;
 pub mod fair;
 pub mod host;
-pub mod house;
+pub mod hosted;
 pub mod http;
 pub mod ids;
 pub mod journal;

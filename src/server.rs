@@ -19,7 +19,7 @@ use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
 use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
-use crate::house;
+use crate::hosted;
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
@@ -219,7 +219,7 @@ impl Server {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            let playing = house::run(hosted, app.registry.host().clone(), stop.clone());
+            let playing = hosted::run(hosted, app.registry.host().clone(), stop.clone());
             app.workers.spawn_in_background(Box::pin(playing)).unwrap_or_else(|playing| {
                 drop(tokio::spawn(playing));
             });

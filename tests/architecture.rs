@@ -20,7 +20,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("work", &["fair"]),
     ("store", &["clock", "competition", "fair", "ids", "journal", "keys", "names"]),
     ("episode", &["budget", "clock", "fair", "ids", "journal", "keys", "telemetry", "work"]),
-    ("house", &["clock", "episode", "fair", "journal", "work"]),
+    ("hosted", &["clock", "episode", "fair", "journal", "work"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
@@ -33,7 +33,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "ids",
             "journal",
             "keys",
@@ -55,7 +55,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "ids",
             "journal",
             "keys",
@@ -78,7 +78,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "http",
             "journal",
             "run",
@@ -133,7 +133,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("secrecy", &["llm"]),
     ("backon", &["llm", "players"]),
     ("clap", &["cli", "keys", "telemetry"]),
-    ("swarmbench_players", &["players", "house", "eval", "cli"]),
+    ("swarmbench_players", &["players", "hosted", "eval", "cli"]),
     ("indicatif", &["cli"]),
     ("zip", &["dataset"]),
     ("parquet", &["dataset"]),
@@ -306,7 +306,7 @@ fn every_limit_that_is_named_is_in_the_table() {
         .filter(|name| !protocol.contains(&format!("`{name}`")))
         .map(|name| format!("docs/protocol.md has no `{name}`"))
         .collect();
-    for module in ["fair", "work", "store", "episode", "house", "run", "http"] {
+    for module in ["fair", "work", "store", "episode", "hosted", "run", "http"] {
         let code = code(module);
         for name in limits_named_in(&code) {
             if !known.contains(name) {

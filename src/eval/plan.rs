@@ -7,7 +7,7 @@ use std::fmt;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Config, TaskName};
-use swarmbench_players::{BuiltIn, EACH_TASKS_OWN, all, default_for, find};
+use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
 use crate::run::definition::digest_of_template;
@@ -579,7 +579,7 @@ impl Problems {
         for name in experiment.players.iter().flat_map(|List(names)| names) {
             match name.as_str() {
                 ALL => all().for_each(|player| add(player.name, of(player))),
-                EACH_TASKS_OWN => {
+                DEFAULT_PLAYER => {
                     let own = tasks.iter().map(|&task| (task, default_for(task).name));
                     add(name, own.collect());
                 }

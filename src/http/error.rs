@@ -1,4 +1,4 @@
-//! The one error type that leaves the house.
+//! The one error type that leaves the server.
 //!
 //! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
 //! allowed is `invalid`; who asks is `unauthorized` (nobody known) or `forbidden` (known, but for

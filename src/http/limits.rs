@@ -5,7 +5,7 @@ use crate::episode::places::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
 use crate::episode::registry::TAKE_UPS_MAX;
 use crate::fair::PARTIES_REMEMBERED_MAX;
-use crate::house::HOSTED_ROUNDS_MAX;
+use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
 

@@ -11,7 +11,7 @@ use swarmbench_engine::Config;
 
 use super::suite::{Game, Suite};
 use crate::episode::spec::{Spec, Visibility};
-use crate::house;
+use crate::hosted;
 use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
@@ -95,7 +95,7 @@ impl Definition {
             player: self
                 .player
                 .as_deref()
-                .map(|name| house::player(name, config.task()))
+                .map(|name| hosted::player(name, config.task()))
                 .transpose()?,
             config: Arc::new(config),
         })

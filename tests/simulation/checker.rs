@@ -16,7 +16,7 @@ use swarmbench::episode::registry::CreateError;
 use swarmbench::episode::seating::Taken;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
-use swarmbench::house;
+use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, RawRecord, Record, Source, round_record};
@@ -146,7 +146,7 @@ pub(crate) struct Episode {
     /// The seats that the server plays, once they have a holder.
     hosted: Vec<(AgentId, String)>,
     /// The players of them, shown everything so far.
-    players: Option<house::Players>,
+    players: Option<hosted::Players>,
     /// The head after the opening.
     opening_head: Head,
     seated: bool,
@@ -598,7 +598,7 @@ impl Checker {
         // What the server's players do follows from what they were shown, whatever happened to it.
         let players = episode.players.get_or_insert_with(|| {
             episode.hosted.sort_unstable();
-            house::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
+            hosted::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
         });
         for (agent, decided) in players.decide(&episode.world) {
             let kept = given.get(&agent).filter(|kept| kept.by_player());

@@ -15,7 +15,7 @@ use swarmbench::episode::quota::{Caps, Purpose, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::fair::Party;
-use swarmbench::house;
+use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::{Entry, EpisodeKey};
 use swarmbench::keys::OwnerKey;
@@ -495,8 +495,8 @@ impl Run {
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let (host, turns) = (server.registry.host().clone(), house::turns());
-                let playing = async move { drop(house::play(handle, &host, &turns).await) };
+                let (host, turns) = (server.registry.host().clone(), hosted::turns());
+                let playing = async move { drop(hosted::play(handle, &host, &turns).await) };
                 self.executor.spawn(playing.boxed());
             }
         }

@@ -23,7 +23,7 @@ use crate::episode::quota::Purpose;
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
 use crate::fair::Party;
-use crate::house;
+use crate::hosted;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
 use crate::prompt;
@@ -223,10 +223,10 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     }
     let task = request.task.as_deref().and_then(TaskName::parse);
     let mut built_in = |field: &str, name: &str| {
-        house::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
+        hosted::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
     };
     let fill_with = fill_after.and_then(|_| {
-        built_in("fill_with", request.fill_with.as_deref().unwrap_or(house::EACH_TASKS_OWN))
+        built_in("fill_with", request.fill_with.as_deref().unwrap_or(hosted::DEFAULT_PLAYER))
     });
     let player = request.player.as_deref().and_then(|name| built_in("player", name));
     let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));

@@ -21,7 +21,7 @@ use super::Known;
 use crate::clock::millis;
 use crate::episode::quota::Purpose;
 use crate::fair::Party;
-use crate::house;
+use crate::hosted;
 use crate::ids::Token;
 use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
@@ -261,7 +261,7 @@ fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
             }
         }
         if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
-            && let Err(problem) = house::player(name, task)
+            && let Err(problem) = hosted::player(name, task)
             && told.insert(("player".to_owned(), problem.clone()))
         {
             problems.refuse("player", problem);

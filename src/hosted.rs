@@ -12,7 +12,7 @@ use std::time::Duration;
 use futures::future::{Either, select};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, TaskName, World};
-pub use swarmbench_players::EACH_TASKS_OWN;
+pub use swarmbench_players::DEFAULT_PLAYER;
 use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
@@ -94,7 +94,7 @@ pub async fn run(
 
 /// Why seats are not played on.
 #[derive(Debug, thiserror::Error)]
-pub enum HouseError {
+pub enum HostedError {
     /// An episode names a player that is not built in.
     #[error("{0}")]
     Unknown(String),
@@ -109,7 +109,7 @@ pub enum HouseError {
     Journal(#[from] JournalError),
 }
 
-impl HouseError {
+impl HostedError {
     /// Whether the same will work later: too many others read or wanted heavy work at the moment.
     fn will_pass(&self) -> bool {
         match self {
@@ -126,7 +126,7 @@ impl HouseError {
 ///
 /// # Errors
 /// Where players or their memory cannot be had, or the journal keeps nothing.
-pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HouseError> {
+pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -183,13 +183,13 @@ impl Players {
     ///
     /// # Errors
     /// Where one is not built in.
-    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
+    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HostedError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
-            let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
+            let built_in = built_in.map_err(|error| HostedError::Unknown(error.to_string()))?;
             Ok((*agent, built_in.make(&seat(spec, *agent))))
         });
-        let seats = made.collect::<Result<_, HouseError>>()?;
+        let seats = made.collect::<Result<_, HostedError>>()?;
         Ok(Self { seats, shown: 0 })
     }
 
@@ -210,7 +210,7 @@ impl Players {
         world: &Arc<World>,
         host: &Host,
         party: Party,
-    ) -> Result<(Self, Vec<(AgentId, Submission)>), HouseError> {
+    ) -> Result<(Self, Vec<(AgentId, Submission)>), HostedError> {
         let world = Arc::clone(world);
         let work = move |_: &Cancelled<'_>| {
             let decided = self.decide(&world);
