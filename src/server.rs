@@ -30,7 +30,7 @@ use crate::telemetry;
 use crate::work::Workers;
 
 /// How long the server waits before it tries again to take up what was running before a restart.
-const TAKE_UP_PAUSE: Duration = Duration::from_secs(1);
+const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
 
 /// How often the server looks after what nobody asks for.
 const SWEEP: Duration = Duration::from_mins(1);
@@ -225,8 +225,8 @@ impl Server {
             });
         }
         let clock = tokio::spawn(watch_clock(Arc::clone(&app.clock)));
-        let recovery = tokio::spawn(take_up(app.clone()));
-        let runs = tokio::spawn(look_after_runs(app.clone()));
+        let recovery = tokio::spawn(recover_with_retries(app.clone()));
+        let runs = tokio::spawn(advance_runs(app.clone()));
         let competitions = tokio::spawn(close_competitions(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
@@ -273,17 +273,17 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
 }
 
 /// Takes up what was running before a restart.
-async fn take_up(app: App) {
-    while let Err(error) = take_up_all(&app).await {
+async fn recover_with_retries(app: App) {
+    while let Err(error) = recover_all(&app).await {
         tracing::error!(%error, "unfinished episodes and runs cannot be taken up; trying again");
-        app.clock.sleep_until(after(app.clock.now(), TAKE_UP_PAUSE)).await;
+        app.clock.sleep_until(after(app.clock.now(), RECOVERY_RETRY_PAUSE)).await;
     }
     app.ready.store(true, Ordering::Release);
     app.read_boards().await;
 }
 
-async fn take_up_all(app: &App) -> Result<(), JournalError> {
-    let episodes = app.registry.take_up_unfinished().await?;
+async fn recover_all(app: &App) -> Result<(), JournalError> {
+    let episodes = app.registry.recover_unfinished().await?;
     let runs = app.runs.advance_all().await?;
     if episodes + runs > 0 {
         tracing::info!(episodes, runs, "unfinished episodes and runs were taken up");
@@ -292,22 +292,22 @@ async fn take_up_all(app: &App) -> Result<(), JournalError> {
 }
 
 /// Has runs go on whenever one of their games has ended.
-async fn look_after_runs(app: App) {
+async fn advance_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
-        app.runs.look_after(ended).await;
+        app.runs.advance_ended(ended).await;
     }
 }
 
 /// Closes competitions when their time is over.
 async fn close_competitions(app: App) {
-    closing::look_after(&app.store, &app.runs, &*app.clock).await;
+    closing::run(&app.store, &app.runs, &*app.clock).await;
 }
 
 /// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what
 /// nobody asks for.
 async fn sweep(app: App) {
     loop {
-        app.registry.look_after_idle().await;
+        app.registry.sweep_idle().await;
         if let Err(error) = app.runs.advance_all().await {
             tracing::error!(%error, "runs cannot be looked after");
         }

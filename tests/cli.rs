@@ -196,13 +196,13 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
         .output()
         .expect("the binary runs");
     let log = text(&log.stdout);
-    let deed = |line: &str| {
-        let deed: Value = serde_json::from_str(line).expect("JSON");
-        (deed["who"] == "local", deed["action"].as_str().expect("a text").to_owned())
+    let entry = |line: &str| {
+        let entry: Value = serde_json::from_str(line).expect("JSON");
+        (entry["who"] == "local", entry["action"].as_str().expect("a text").to_owned())
     };
-    let deeds: Vec<_> = log.lines().map(deed).collect();
+    let audit: Vec<_> = log.lines().map(entry).collect();
     let [revoke, create] = ["key.revoke", "key.create"].map(str::to_owned);
-    assert_eq!(deeds, [(false, revoke), (false, create.clone()), (true, create)]);
+    assert_eq!(audit, [(false, revoke), (false, create.clone()), (true, create)]);
 
     let play = |key: &str| {
         Command::new(env!("CARGO_BIN_EXE_swarmbench"))

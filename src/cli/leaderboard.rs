@@ -28,7 +28,7 @@ const WIDE: u16 = 132;
 )]
 pub(super) struct Args {
     #[command(flatten)]
-    place: Place,
+    source: Source,
     /// The suite: its name, or name@digest where several have that name (standard).
     #[arg(long)]
     suite: Option<String>,
@@ -59,7 +59,7 @@ pub(super) struct Args {
 #[command(after_help = "Example:\n  swarmbench cross-play --task Foraging --csv > cross-play.csv")]
 pub(super) struct CrossPlayArgs {
     #[command(flatten)]
-    place: Place,
+    source: Source,
     /// Games of this task only.
     #[arg(long, value_parser = super::play::task)]
     task: Option<TaskName>,
@@ -73,7 +73,7 @@ pub(super) struct CrossPlayArgs {
 
 /// Where the results are: behind a server, or in a database that no server uses.
 #[derive(Debug, clap::Args)]
-struct Place {
+struct Source {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
@@ -90,7 +90,7 @@ enum Opened {
     Database(Store),
 }
 
-impl Place {
+impl Source {
     async fn open(self) -> anyhow::Result<Opened> {
         let Some(db) = self.db else {
             let client = Client::new(&self.server)?;
@@ -111,9 +111,9 @@ impl Place {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { place, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
+    let Args { source, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
     let question = Question { suite, rules, task, sort, pick, no_reference, imported };
-    let board = match place.open().await? {
+    let board = match source.open().await? {
         Opened::Server(client) => client.leaderboard(&question).await?,
         Opened::Database(store) => {
             let boards = Standings::new(store.clone()).boards().await?;
@@ -131,8 +131,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
-    let CrossPlayArgs { place, task, rules, csv } = args;
-    let found = match place.open().await? {
+    let CrossPlayArgs { source, task, rules, csv } = args;
+    let found = match source.open().await? {
         Opened::Server(client) => {
             client.cross_play(task.map(TaskName::name), rules.as_deref()).await?
         }

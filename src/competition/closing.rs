@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 const PAUSE_MAX: Duration = Duration::from_mins(1);
 
 /// Looks after competitions that have closed, for ever.
-pub async fn look_after(store: &Store, runs: &Runs, clock: &dyn Clock) {
+pub async fn run(store: &Store, runs: &Runs, clock: &dyn Clock) {
     let mut failed = Failed::default();
     loop {
         if clock.doubt().is_none() {
@@ -94,7 +94,7 @@ async fn close(
         }
     }
     // Whoever began to start an attempt in time has started it.
-    let _closed = runs.while_nobody_enters().await;
+    let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
 }
 

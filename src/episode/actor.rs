@@ -18,10 +18,10 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use super::heavy::{self, off_thread, step_micros};
 use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
 use super::memory;
-use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
+use super::in_flight::{InFlightLimit, InFlightPermits, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
 use super::replay::Replays;
-use super::seating::{Seating, Taken, Wanted};
+use super::seating::{SeatTaken, Seating, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::budget::{Budget, Reservation};
@@ -107,7 +107,7 @@ pub struct Claimed {
 pub enum ClaimError {
     /// The seats have holders, or there never were open ones.
     #[error(transparent)]
-    Taken(#[from] Taken),
+    SeatTaken(#[from] SeatTaken),
     /// The episode has ended.
     #[error("the episode has ended")]
     Over,
@@ -119,14 +119,14 @@ pub enum ClaimError {
 enum Message {
     Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Told)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
-    Abort { deeds: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
 }
 
-/// Acts on their way to the actor, with the places that they take.
+/// Acts on their way to the actor, with their permits.
 struct Batch {
     acts: Vec<Sent>,
-    places: places::Taken,
+    permits: InFlightPermits,
 }
 
 /// An act on its way.
@@ -228,7 +228,7 @@ pub struct Running {
     journal: Arc<dyn Journal>,
     mailbox: mpsc::UnboundedSender<Letter>,
     /// What bounds the acts in the mailbox.
-    places: Arc<Places>,
+    in_flight: Arc<InFlightLimit>,
     /// What bounds everything else in it.
     commands: Semaphore,
     /// Whoever looks up acts of rounds that are over: one at a time in each episode, so that others
@@ -270,7 +270,7 @@ impl Handle {
         let at = self.clock.now();
         let round = self.snapshot().world.round();
         let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
-        let (mut places, refused) = self.places.take(acts.iter().map(|(agent, _)| *agent));
+        let (mut permits, refused) = self.in_flight.take(acts.iter().map(|(agent, _)| *agent));
         let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
             .filter(|(_, (agent, _))| !refused.contains(agent))
             .map(|(place, (agent, submission))| Sent {
@@ -280,9 +280,9 @@ impl Handle {
                 earlier: Earlier::Unknown,
             })
             .partition(|sent| sent.submission.round >= round);
-        let places_of_now = places.split(now.iter().map(|sent| sent.agent));
+        let permits_of_now = permits.split(now.iter().map(|sent| sent.agent));
         // What may decide a round does not wait for anything.
-        let late = self.tell(at, Batch { acts: now, places: places_of_now }, &mut outcomes).await;
+        let late = self.tell(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
         if !late.is_empty()
             && let Err(error) = self.journal.keep(Vec::new()).await
         {
@@ -292,7 +292,7 @@ impl Handle {
             }
             return outcomes;
         }
-        let mut batch = Batch { acts: Vec::new(), places };
+        let mut batch = Batch { acts: Vec::new(), permits };
         for mut sent in past.into_iter().chain(late) {
             match self.earlier(&sent).await {
                 Ok(earlier) => {
@@ -367,8 +367,8 @@ impl Handle {
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn abort_with(&self, deeds: Vec<Entry>) -> Result<(), JournalError> {
-        self.command(|reply| Message::Abort { deeds, reply }).await
+    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
+        self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
 
     async fn command<T, E: From<JournalError>>(
@@ -574,7 +574,7 @@ pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle
         clock: Arc::clone(&host.clock),
         journal: Arc::clone(&host.journal),
         mailbox,
-        places: Places::new(fresh.spec.config.num_agents()),
+        in_flight: InFlightLimit::new(fresh.spec.config.num_agents()),
         commands: Semaphore::new(COMMANDS_WAITING_MAX),
         lookups: tokio::sync::Mutex::new(()),
         published,
@@ -699,7 +699,7 @@ impl Actor {
     async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Letter>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
-        self.take_up().await;
+        self.resume().await;
         loop {
             note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
             let wake = self.wakes_at();
@@ -800,7 +800,7 @@ impl Actor {
 
     /// What is due before the first event: a layout that is solved already, or a round whose acts
     /// were all kept before a restart.
-    async fn take_up(&mut self) {
+    async fn resume(&mut self) {
         let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
         effects.extend(self.end_if_solved(now));
@@ -834,10 +834,10 @@ impl Actor {
                 effects.extend(self.end_if_solved(at));
                 self.perform_for(at, effects, (), reply).await;
             }
-            Message::Abort { deeds, reply } => {
+            Message::Abort { audit_entries, reply } => {
                 let effects = self.apply(at, Event::Abort);
                 if !effects.is_empty() {
-                    self.ahead.extend(deeds);
+                    self.ahead.extend(audit_entries);
                 }
                 self.perform_for(at, effects, (), reply).await;
             }
@@ -881,8 +881,8 @@ impl Actor {
             return Err(ClaimError::Over);
         }
         let none_open = match wanted {
-            Wanted::Seat(agent) => Taken::Seat(agent),
-            Wanted::Any(wanted) => Taken::Few { open: 0, wanted },
+            Wanted::Seat(agent) => SeatTaken::Seat(agent),
+            Wanted::Any(wanted) => SeatTaken::Few { open: 0, wanted },
         };
         let seating = self.seating.as_mut().ok_or(none_open)?;
         let (holder, agents) = seating.claim(wanted, Holder { at, ..holder })?;
@@ -917,7 +917,7 @@ impl Actor {
         let mut effects = Vec::new();
         let mut told: Vec<(usize, Told)> = Vec::with_capacity(batch.acts.len());
         let mut used = self.bytes;
-        let Batch { acts, places } = batch;
+        let Batch { acts, permits } = batch;
         for sent in acts {
             if sent.submission.round < self.world.round()
                 && matches!(sent.earlier, Earlier::Unknown)
@@ -954,7 +954,7 @@ impl Actor {
                 }
             }
             drop(reply.send(told));
-            drop(places);
+            drop(permits);
         })
         .await;
     }

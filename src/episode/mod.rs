@@ -8,9 +8,9 @@
 
 pub mod actor;
 pub mod heavy;
+pub mod in_flight;
 pub mod lockstep;
 pub mod memory;
-pub mod places;
 pub mod quota;
 pub mod recovery;
 pub mod registry;

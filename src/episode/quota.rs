@@ -217,7 +217,7 @@ struct OfOwner {
 struct Share {
     episodes: usize,
     bytes: u64,
-    pace: Pace,
+    bucket: TokenBucket,
 }
 
 impl Quotas {
@@ -287,7 +287,7 @@ impl Quotas {
         let held = self.held();
         let Some(party) = held.unfinished.get(&episode) else { return Ok(()) };
         held.check_bytes(caps, *party, more)?;
-        held.check_pace(caps, *party, now)
+        held.check_rate(caps, *party, now)
     }
 
     /// Counts bytes that an act of an episode takes.
@@ -322,7 +322,7 @@ impl Quotas {
     pub fn tidy(&self, now: Timestamp) {
         let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
         let mut held = self.held();
-        held.by_entrant.retain(|_, share| share.episodes > 0 || share.pace.is_behind(now));
+        held.by_entrant.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
         held.by_group.retain(|group, share| {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
@@ -330,7 +330,7 @@ impl Quotas {
                 // Those of a key are counted by key.
                 Group::Owner(_) | Group::Server => false,
             };
-            bytes || share.episodes > 0 || share.pace.is_behind(now)
+            bytes || share.episodes > 0 || share.bucket.is_behind(now)
         });
     }
 }
@@ -407,9 +407,9 @@ impl Held {
     }
 
     /// Whether another large act may be written now.
-    fn check_pace(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
+    fn check_rate(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
         let check = |share: Option<&Share>, whose, most| match share
-            .map_or(0, |share| share.pace.wait_ms(now))
+            .map_or(0, |share| share.bucket.wait_ms(now))
         {
             0 => Ok(()),
             after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
@@ -446,10 +446,10 @@ impl Held {
 
     /// Counts a large act against what may be written a second.
     fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
-        let group = &mut self.by_group.entry(party.group).or_default().pace;
+        let group = &mut self.by_group.entry(party.group).or_default().bucket;
         if let Group::Competition(_) = party.group {
             group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
-            let entrant = &mut self.by_entrant.entry(party).or_default().pace;
+            let entrant = &mut self.by_entrant.entry(party).or_default().bucket;
             entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
         } else {
             group.write(bytes, caps.journal_bytes_per_key_s_max, now);
@@ -485,11 +485,11 @@ impl Held {
 
 /// A token bucket, as the time at which it is full again.
 #[derive(Clone, Copy, Debug, Default)]
-struct Pace {
+struct TokenBucket {
     full_at_us: i64,
 }
 
-impl Pace {
+impl TokenBucket {
     const BURST_US: i64 = BURST_S * 1_000_000;
 
     /// Whether it is not full.

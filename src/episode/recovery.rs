@@ -50,7 +50,7 @@ pub(super) async fn recover(
     let config = Arc::clone(&spec.config);
     let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
     let Host { journal, clock, workers, budget, .. } = host;
-    let share = (taken_up_for(&stored, party), Rank::Normal);
+    let share = (recovered_for(&stored, party), Rank::Normal);
     let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
     let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {
@@ -115,7 +115,7 @@ pub(super) async fn recover(
 }
 
 /// For whom an episode of `party` is taken up: one that has ended for whoever asks.
-pub(super) fn taken_up_for(stored: &StoredEpisode, party: Party) -> Party {
+pub(super) fn recovered_for(stored: &StoredEpisode, party: Party) -> Party {
     if stored.end.is_some() { Party::current() } else { party }
 }
 

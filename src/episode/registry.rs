@@ -19,7 +19,7 @@ use super::heavy::{is_heavy, off_thread, step_micros};
 use super::lockstep::{Lockstep, Standing};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
-use super::recovery::{RecoveryError, clocks, described, recover, taken_up_for};
+use super::recovery::{RecoveryError, clocks, described, recover, recovered_for};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
@@ -37,14 +37,14 @@ use crate::work::{Cancelled, WorkError, Workers};
 
 /// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
 /// is ready without it.
-const LIGHT_TO_TAKE_UP_MICROS: u64 = 250_000;
+const LIGHT_RECOVERY_MICROS: u64 = 250_000;
 
 /// Light episodes that are taken up at once after a start.
-const TAKEN_UP_AT_ONCE: usize = 8;
+const RECOVERED_AT_ONCE: usize = 8;
 
 /// Episodes that are not in memory and are looked after at once by a sweep: one that takes long, or whose journal is
 /// broken, keeps no other from its end.
-const LOOKED_AFTER_AT_ONCE: usize = 8;
+const SWEPT_AT_ONCE: usize = 8;
 
 /// How long an episode that nobody asks for stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
@@ -63,15 +63,15 @@ const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Episodes that are taken up from their journals at once; each may read as much as some rounds have text.
-pub const TAKE_UPS_MAX: usize = 32;
+pub const RECOVERIES_MAX: usize = 32;
 
 /// Turns to take episodes up: a group has no more than half of them.
-fn take_ups() -> FairLimit {
+fn recoveries() -> FairLimit {
     let shares = Shares {
-        slots: TAKE_UPS_MAX,
+        slots: RECOVERIES_MAX,
         reserve: 0,
-        slots_per_group: TAKE_UPS_MAX / 2,
-        slots_per_member: TAKE_UPS_MAX / 2,
+        slots_per_group: RECOVERIES_MAX / 2,
+        slots_per_member: RECOVERIES_MAX / 2,
         // There is one for each episode at most.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,
@@ -99,7 +99,7 @@ pub struct Creation {
 
 /// Where an episode is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Location {
     /// In memory.
     Memory,
     /// In the journal, and it has not ended: it is taken up to the end, whoever asked.
@@ -154,7 +154,7 @@ pub struct Registry {
     /// Until when nobody looks for idle episodes of a group, or of all, again: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
     /// Turns to take an episode up from its journal.
-    take_ups: FairLimit,
+    recoveries: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
@@ -227,7 +227,7 @@ impl Slot {
         }
         if handle.is_dead() {
             self.vacate(now);
-        } else if !handle.spec.goes_on_alone() {
+        } else if !handle.spec.advances_by_itself() {
             self.vacate(handle.ends_at());
         }
         true
@@ -238,7 +238,7 @@ impl Slot {
         let place = std::mem::take(&mut self.handle);
         let Some(handle) = place.get() else { return };
         self.ends_at = Some(ends_at);
-        self.clocked = handle.spec.goes_on_alone();
+        self.clocked = handle.spec.advances_by_itself();
         self.leaving = Some(handle.gone());
         self.times = Some(handle.times());
     }
@@ -272,7 +272,7 @@ impl Registry {
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             none_idle_until: Arc::default(),
-            take_ups: take_ups(),
+            recoveries: recoveries(),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
@@ -483,7 +483,7 @@ impl Registry {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting,
-            clocked: spec.goes_on_alone(),
+            clocked: spec.advances_by_itself(),
             at: now,
             idempotency,
             tokens,
@@ -574,11 +574,11 @@ impl Registry {
 
     /// Where an episode is; there may be none of that id.
     #[must_use]
-    pub fn place(&self, id: &EpisodeId) -> Place {
+    pub fn location(&self, id: &EpisodeId) -> Location {
         match self.slots().get(id) {
-            Some(slot) if slot.handle.initialized() => Place::Memory,
-            Some(slot) if slot.ends_at.is_some() => Place::Unfinished,
-            Some(_) | None => Place::Journal,
+            Some(slot) if slot.handle.initialized() => Location::Memory,
+            Some(slot) if slot.ends_at.is_some() => Location::Unfinished,
+            Some(_) | None => Location::Journal,
         }
     }
 
@@ -596,7 +596,7 @@ impl Registry {
         let cell = match known {
             // It goes on, so it is taken up to the end, also where whoever asked has gone.
             Some((cell, true)) if !cell.initialized() => {
-                return self.take_up_to_the_end(cell, id).await;
+                return self.recover_detached(cell, id).await;
             }
             Some((cell, _)) => cell,
             // Only episodes that exist get a place.
@@ -609,19 +609,19 @@ impl Registry {
         self.fill(&cell, id).await
     }
 
-    async fn take_up_to_the_end(
+    async fn recover_detached(
         &self,
         cell: Arc<OnceCell<Handle>>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        let (done, taken_up) = oneshot::channel();
+        let (done, recovered) = oneshot::channel();
         let (registry, id) = (self.clone(), id.clone());
         (self.host.spawn)(Box::pin(fair::inherit(async move {
             drop(done.send(registry.fill(&cell, &id).await));
         })));
         let stopping =
             || Err(RecoveryError::from(JournalError("the server is stopping".into())).into());
-        taken_up.await.unwrap_or_else(|_| stopping())
+        recovered.await.unwrap_or_else(|_| stopping())
     }
 
     /// Fills the place of an episode: whoever comes first takes it up, the others wait for that.
@@ -630,11 +630,11 @@ impl Registry {
         cell: &OnceCell<Handle>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        let take_up = || async {
-            let _turn = self.take_ups.acquire_always(Party::current(), Rank::current()).await;
-            self.take_up(id).await
+        let recover_one = || async {
+            let _turn = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
+            self.recover(id).await
         };
-        match cell.get_or_try_init(take_up).await {
+        match cell.get_or_try_init(recover_one).await {
             Ok(handle) => Ok(Some(handle.clone())),
             Err(None) => Ok(None),
             Err(Some(error)) => Err(error),
@@ -642,7 +642,7 @@ impl Registry {
     }
 
     /// Takes an episode up from the journal; an error without a reason says that there is none.
-    async fn take_up(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
+    async fn recover(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
         let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
         if let Some(leaving) = leaving {
             leaving.cancelled().await;
@@ -689,9 +689,9 @@ impl Registry {
         let is_over = stored.end.is_some();
         let hosted = if is_over { 0 } else { spec.hosted_max() };
         let bytes = memory::expected(&spec.config, stored.rounds, hosted);
-        let group = Some(taken_up_for(stored, party).group);
+        let group = Some(recovered_for(stored, party).group);
         match self.room_of(bytes, group) {
-            Err(_) if spec.goes_on_alone() && !is_over => Ok(self.host.budget.take(bytes, group)),
+            Err(_) if spec.advances_by_itself() && !is_over => Ok(self.host.budget.take(bytes, group)),
             room => Ok(room?),
         }
     }
@@ -702,7 +702,7 @@ impl Registry {
     ///
     /// # Errors
     /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
-    pub async fn take_up_unfinished(&self) -> Result<usize, JournalError> {
+    pub async fn recover_unfinished(&self) -> Result<usize, JournalError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked, .. } in &all {
@@ -719,7 +719,7 @@ impl Registry {
         }
         let count = all.len();
         let (light, heavy) = in_line(all);
-        self.take_up_all(light, TAKEN_UP_AT_ONCE).await;
+        self.recover_all(light, RECOVERED_AT_ONCE).await;
         if !heavy.is_empty() {
             tracing::info!(
                 count = heavy.len(),
@@ -727,7 +727,7 @@ impl Registry {
             );
             let registry = self.clone();
             (self.host.spawn)(Box::pin(async move {
-                registry.take_up_all(heavy, registry.host.workers.threads()).await;
+                registry.recover_all(heavy, registry.host.workers.threads()).await;
                 tracing::info!("all episodes with clocks are taken up");
             }));
         }
@@ -735,17 +735,17 @@ impl Registry {
     }
 
     /// Takes up episodes in this order, so many at once.
-    async fn take_up_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
-        let take_up = async |id: EpisodeId| {
-            self.look_after(&id).await;
+    async fn recover_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
+        let recover_one = async |id: EpisodeId| {
+            self.recover_or_log(&id).await;
             if let Some(slot) = self.slots().get_mut(&id) {
                 slot.in_line = false;
             }
         };
-        stream::iter(ids).map(take_up).buffer_unordered(at_once).collect::<()>().await;
+        stream::iter(ids).map(recover_one).buffer_unordered(at_once).collect::<()>().await;
     }
 
-    async fn look_after(&self, id: &EpisodeId) {
+    async fn recover_or_log(&self, id: &EpisodeId) {
         match self.find(id).await {
             Ok(_) => {}
             // It is tried again with the next sweep.
@@ -758,7 +758,7 @@ impl Registry {
 
     /// Takes up the episodes that are not in memory and would have ended by now, or of
     /// which that is not known.
-    pub async fn look_after_idle(&self) {
+    pub async fn sweep_idle(&self) {
         let now = self.host.clock.now();
         let is_in_doubt = self.host.clock.doubt().is_some();
         let mut due: Vec<(EpisodeId, bool)> = Vec::new();
@@ -776,15 +776,15 @@ impl Registry {
         }
         // The oldest first, and always in the same order.
         due.sort_unstable();
-        let look_after = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
+        let recover_due = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
             Ok(Some(at)) if at > now && !clocked => {
                 if let Some(slot) = self.slots().get_mut(&id) {
                     slot.ends_at = slot.ends_at.map(|_| at);
                 }
             }
-            _ => self.look_after(&id).await,
+            _ => self.recover_or_log(&id).await,
         };
-        stream::iter(due).for_each_concurrent(LOOKED_AFTER_AT_ONCE, look_after).await;
+        stream::iter(due).for_each_concurrent(SWEPT_AT_ONCE, recover_due).await;
     }
 
     /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.
@@ -806,7 +806,7 @@ impl Registry {
 
     /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
     /// their place, those with a running clock stay.
-    pub fn let_go(&self) {
+    pub fn evict_unused(&self) {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
         self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
@@ -817,10 +817,10 @@ impl Registry {
 /// time comes first; apart from them those that take long.
 fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
     let mut in_line: Vec<_> = (all.into_iter().filter(|episode| episode.clocked))
-        .map(|episode| (micros_to_take_up(&episode), episode.episode, episode.id))
+        .map(|episode| (recovery_micros(&episode), episode.episode, episode.id))
         .collect();
     in_line.sort_unstable();
-    let light = in_line.partition_point(|(micros, ..)| *micros <= LIGHT_TO_TAKE_UP_MICROS);
+    let light = in_line.partition_point(|(micros, ..)| *micros <= LIGHT_RECOVERY_MICROS);
     let heavy = in_line.split_off(light);
     let ids =
         |line: Vec<(u64, EpisodeKey, EpisodeId)>| line.into_iter().map(|(.., id)| id).collect();
@@ -828,7 +828,7 @@ fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
 }
 
 /// About how long it takes at worst to play an episode again: its layout and all its rounds.
-fn micros_to_take_up(episode: &Unfinished) -> u64 {
+fn recovery_micros(episode: &Unfinished) -> u64 {
     let Some((config, rounds)) = &episode.played else { return 0 };
     config.engine().map_or(0, |config| step_micros(&config) * (1 + u64::from(*rounds)))
 }

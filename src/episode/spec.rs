@@ -134,7 +134,7 @@ impl Spec {
 
     /// Whether something happens in it though nobody asks: a clock runs, or the server plays.
     #[must_use]
-    pub fn goes_on_alone(&self) -> bool {
+    pub fn advances_by_itself(&self) -> bool {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 

@@ -234,14 +234,14 @@ impl Caller {
         }
     }
 
-    /// Whether it was created with the caller's key.
-    pub(super) fn has_made(&self, owner: Option<OwnerKey>) -> bool {
+    /// Whether the caller's key created it.
+    pub(super) fn created(&self, owner: Option<OwnerKey>) -> bool {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
 
-    /// What an organizer did to something that belongs to somebody else; none where the caller is none, or
+    /// The audit entry of what an organizer did to something that belongs to somebody else; none where the caller is no organizer, or
     /// did it to their own.
-    pub(super) fn audit(
+    pub(super) fn audit_foreign(
         &self,
         owner: Option<OwnerKey>,
         at: Timestamp,

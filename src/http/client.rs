@@ -357,7 +357,7 @@ pub(super) async fn admit(
     let client = Client::of(peer, request.headers(), request.uri(), trusted);
     app.rates.check_address(client.address, &app.limits)?;
     request.extensions_mut().insert(client);
-    let counted = app.in_flight.take(client.address, &app.limits)?;
+    let in_flight = app.in_flight.take(client.address, &app.limits)?;
     let rank = rank(request.method(), request.uri().path());
     let is_light = rank == Rank::Urgent && is_light(&request);
     let answered = async { (next.run(request).await, Origin::current()) };
@@ -365,7 +365,7 @@ pub(super) async fn admit(
     let (mut response, origin) =
         if is_light { answered.await } else { app.workers.in_background(answered).await? };
     // It counts until its body is sent, and is made for the same party to its end.
-    response.extensions_mut().insert(Asked { origin, _counted: counted });
+    response.extensions_mut().insert(RequestContext { origin, _in_flight: in_flight });
     Ok(response)
 }
 
@@ -374,22 +374,22 @@ pub(super) async fn admit(
 #[derive(Debug, Default)]
 pub(super) struct InFlight(Mutex<HashMap<IpAddr, usize>>);
 
-/// What is to be known of a request until its answer is sent.
+/// What accompanies a request until its answer is sent.
 #[derive(Clone, Debug)]
-pub(super) struct Asked {
+pub(super) struct RequestContext {
     /// For whom the answer is made.
     pub(super) origin: Origin,
-    _counted: Counted,
+    _in_flight: InFlightRequest,
 }
 
 /// A request that is counted until this is dropped.
 #[derive(Clone, Debug)]
-struct Counted {
-    _place: Option<Arc<InFlightPlace>>,
+struct InFlightRequest {
+    _permit: Option<Arc<InFlightPermit>>,
 }
 
 #[derive(Debug)]
-struct InFlightPlace {
+struct InFlightPermit {
     all: Arc<InFlight>,
     network: IpAddr,
 }
@@ -400,9 +400,9 @@ impl InFlight {
     }
 
     /// Counts a request of an address. Those of this machine itself are not limited.
-    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<Counted, ApiError> {
+    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<InFlightRequest, ApiError> {
         if address.is_loopback() {
-            return Ok(Counted { _place: None });
+            return Ok(InFlightRequest { _permit: None });
         }
         let network = network(address);
         let most = limits.requests_per_address_max;
@@ -416,12 +416,12 @@ impl InFlight {
         }
         *here += 1;
         drop(requests);
-        let place = InFlightPlace { all: Arc::clone(self), network };
-        Ok(Counted { _place: Some(Arc::new(place)) })
+        let permit = InFlightPermit { all: Arc::clone(self), network };
+        Ok(InFlightRequest { _permit: Some(Arc::new(permit)) })
     }
 }
 
-impl Drop for InFlightPlace {
+impl Drop for InFlightPermit {
     fn drop(&mut self) {
         let mut requests = self.all.requests();
         if let Entry::Occupied(mut here) = requests.entry(self.network) {

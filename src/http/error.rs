@@ -18,7 +18,7 @@ use crate::budget::NoMemory;
 use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::lockstep::Refusal;
-use crate::episode::places::SEAT_ACTS_WAITING_MAX;
+use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
@@ -389,7 +389,7 @@ impl From<StartError> for ApiError {
 impl From<ClaimError> for ApiError {
     fn from(error: ClaimError) -> Self {
         match error {
-            ClaimError::Taken(taken) => Self::new(Code::SeatTaken, taken.to_string()),
+            ClaimError::SeatTaken(taken) => Self::new(Code::SeatTaken, taken.to_string()),
             ClaimError::Over => {
                 Self::new(Code::EpisodeOver, "the episode has ended; its seats cannot be claimed")
             }

@@ -1,9 +1,9 @@
 //! Every limit of the server by its name; the unit is the last part.
 
 use super::stream::{STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
-use crate::episode::places::SEAT_ACTS_WAITING_MAX;
+use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
-use crate::episode::registry::TAKE_UPS_MAX;
+use crate::episode::registry::RECOVERIES_MAX;
 use crate::fair::PARTIES_REMEMBERED_MAX;
 use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
@@ -307,7 +307,7 @@ impl Limits {
             ("heavy_jobs_max", JOBS_WAITING_MAX as u64),
             ("heavy_jobs_per_group_max", JOBS_WAITING_PER_GROUP_MAX as u64),
             ("hosted_rounds_max", HOSTED_ROUNDS_MAX as u64),
-            ("take_ups_max", TAKE_UPS_MAX as u64),
+            ("take_ups_max", RECOVERIES_MAX as u64),
             ("readers_max", READERS_MAX as u64),
             ("readers_waiting_max", READERS_WAITING_MAX as u64),
             ("readers_waiting_per_group_max", READERS_WAITING_PER_GROUP_MAX as u64),

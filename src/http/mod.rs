@@ -21,7 +21,6 @@ mod keys;
 pub mod limits;
 mod made;
 pub mod openapi;
-mod pace;
 mod page;
 mod refusals;
 mod room;
@@ -30,6 +29,7 @@ mod runs;
 pub mod serve;
 mod stream;
 mod swarm;
+mod timers;
 mod waiting;
 
 use std::ops::Deref;
@@ -45,7 +45,7 @@ use tokio_util::sync::CancellationToken;
 use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
-use crate::episode::registry::{Place, Registry};
+use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::host::Disk;
@@ -82,7 +82,7 @@ const INTERVALS_CACHED: usize = 100_000;
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How long a request waits for an episode that is being taken up.
-const TAKE_UP_PATIENCE: Duration = Duration::from_secs(20);
+const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// How long a request waits until a state of an earlier round can be made.
 const REPLAY_PATIENCE: Duration = Duration::from_secs(10);
@@ -195,13 +195,13 @@ impl App {
 
     /// Forgets what is not needed any more; to be called now and then.
     pub fn tidy(&self) {
-        self.registry.let_go();
+        self.registry.evict_unused();
         self.rates.forget_idle();
     }
 
     /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
     /// it waits when its client hangs up.
-    async fn to_its_end<T: Send + 'static>(
+    async fn run_detached<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
         let done = telemetry::spawn(work).await;
@@ -209,7 +209,7 @@ impl App {
     }
 
     /// One creation with the same idempotency key goes on at a time.
-    async fn one_by_one(&self, key: &str) -> MutexGuard<'_, ()> {
+    async fn idempotency_lock(&self, key: &str) -> MutexGuard<'_, ()> {
         let lock = crc32fast::hash(key.as_bytes()) as usize % CREATION_LOCKS;
         self.creating[lock].lock().await
     }
@@ -290,16 +290,16 @@ impl App {
     /// The episode with this id. One that goes on is waited for while it is taken up, but not for ever.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
         let find = self.registry.find(id);
-        let found = match self.registry.place(id) {
-            Place::Memory => find.await,
-            Place::Unfinished => {
-                let found = tokio::time::timeout(TAKE_UP_PATIENCE, find).await;
+        let found = match self.registry.location(id) {
+            Location::Memory => find.await,
+            Location::Unfinished => {
+                let found = tokio::time::timeout(RECOVERY_TIMEOUT, find).await;
                 found.map_err(|_| {
                     let detail = "the episode is still played again from its journal; its clock does not run";
                     ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
                 })?
             }
-            Place::Journal => {
+            Location::Journal => {
                 let _turn = self.replay_turn().await?;
                 find.await
             }

@@ -171,14 +171,14 @@ impl Runs {
         self.0.locks[place].lock().await
     }
 
-    /// As long as this is held no competition is revealed: whoever looks at the clock and enters one, or
+    /// While the guard lives no competition is revealed. A caller that reads the clock and enters one, or
     /// starts an attempt in it, does both before that.
-    pub async fn while_closed_competitions_wait(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
+    pub async fn block_reveal(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
         self.0.entering.read().await
     }
 
-    /// As long as this is held nobody enters a competition.
-    pub(crate) async fn while_nobody_enters(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
+    /// While the guard lives nobody enters a competition.
+    pub(crate) async fn block_entries(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
         self.0.entering.write().await
     }
 
@@ -239,7 +239,7 @@ impl Runs {
     /// Where the database cannot be used; the next call does what is left.
     pub async fn advance(&self, run: RunKey) -> Result<(), JournalError> {
         let runs = self.clone();
-        self.to_its_end(async move { runs.advance_now(run).await }).await
+        self.run_detached(async move { runs.advance_now(run).await }).await
     }
 
     /// Ends a run: `Aborted` ends its open games, too; after any other status they go on to their end.
@@ -260,15 +260,15 @@ impl Runs {
         &self,
         run: RunKey,
         status: RunStatus,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<bool, JournalError> {
         let runs = self.clone();
-        self.to_its_end(async move {
+        self.run_detached(async move {
             let _turn = runs.turn(run).await;
             let stored = runs.stored(run).await?;
             let ends = stored.ended_at.is_none();
             if ends {
-                runs.keep_end(&stored, status, deeds).await?;
+                runs.keep_end(&stored, status, audit_entries).await?;
             }
             runs.settle(run).await?;
             Ok(ends)
@@ -283,11 +283,11 @@ impl Runs {
     pub async fn replace_token(
         &self,
         run: RunKey,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<Token, JournalError> {
         let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
-        self.0.parts.store.keep([entry].into_iter().chain(deeds).collect()).await?;
+        self.0.parts.store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
         Ok(token)
     }
 
@@ -306,7 +306,7 @@ impl Runs {
     }
 
     /// Advances runs whenever one of their games has ended, for ever.
-    pub async fn look_after(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
+    pub async fn advance_ended(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
         let ended = UnboundedReceiverStream::new(ended);
         ended.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
     }
@@ -336,7 +336,7 @@ impl Runs {
 
     /// Does something of a run to its end, whoever goes meanwhile: what is broken off while a game is
     /// being opened gives the lock back before the game can be found.
-    async fn to_its_end<T: Send + 'static>(
+    async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
     ) -> Result<T, JournalError> {
@@ -427,12 +427,12 @@ impl Runs {
         &self,
         stored: &StoredRun,
         status: RunStatus,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.wall() };
-        store.keep([entry].into_iter().chain(deeds).collect()).await?;
+        store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
         self.keyless().remove(&stored.run);
         self.waiting().remove(&stored.run);
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);

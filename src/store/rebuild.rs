@@ -8,7 +8,7 @@ use sqlx::{Connection, Row};
 
 use super::again::{Kept, play_again};
 use super::episodes::head;
-use super::{OpenError, Taken, results, take};
+use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::journal::record::{ActRecord, RawRecord, Record};
 use crate::journal::{EpisodeKey, Tally};
 
@@ -61,7 +61,7 @@ pub async fn rebuild(
         return Err(RebuildError::NoDatabase(path.to_owned()));
     }
     // The lock is held until the connection is closed.
-    let Taken { mut connection, lock, .. } = take(path, false).await?;
+    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
     let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
     let rebuilt = all(&mut transaction, replay, &mut progress).await?;
     transaction.commit().await?;

@@ -617,9 +617,10 @@ impl CompetitionRow {
     }
 }
 
-/// What an organizer did.
+/// Something that an organizer did, as the audit log has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Deed {
+#[schema(as = Deed)]
+pub struct AuditEntry {
     /// When.
     #[schema(value_type = String, format = "date-time")]
     pub at: Timestamp,
@@ -638,7 +639,7 @@ pub struct Deed {
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct AuditLog {
     /// What organizers did, newest first.
-    pub items: Vec<Deed>,
+    pub items: Vec<AuditEntry>,
     /// Where the next page begins; null on the last one.
     pub next_cursor: Option<String>,
 }

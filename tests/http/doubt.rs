@@ -158,9 +158,9 @@ async fn an_organizer_confirms_a_clock_that_was_set() {
     assert_eq!(app.problems().await, "");
     cup.closed(&app).await;
     let audit = app.get("/api/v1/audit").token(&app.organizer).ok().await;
-    let deed = &list(&audit["items"])[0];
+    let entry = &list(&audit["items"])[0];
     assert_eq!(
-        (&deed["action"], &deed["detail"]["moved_ms"]),
+        (&entry["action"], &entry["detail"]["moved_ms"]),
         (&json!("clock.confirm"), &json!(HOUR_MS))
     );
     assert_eq!(confirm(&app).await["doubt"], Value::Null);

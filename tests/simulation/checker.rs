@@ -13,7 +13,7 @@ use swarmbench::episode::lockstep::{Given, Receipt, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
-use swarmbench::episode::seating::Taken;
+use swarmbench::episode::seating::SeatTaken;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
 use swarmbench::hosted;
@@ -962,11 +962,11 @@ impl Checker {
                 self.check(Invariant::TrueRefusals, is_over, || format!("{id} is not over"));
                 false
             }
-            Err(ClaimError::Taken(taken)) => {
+            Err(ClaimError::SeatTaken(taken)) => {
                 self.stats.count("refused: seat_taken", 1);
                 let is_true = self.episode(id).is_some_and(|episode| match taken {
-                    Taken::Seat(agent) => episode.holders[agent.index()].is_some(),
-                    Taken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
+                    SeatTaken::Seat(agent) => episode.holders[agent.index()].is_some(),
+                    SeatTaken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
                 });
                 self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
                 false

@@ -289,7 +289,7 @@ impl Run {
             self.journal.last_key() + keys,
         );
         let recovery = registry.clone();
-        self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
+        self.executor.spawn(async move { drop(recovery.recover_unfinished().await) }.boxed());
         let hosted = registry.take_hosted().expect("nobody else plays");
         Server { registry, hosted, quotas, sweep: None }
     }
@@ -464,11 +464,11 @@ impl Run {
                 continue;
             }
             let registry = server.registry.clone();
-            let task = async move { registry.look_after_idle().await };
+            let task = async move { registry.sweep_idle().await };
             self.servers[place].sweep = Some(self.executor.spawn(task.boxed()));
             let registry = &self.servers[place].registry;
             let before = registry.in_memory();
-            registry.let_go();
+            registry.evict_unused();
             let gone = before - registry.in_memory();
             self.checker.stats.count("evictions", gone);
             self.note(format!("the server sweeps and lets go of {gone}"));

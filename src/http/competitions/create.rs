@@ -67,8 +67,8 @@ pub(in super::super) async fn create_competition(
     };
     let commitment = data_encoding::HEXLOWER.encode(&commitment);
     let detail = json!({ "name": definition.name, "commitment": commitment });
-    let deed = organizer.deed(&app, "competition.create", &id, detail);
-    app.store.keep(vec![Entry::AddCompetition(Box::new(row)), deed]).await?;
+    let audit_entry = organizer.audit_entry(&app, "competition.create", &id, detail);
+    app.store.keep(vec![Entry::AddCompetition(Box::new(row)), audit_entry]).await?;
     tracing::info!(competition = %id, commitment, "created");
     let stored = app.store.find_competition(&id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;

@@ -53,11 +53,11 @@ pub(in super::super) async fn export_competition(
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
     if competition.revealed_at.is_none() {
-        let Some(deed) = caller.deed(&app, "competition.export", &id, json!({})) else {
+        let Some(audit_entry) = caller.audit_entry(&app, "competition.export", &id, json!({})) else {
             let detail = "an export holds the seeds: until the competition is closed only organizers may read it";
             return Err(ApiError::new(Code::Forbidden, detail));
         };
-        app.store.keep(vec![deed]).await?;
+        app.store.keep(vec![audit_entry]).await?;
     }
     let field = app.field(competition, Declared::Short).await?;
     let lines = app.in_parts(Reader::new(app.clone(), &field)?).await?;

@@ -69,8 +69,8 @@ pub(in super::super) async fn register_entrant(
     let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     check(&request, &app)?;
     // Whoever enters at the same time is counted, and a code is good once.
-    App::to_its_end(async move {
-        let _one_by_one = app.one_by_one(&format!("enter {}", competition.id)).await;
+    App::run_detached(async move {
+        let _lock = app.idempotency_lock(&format!("enter {}", competition.id)).await;
         register(&app, &competition, own_key, client.address, request).await
     })
     .await
@@ -107,7 +107,7 @@ async fn register(
         return Err(ApiError::disk_full(least));
     }
     // Nothing is revealed meanwhile.
-    let _open = app.runs.while_closed_competitions_wait().await;
+    let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();
     let definition = &competition.definition;
     if definition.closes_at <= now {

@@ -71,8 +71,8 @@ pub(in super::super) async fn start_attempt(
     let body: [u8; 32] = Sha256::digest(&body).into();
     let idempotency = name.map(|name| (name, body));
     // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
-    App::to_its_end(async move {
-        let _one_by_one = app.one_by_one(&format!("attempt {}", entrant.entrant.id)).await;
+    App::run_detached(async move {
+        let _lock = app.idempotency_lock(&format!("attempt {}", entrant.entrant.id)).await;
         // It may have been excluded while others started.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         if let Some((name, body)) = &idempotency
@@ -143,7 +143,7 @@ async fn start(
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // Nothing is revealed between the look at the clock and the new run.
-    let _open = app.runs.while_closed_competitions_wait().await;
+    let _open = app.runs.block_reveal().await;
     let stored = app.store.find_competition(&competition.id).await?;
     if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
         let detail = "the competition is closed: its seeds are open to all";

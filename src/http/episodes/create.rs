@@ -66,7 +66,7 @@ pub(in super::super) async fn create_episode(
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
     let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(
+    App::run_detached(
         async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await },
     )
     .await
@@ -81,7 +81,7 @@ async fn create_or_repeat(
     key: String,
     body: [u8; 32],
 ) -> Result<Response, ApiError> {
-    let _one_by_one = app.one_by_one(&key).await;
+    let _lock = app.idempotency_lock(&key).await;
     match app.store.created_with(&key).await? {
         None => new_episode(app, creator, spec, shows_seed, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::other_body()),

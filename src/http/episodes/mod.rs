@@ -38,20 +38,20 @@ impl App {
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.note_look(caller, &stored, spec.visibility).await?;
+        self.audit_sealed_read(caller, &stored, spec.visibility).await?;
         self.episode(&stored.id).await
     }
 
-    /// Keeps in mind that an organizer looks into a game whose seed is sealed.
-    pub(super) async fn note_look(
+    /// Adds an audit entry where an organizer reads a game whose seed is sealed.
+    pub(super) async fn audit_sealed_read(
         &self,
         caller: &Caller,
         stored: &StoredEpisode,
         visibility: Visibility,
     ) -> Result<(), ApiError> {
         if visibility == Visibility::Sealed && !stored.revealed {
-            let deed = caller.deed(self, "sealed.read", stored.id.as_str(), json!({}));
-            self.store.keep(deed.into_iter().collect()).await?;
+            let audit_entry = caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}));
+            self.store.keep(audit_entry.into_iter().collect()).await?;
         }
         Ok(())
     }

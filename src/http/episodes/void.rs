@@ -47,7 +47,7 @@ pub(in super::super) async fn void_episode(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::to_its_end(async move { void(&app, key, id, reason).await }).await
+    App::run_detached(async move { void(&app, key, id, reason).await }).await
 }
 
 async fn void(

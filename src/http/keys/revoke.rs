@@ -40,15 +40,15 @@ pub(in super::super) async fn revoke_key(
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
     // What is revoked must be forgotten, too, whoever has hung up meanwhile.
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let now = app.clock.wall();
         let find = async || {
             let key = app.store.keys().await?.into_iter().find(|key| key.id == id);
             key.ok_or_else(|| ApiError::not_found("the key"))
         };
         if find().await?.revoked_at.is_none() {
-            let deed = organizer.deed(&app, "key.revoke", &id, json!({}));
-            app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, deed]).await?;
+            let audit_entry = organizer.audit_entry(&app, "key.revoke", &id, json!({}));
+            app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
         app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
         let key = find().await?;

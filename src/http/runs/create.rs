@@ -64,7 +64,7 @@ pub(in super::super) async fn create_run(
     let definition = definition(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
     // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let (stored, token) = match key {
             None => {
                 check_new(&definition.suite)?;
@@ -88,7 +88,7 @@ async fn create_or_repeat(
     key: String,
     body: [u8; 32],
 ) -> Result<(StoredRun, Option<Token>), ApiError> {
-    let _one_by_one = app.one_by_one(&key).await;
+    let _lock = app.idempotency_lock(&key).await;
     match app.store.run_created_with(&key).await? {
         None => {
             check_new(&definition.suite)?;
