@@ -237,7 +237,7 @@ fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
                 score: game.score,
                 answers: game.acts,
                 invalid: game.invalid,
-                clock_outs: game.clock_outs,
+                timeouts: game.timeouts,
                 voided: game.voided,
             })
         })

@@ -152,7 +152,7 @@ pub struct Game {
     /// Answers that were none.
     pub invalid: u64,
     /// Moves for which the clock ran out.
-    pub clock_outs: u64,
+    pub timeouts: u64,
     /// Whether the host broke it, so that it does not count.
     pub voided: bool,
 }

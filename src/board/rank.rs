@@ -298,7 +298,7 @@ pub(super) mod tests {
             score,
             answers: 10,
             invalid: 1,
-            clock_outs: 2,
+            timeouts: 2,
             voided: false,
         }
     }

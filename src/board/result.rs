@@ -55,7 +55,7 @@ pub struct TaskResult {
     /// Those of them that were none.
     pub invalid: u64,
     /// Moves for which the clock ran out.
-    pub clock_outs: u64,
+    pub timeouts: u64,
 }
 
 impl RunResult {
@@ -169,7 +169,7 @@ impl TaskResult {
             voided: 0,
             answers: 0,
             invalid: 0,
-            clock_outs: 0,
+            timeouts: 0,
         }
     }
 
@@ -189,7 +189,7 @@ impl TaskResult {
                 self.games += 1;
                 self.answers += game.answers;
                 self.invalid += game.invalid;
-                self.clock_outs += game.clock_outs;
+                self.timeouts += game.timeouts;
                 self.scores.push((seed, game.score));
             }
             None => {
@@ -215,7 +215,7 @@ impl TaskResult {
             all.voided += one.voided;
             all.answers += one.answers;
             all.invalid += one.invalid;
-            all.clock_outs += one.clock_outs;
+            all.timeouts += one.timeouts;
             for &(seed, score) in &one.scores {
                 seeds.entry(seed).or_default().push(score);
             }

@@ -65,7 +65,7 @@ pub struct Row {
     /// Those of them that were none.
     pub invalid: u64,
     /// Moves for which the clock ran out.
-    pub clock_outs: u64,
+    pub timeouts: u64,
     /// Games of the attempt that the host broke.
     pub voided_games: u32,
     /// Attempts that are over and that the host did not break.
@@ -217,7 +217,7 @@ fn row(
         total: shown.and_then(|shown| shown.total(tasks)),
         answers: sum(|task| task.answers),
         invalid: sum(|task| task.invalid),
-        clock_outs: sum(|task| task.clock_outs),
+        timeouts: sum(|task| task.timeouts),
         voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
         attempts: count(&|attempt| attempt.is_over && !attempt.voided),
         voided_attempts: count(&|attempt| attempt.voided),
@@ -263,7 +263,7 @@ mod tests {
             score,
             answers: 10,
             invalid: 1,
-            clock_outs: 2,
+            timeouts: 2,
             voided: false,
         };
         Attempt {

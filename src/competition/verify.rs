@@ -337,7 +337,7 @@ impl Checker {
             let slot = attempt.plan[game.slot as usize];
             if game.voided.is_some() {
                 let none =
-                    Game { slot, score: 0.0, answers: 0, invalid: 0, clock_outs: 0, voided: true };
+                    Game { slot, score: 0.0, answers: 0, invalid: 0, timeouts: 0, voided: true };
                 attempt.games.push(none);
                 continue;
             }
@@ -365,7 +365,7 @@ impl Checker {
                 score: played.score,
                 answers: played.tally.acts,
                 invalid: played.tally.invalid,
-                clock_outs: played.tally.clock_outs,
+                timeouts: played.tally.timeouts,
                 voided: false,
             });
         }

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::columns::Table;
 use super::files::Files;
 use super::format::{self, AgentRow, GameRow, META, Meta};
-use super::game::{Game, Given, Turn};
+use super::game::{Game, GameAct, Turn};
 use super::imported;
 use super::tables::{self, Cell, Column, Named};
 use crate::ids::EpisodeId;
@@ -104,7 +104,7 @@ pub struct Exported {
     pub episodes: u64,
     /// Rounds that were resolved.
     pub rounds: u64,
-    /// Acts that were given in them.
+    /// Acts that were sent in them.
     pub acts: u64,
     /// Episodes that are left out, as they do not play again, with the reason.
     pub broken: Vec<(String, String)>,
@@ -247,8 +247,8 @@ impl<'a> Export<'a> {
                 add(tables::round(&game, None, began_at))?;
             }
             match table {
-                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, given| {
-                    add(tables::act(game, turn, given))
+                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, act| {
+                    add(tables::act(game, turn, act))
                 })?,
                 TableName::Rounds => self.play(&stored, &mut game, |game, turn| {
                     add(tables::round(game, Some(turn), began_at))
@@ -318,17 +318,17 @@ impl<'a> Export<'a> {
         &self,
         stored: &StoredEpisode,
         game: &mut Game,
-        mut each: impl FnMut(&Game, &Turn, &Given) -> Result<(), ExportError>,
+        mut each: impl FnMut(&Game, &Turn, &GameAct) -> Result<(), ExportError>,
     ) -> Result<(), ExportError> {
         let mut texts = ActReader::new(self.store.clone(), stored.episode, stored.rounds);
         self.play(stored, game, |game, turn| {
-            for given in &turn.acts {
+            for act in &turn.acts {
                 check(&self.stop)?;
                 let text = self.runtime.block_on(texts.next_of(turn.round, ACTS_BYTES))?;
                 let text = text.ok_or_else(|| changed(stored, "an act is missing"))?;
                 let record = serde_json::from_str(&text);
                 let record = record.map_err(|error| changed(stored, &error.to_string()))?;
-                each(game, turn, &given.with(record))?;
+                each(game, turn, &act.with(record))?;
             }
             Ok(())
         })

@@ -16,7 +16,7 @@ use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
+use super::lockstep::{Effect, Event, RecordedAct, Lockstep, Receipt, Refusal, Submission};
 use super::memory;
 use super::in_flight::{InFlightLimit, InFlightPermits, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
@@ -117,7 +117,7 @@ pub enum ClaimError {
 }
 
 enum Message {
-    Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Told)>> },
+    Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Reply)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
     Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
@@ -144,12 +144,12 @@ enum Earlier {
     /// Nobody has looked.
     Unknown,
     /// This, if anything.
-    Found(Option<Given>),
+    Found(Option<RecordedAct>),
 }
 
 /// What became of an act.
 #[expect(clippy::large_enum_variant, reason = "nearly all are outcomes")]
-enum Told {
+enum Reply {
     Outcome(Result<Receipt, ActError>),
     /// Its round is over: somebody has to look what the seat did then. The actor does not, as all
     /// others would wait for it.
@@ -157,7 +157,7 @@ enum Told {
 }
 
 /// A message and when it came: its wait in the mailbox takes no player's time.
-type Letter = (Timestamp, Message);
+type Envelope = (Timestamp, Message);
 
 /// Starts a task that runs on its own.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
@@ -226,7 +226,7 @@ pub struct Running {
     pub created_at: Timestamp,
     clock: Arc<dyn Clock>,
     journal: Arc<dyn Journal>,
-    mailbox: mpsc::UnboundedSender<Letter>,
+    mailbox: mpsc::UnboundedSender<Envelope>,
     /// What bounds the acts in the mailbox.
     in_flight: Arc<InFlightLimit>,
     /// What bounds everything else in it.
@@ -324,18 +324,18 @@ impl Handle {
         let mut late = Vec::new();
         for (place, told) in told {
             match told {
-                Told::Outcome(outcome) => outcomes[place] = outcome,
-                Told::Late(sent) => late.push(sent),
+                Reply::Outcome(outcome) => outcomes[place] = outcome,
+                Reply::Late(sent) => late.push(sent),
             }
         }
         late
     }
 
     /// What a seat did in a round that is over and durable.
-    async fn earlier(&self, sent: &Sent) -> Result<Option<Given>, JournalError> {
+    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, JournalError> {
         let _turn = self.lookups.lock().await;
         let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
-        Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
+        Ok(act.map(|act| RecordedAct { record: act.record, waiting_for: act.waiting_for }))
     }
 
     /// Claims open seats; they are durable when this returns. With the last open seat the episode
@@ -515,7 +515,7 @@ impl Keyframes {
 }
 
 /// An episode that is about to run.
-pub(super) struct Fresh {
+pub(super) struct EpisodeInit {
     pub(super) id: EpisodeId,
     pub(super) key: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
@@ -539,79 +539,79 @@ pub(super) struct Fresh {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle {
-    note_time_of_day(&mut fresh.lockstep, &fresh.spec, &*host.clock);
+pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> Handle {
+    note_time_of_day(&mut init.lockstep, &init.spec, &*host.clock);
     let (mailbox, messages) = mpsc::unbounded_channel();
-    match fresh.lockstep.outcome() {
-        None => host.quotas.note(fresh.key, Party::of_key(fresh.owner)),
+    match init.lockstep.outcome() {
+        None => host.quotas.note(init.key, Party::of_key(init.owner)),
         // It may have been counted from a list that was older than its end.
-        Some(_) => host.quotas.release(fresh.key),
+        Some(_) => host.quotas.release(init.key),
     }
     let memory = Arc::new(memory);
     let weight = Arc::downgrade(&memory);
-    let kept = fresh.keyframes.bytes();
-    let keyframes = Arc::new(Mutex::new(fresh.keyframes));
-    let ends_at = ends_at(&fresh.lockstep, &*host.clock).as_millisecond();
+    let kept = init.keyframes.bytes();
+    let keyframes = Arc::new(Mutex::new(init.keyframes));
+    let ends_at = ends_at(&init.lockstep, &*host.clock).as_millisecond();
     let ends_at = Arc::new(AtomicI64::new(ends_at));
-    let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
-    snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
+    let snapshot = snapshot(&init.lockstep, &init.world, init.head);
+    snapshot.set_opened(init.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
     let gone = CancellationToken::new();
     let hosted = Arc::new(OnceLock::new());
-    if let Some(seating) = fresh.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
+    if let Some(seating) = init.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
         hosted.get_or_init(|| seating.hosted());
     }
-    memory.resize(memory::of_episode(&fresh.world, kept, hosted_max(&hosted, &fresh.spec)));
+    memory.resize(memory::of_episode(&init.world, kept, hosted_max(&hosted, &init.spec)));
     let handle = Handle(Arc::new(Running {
-        id: fresh.id.clone(),
-        key: fresh.key,
-        owner: fresh.owner,
-        run: fresh.run,
-        party: fresh.party,
-        spec: Arc::clone(&fresh.spec),
-        created_at: fresh.created_at,
+        id: init.id.clone(),
+        key: init.key,
+        owner: init.owner,
+        run: init.run,
+        party: init.party,
+        spec: Arc::clone(&init.spec),
+        created_at: init.created_at,
         clock: Arc::clone(&host.clock),
         journal: Arc::clone(&host.journal),
         mailbox,
-        in_flight: InFlightLimit::new(fresh.spec.config.num_agents()),
+        in_flight: InFlightLimit::new(init.spec.config.num_agents()),
         commands: Semaphore::new(COMMANDS_WAITING_MAX),
         lookups: tokio::sync::Mutex::new(()),
         published,
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
-        times: Arc::clone(&fresh.times),
+        times: Arc::clone(&init.times),
         hosted: Arc::clone(&hosted),
         memory,
         gone: gone.clone(),
     }));
-    if fresh.spec.may_be_hosted() && !latest.status.is_over() {
+    if init.spec.may_be_hosted() && !latest.status.is_over() {
         // Where nobody plays for the server, nobody is told.
         _ = host.hosted.send(handle.clone());
     }
-    let has_clients = !fresh.spec.is_all_hosted();
+    let has_clients = !init.spec.is_all_hosted();
     let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
     let actor = Actor {
         host,
-        id: fresh.id,
-        key: fresh.key,
-        run: fresh.run,
-        party: fresh.party,
-        spec: fresh.spec,
-        world: fresh.world,
-        head: fresh.head,
-        lockstep: fresh.lockstep,
-        newest_at: fresh.newest_at,
+        id: init.id,
+        key: init.key,
+        run: init.run,
+        party: init.party,
+        spec: init.spec,
+        world: init.world,
+        head: init.head,
+        lockstep: init.lockstep,
+        newest_at: init.newest_at,
         newest_running: Timestamp::MIN,
-        bytes: fresh.bytes,
-        tally: fresh.tally,
-        seating: fresh.seating,
+        bytes: init.bytes,
+        tally: init.tally,
+        seating: init.seating,
         ahead: Vec::new(),
         hosted,
         keyframes,
         memory: weight,
         ends_at,
-        times: fresh.times,
+        times: init.times,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -696,7 +696,7 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Letter>) {
+    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Envelope>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
         self.resume().await;
@@ -911,18 +911,18 @@ impl Actor {
         &mut self,
         at: Timestamp,
         batch: Batch,
-        reply: oneshot::Sender<Vec<(usize, Told)>>,
+        reply: oneshot::Sender<Vec<(usize, Reply)>>,
     ) {
         self.note_opening();
         let mut effects = Vec::new();
-        let mut told: Vec<(usize, Told)> = Vec::with_capacity(batch.acts.len());
+        let mut told: Vec<(usize, Reply)> = Vec::with_capacity(batch.acts.len());
         let mut used = self.bytes;
         let Batch { acts, permits } = batch;
         for sent in acts {
             if sent.submission.round < self.world.round()
                 && matches!(sent.earlier, Earlier::Unknown)
             {
-                told.push((sent.place, Told::Late(sent)));
+                told.push((sent.place, Reply::Late(sent)));
                 continue;
             }
             let Sent { place, agent, submission, earlier } = sent;
@@ -935,7 +935,7 @@ impl Actor {
             for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => {
-                        told.push((place, Told::Outcome(answer.map_err(ActError::from))));
+                        told.push((place, Reply::Outcome(answer.map_err(ActError::from))));
                     }
                     other => {
                         used +=
@@ -950,7 +950,7 @@ impl Actor {
             // is refused for the sake of something that may not be kept.
             if let Err(error) = result {
                 for (_, told) in &mut told {
-                    *told = Told::Outcome(Err(error.clone().into()));
+                    *told = Reply::Outcome(Err(error.clone().into()));
                 }
             }
             drop(reply.send(told));
@@ -985,9 +985,9 @@ impl Actor {
                     let at = self.stamp(at);
                     entries.push(Entry::Start { episode: self.key, at });
                 }
-                Effect::KeepAct { agent, given } => {
-                    acted.push((agent, kind(&given)));
-                    entries.push(self.act_entry(at, agent, &given));
+                Effect::KeepAct { agent, recorded } => {
+                    acted.push((agent, kind(&recorded)));
+                    entries.push(self.act_entry(at, agent, &recorded));
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
@@ -1011,7 +1011,7 @@ impl Actor {
         if let Some(next) = &next {
             self.latest = Arc::clone(next);
         }
-        let kept = Kept {
+        let after_commit = AfterCommit {
             open,
             acted,
             next,
@@ -1030,7 +1030,7 @@ impl Actor {
             // What this rests on may have been refused although there was nothing here to refuse.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
-                kept.tell(&host, &publish);
+                after_commit.publish(&host, &publish);
             } else {
                 host.quotas.give_back_bytes(key, bytes);
                 failed.cancel();
@@ -1056,14 +1056,14 @@ impl Actor {
         self.newest_at
     }
 
-    fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
-        let record = RawRecord::write(&given.record);
+    fn act_entry(&mut self, at: Timestamp, agent: AgentId, recorded: &RecordedAct) -> Entry {
+        let record = RawRecord::write(&recorded.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
-        self.tally.add(&given.record);
+        self.tally.add(&recorded.record);
         self.host.quotas.add_bytes(self.key, bytes, at);
         let at = self.stamp(at);
-        if given.record.source == Source::Player {
+        if recorded.record.source == Source::Player {
             self.lockstep.note_act(self.newest_running);
             self.note_end();
         }
@@ -1071,7 +1071,7 @@ impl Actor {
             episode: self.key,
             round: self.world.round(),
             agent,
-            waiting_for: given.waiting_for,
+            waiting_for: recorded.waiting_for,
             at,
             record,
         })
@@ -1085,14 +1085,14 @@ impl Actor {
         let acts = acts_of(&config, self.lockstep.records())
             .map_err(|problem| JournalError(problem.into()))?;
         let before = Arc::clone(&self.world);
-        let given: Vec<ActRecord> = self.lockstep.records().cloned().collect();
-        let text: u64 = given.iter().map(ActRecord::text_bytes).sum();
+        let recorded: Vec<ActRecord> = self.lockstep.records().cloned().collect();
+        let text: u64 = recorded.iter().map(ActRecord::text_bytes).sum();
         let head = self.head;
         let step = move |_: &Cancelled<'_>| {
             let mut world = World::clone(&before);
             world.step(&acts);
             let digest = world.digest();
-            let records: Vec<RawRecord> = given.iter().map(RawRecord::write).collect();
+            let records: Vec<RawRecord> = recorded.iter().map(RawRecord::write).collect();
             let record = round_record(round, records.iter(), &digest.to_string(), world.score());
             (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
         };
@@ -1173,9 +1173,9 @@ pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
     (record, head)
 }
 
-/// What a commit held, as far as others are told of it.
-struct Kept {
-    /// The state in which the acts were given.
+/// What is published and counted once a commit is durable.
+struct AfterCommit {
+    /// The state for which the acts were sent.
     open: Arc<Snapshot>,
     acted: Vec<(AgentId, &'static str)>,
     /// The state after them, if a round or the episode ended.
@@ -1188,9 +1188,9 @@ struct Kept {
     is_sealed: bool,
 }
 
-impl Kept {
+impl AfterCommit {
     /// Marks and publishes what is durable now, and counts it.
-    fn tell(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
+    fn publish(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
         for (agent, kind) in self.acted {
             self.open.set_acted(agent);
             metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
@@ -1220,8 +1220,8 @@ impl Kept {
 }
 
 /// How an act is counted.
-const fn kind(given: &Given) -> &'static str {
-    match (given.record.source, given.record.valid) {
+const fn kind(recorded: &RecordedAct) -> &'static str {
+    match (recorded.record.source, recorded.record.valid) {
         (Source::Clock, _) => "clock",
         (Source::Player, true) => "valid",
         (Source::Player, false) => "invalid",

@@ -1,14 +1,14 @@
 //! Journal → running episode: every unfinished episode stands again at the same round, with the acts
-//! that were already given.
+//! that were already recorded.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Host, Keyframes, Times};
+use super::actor::{EpisodeInit, Host, Keyframes, Times};
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::lockstep::{Clocks, RecordedAct, Lockstep, ResumeState};
 use super::replay::{acts_bytes, rounds_at_once};
 use super::seating::Seating;
 use super::spec::Spec;
@@ -45,7 +45,7 @@ pub(super) async fn recover(
     spec: Arc<Spec>,
     party: Party,
     times: Arc<Times>,
-) -> Result<Fresh, RecoveryError> {
+) -> Result<EpisodeInit, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let config = Arc::clone(&spec.config);
     let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
@@ -79,14 +79,14 @@ pub(super) async fn recover(
             Some(outcome(end, stored.ended_at.unwrap_or_else(|| clock.now())).map_err(broken)?)
         }
     };
-    let standing = Standing {
+    let resume = ResumeState {
         waiting: stored.status == "waiting",
         outcome,
         round: stored.rounds,
         alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
         bank_spent: track.bank_spent,
-        given: (open.into_iter())
-            .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
+        recorded: (open.into_iter())
+            .map(|(agent, act)| (agent, RecordedAct { record: act.record, waiting_for: act.waiting_for }))
             .collect(),
         last_act_at: times.last_act_at(),
     };
@@ -94,7 +94,7 @@ pub(super) async fn recover(
         if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
     let seating = Seating::new(&spec, times.created_at, holders);
     let clocks = clocks(&spec);
-    Ok(Fresh {
+    Ok(EpisodeInit {
         id: stored.id,
         key: stored.episode,
         owner: stored.owner,
@@ -105,7 +105,7 @@ pub(super) async fn recover(
         times,
         world: track.world,
         head: stored.head,
-        lockstep: Lockstep::new(clocks, standing, clock.now()),
+        lockstep: Lockstep::new(clocks, resume, clock.now()),
         keyframes: track.keyframes,
         newest_at: stored.newest_at,
         bytes: track.bytes,
@@ -166,14 +166,14 @@ impl Track {
             if cancelled.is_cancelled() {
                 return Err("nobody waits for it any more".to_owned());
             }
-            let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
-                Some((_, given)) => given,
+            let recorded: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
+                Some((_, recorded)) => recorded,
                 None => &[],
             };
-            for (agent, act) in given {
+            for (agent, act) in recorded {
                 self.bank_spent[agent.index()] += Duration::from_millis(act.record.bank_spent_ms);
             }
-            let records = given.iter().map(|(_, act)| &act.record);
+            let records = recorded.iter().map(|(_, act)| &act.record);
             let acts = acts_of(self.world.config(), records)?;
             let mut world = World::clone(&self.world);
             if world.is_over() {

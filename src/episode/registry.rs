@@ -14,9 +14,9 @@ use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
+use super::actor::{EpisodeInit, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
-use super::lockstep::{Lockstep, Standing};
+use super::lockstep::{Lockstep, ResumeState};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
 use super::recovery::{RecoveryError, clocks, described, recover, recovered_for};
@@ -497,18 +497,18 @@ impl Registry {
         }
         self.host.journal.keep(entries).await?;
         let agents = usize::from(spec.config.num_agents());
-        let standing = Standing {
+        let resume = ResumeState {
             waiting,
             outcome: None,
             round: 0,
             alive: vec![true; agents],
             bank_spent: vec![Duration::ZERO; agents],
-            given: Vec::new(),
+            recorded: Vec::new(),
             last_act_at: running,
         };
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
-        let fresh = Fresh {
+        let init = EpisodeInit {
             id,
             key,
             owner,
@@ -517,7 +517,7 @@ impl Registry {
             created_at: now,
             times: Arc::new(Times::new(running)),
             keyframes: Keyframes::new(Arc::clone(&world)),
-            lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
+            lockstep: Lockstep::new(clocks(&spec), resume, self.host.clock.now()),
             newest_at: now,
             spec,
             world,
@@ -527,7 +527,7 @@ impl Registry {
             seating,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let handle = spawn(self.host.clone(), fresh, room);
+        let handle = spawn(self.host.clone(), init, room);
         if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; whoever created the episode is to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
@@ -658,8 +658,8 @@ impl Registry {
         let room = self.room_for(&stored, &spec, party)?;
         self.host.journal.recovered(stored.episode);
         let times = self.times(&stored);
-        let fresh = recover(&self.host, stored, spec, party, times).await;
-        let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
+        let init = recover(&self.host, stored, spec, party, times).await;
+        let handle = spawn(self.host.clone(), init.map_err(FindError::from)?, room);
         // Whoever takes it up now may go before it is found: then it is still to be looked after, and
         // what its actor handed over is still to be waited for.
         if let Some(slot) = self.slots().get_mut(id) {

@@ -20,7 +20,7 @@ pub enum Wanted {
     Any(u16),
 }
 
-/// Why seats were not given.
+/// Why seats were not assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SeatTaken {
     /// The seat has a holder.

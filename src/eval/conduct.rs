@@ -16,7 +16,7 @@ use crate::clock::{Clock, SystemClock, after};
 use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
 use crate::players::drive::{DriveError, End, Note, Swarm, drive};
-use crate::players::play::{BuiltIns, Table};
+use crate::players::play::{BuiltIns, GameParams};
 use crate::run::RunStatus;
 use crate::run::definition::digest_of_template;
 use crate::wire::act::{Receipt, SwarmAct};
@@ -83,8 +83,8 @@ impl Conductor<'_> {
         }
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
-                let (table, players) = (Table::of(&run), player.players());
-                let mut swarm = BuiltIns::new(self.client, &token, table, player.seed, players);
+                let (params, players) = (GameParams::of(&run), player.players());
+                let mut swarm = BuiltIns::new(self.client, &token, params, player.seed, players);
                 let played = self.play(&run, &token, &mut swarm, watch).await;
                 played.map_err(|error| halt(error, |puzzled| Halt::Play(puzzled.to_string())))?
             }

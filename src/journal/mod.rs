@@ -304,7 +304,7 @@ pub struct Tally {
     /// Of these, answers of language models that were none.
     pub invalid: u64,
     /// Acts that a clock decided.
-    pub clock_outs: u64,
+    pub timeouts: u64,
     /// Tokens of prompts, as players told.
     pub prompt_tokens: u64,
     /// Tokens of answers, as players told.
@@ -315,7 +315,7 @@ impl Tally {
     /// Counts one more act.
     pub fn add(&mut self, record: &ActRecord) {
         match record.source {
-            Source::Clock => self.clock_outs += 1,
+            Source::Clock => self.timeouts += 1,
             Source::Player => {
                 self.acts += 1;
                 self.invalid += u64::from(!record.valid);

@@ -47,7 +47,7 @@ pub async fn play(
     mut progress: impl FnMut(u32, f64),
 ) -> Result<EpisodeSummary, PlayError> {
     let config = &created.config;
-    let table = Table {
+    let params = GameParams {
         rules: config.rules.clone(),
         num_agents: config.num_agents.into(),
         width: config.width,
@@ -55,7 +55,7 @@ pub async fn play(
     };
     let token = &created.swarm_token;
     let players = player.tasks.iter().map(|&task| (task, player)).collect();
-    let mut swarm = BuiltIns::new(client, token, table, player_seed, players);
+    let mut swarm = BuiltIns::new(client, token, params, player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -82,7 +82,7 @@ pub async fn play_run(
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, players);
+    let mut swarm = BuiltIns::new(client, token, GameParams::of(run), player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -97,14 +97,14 @@ pub async fn play_run(
 
 /// What players know of a game before it begins, beside its task.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub struct GameParams {
     rules: String,
     num_agents: i64,
     width: i64,
     height: i64,
 }
 
-impl Table {
+impl GameParams {
     /// That of all games of a run.
     #[must_use]
     pub fn of(run: &RunDetail) -> Self {
@@ -138,7 +138,7 @@ impl Table {
 pub struct BuiltIns {
     client: Client,
     token: String,
-    table: Arc<Table>,
+    params: Arc<GameParams>,
     seed: u64,
     players: Players,
     games: Recent<Arc<Mutex<Game>>>,
@@ -147,11 +147,11 @@ pub struct BuiltIns {
 impl BuiltIns {
     /// The players of each task; `seed` is that of their own choices.
     #[must_use]
-    pub fn new(client: &Client, token: &str, table: Table, seed: u64, players: Players) -> Self {
+    pub fn new(client: &Client, token: &str, params: GameParams, seed: u64, players: Players) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
-            table: Arc::new(table),
+            params: Arc::new(params),
             seed,
             players,
             games: Recent::default(),
@@ -168,8 +168,8 @@ impl BuiltIns {
             return Box::pin(async move { Err(Puzzled::Task(name)) });
         };
         let game = self.games.of(&episode, || {
-            let (table, seed) = (Arc::clone(&self.table), self.seed);
-            let make = move |agent| Some(built_in.make(&table.seat(task, agent, seed)?));
+            let (params, seed) = (Arc::clone(&self.params), self.seed);
+            let make = move |agent| Some(built_in.make(&params.seat(task, agent, seed)?));
             Arc::new(Mutex::new(Game {
                 make: Box::new(make),
                 players: BTreeMap::new(),

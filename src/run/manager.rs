@@ -80,9 +80,9 @@ pub enum CreateError {
     Journal(#[from] JournalError),
 }
 
-/// What whoever plays a run has to know of it.
+/// What a client that plays a run has to know of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Table {
+pub struct OpenGames {
     /// Its games that have not ended, the oldest first.
     pub open: Arc<[EpisodeId]>,
     /// Whether nothing happens any more: it has ended, and so have all its games.
@@ -120,7 +120,7 @@ struct Shared {
     /// Held by many who enter competitions, and by one who reveals them.
     entering: tokio::sync::RwLock<()>,
     /// Of runs at which somebody looks.
-    tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
+    open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
     /// Of runs without a key that were created since the start and have not ended: with whom they share.
     keyless: Mutex<HashMap<RunKey, Party>>,
     /// Of runs that wait for a place: the cap that was reached.
@@ -136,7 +136,7 @@ impl Runs {
             parts,
             locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
             entering: tokio::sync::RwLock::default(),
-            tables: Mutex::default(),
+            open_games: Mutex::default(),
             keyless: Mutex::default(),
             waiting: Mutex::default(),
         }))
@@ -162,8 +162,8 @@ impl Runs {
         keyless.unwrap_or_else(|| Party::within(stored.competition, stored.owner))
     }
 
-    fn tables(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<Table>>> {
-        self.0.tables.lock().expect("nothing panics while it holds this")
+    fn open_games(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<OpenGames>>> {
+        self.0.open_games.lock().expect("nothing panics while it holds this")
     }
 
     async fn turn(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
@@ -295,14 +295,14 @@ impl Runs {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<Table>, JournalError> {
-        if let Some(table) = self.tables().get(&run) {
-            return Ok(table.subscribe());
+    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, JournalError> {
+        if let Some(games) = self.open_games().get(&run) {
+            return Ok(games.subscribe());
         }
-        // Nothing is opened or ended between reading the table and being told of its changes.
+        // Nothing is opened or ended between reading the open games and being notified of changes.
         let _turn = self.turn(run).await;
-        let table = self.table(run).await?;
-        Ok(self.tables().entry(run).or_insert_with(|| watch::Sender::new(table)).subscribe())
+        let games = self.games(run).await?;
+        Ok(self.open_games().entry(run).or_insert_with(|| watch::Sender::new(games)).subscribe())
     }
 
     /// Advances runs whenever one of their games has ended, for ever.
@@ -317,7 +317,7 @@ impl Runs {
     /// # Errors
     /// Where the list of them cannot be read; a run that cannot be advanced is logged.
     pub async fn advance_all(&self) -> Result<usize, JournalError> {
-        self.tables().retain(|_, table| table.receiver_count() > 0);
+        self.open_games().retain(|_, games| games.receiver_count() > 0);
         let all = self.0.parts.store.unfinished_runs().await?;
         let count = all.len();
         let all = futures::stream::iter(all);
@@ -463,23 +463,23 @@ impl Runs {
             }
         });
         join_all(ended).await;
-        if !self.tables().contains_key(&run) {
+        if !self.open_games().contains_key(&run) {
             return Ok(());
         }
-        let table = self.table(run).await?;
-        if let Some(sender) = self.tables().get(&run) {
-            sender.send_if_modified(|now| std::mem::replace(now, table.clone()) != table);
+        let games = self.games(run).await?;
+        if let Some(sender) = self.open_games().get(&run) {
+            sender.send_if_modified(|now| std::mem::replace(now, games.clone()) != games);
         }
         Ok(())
     }
 
-    async fn table(&self, run: RunKey) -> Result<Table, JournalError> {
+    async fn games(&self, run: RunKey) -> Result<OpenGames, JournalError> {
         let has_ended = self.stored(run).await?.ended_at.is_some();
         let mut games = self.0.parts.store.games_of(run).await?;
         games.retain(|game| !game.is_over() && game.counts());
         games.sort_by_key(|game| game.episode);
         let is_over = has_ended && games.is_empty();
-        Ok(Table { open: games.into_iter().map(|game| game.id).collect(), is_over })
+        Ok(OpenGames { open: games.into_iter().map(|game| game.id).collect(), is_over })
     }
 }
 

@@ -627,7 +627,7 @@ async fn result(
     let tally = Tally {
         acts: count("acts")?,
         invalid: count("invalid")?,
-        clock_outs: count("clock_outs")?,
+        timeouts: count("clock_outs")?,
         prompt_tokens: count("prompt_tokens")?,
         completion_tokens: count("completion_tokens")?,
     };

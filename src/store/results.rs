@@ -37,7 +37,7 @@ pub(super) async fn add(
     .bind(rounds)
     .bind(count(tally.acts))
     .bind(count(tally.invalid))
-    .bind(count(tally.clock_outs))
+    .bind(count(tally.timeouts))
     .bind(count(tally.prompt_tokens))
     .bind(count(tally.completion_tokens))
     .bind(episode.0)
@@ -189,7 +189,7 @@ pub struct BoardGame {
     /// See [`Tally`].
     pub invalid: u64,
     /// See [`Tally`].
-    pub clock_outs: u64,
+    pub timeouts: u64,
     /// Whether the host broke it.
     pub voided: bool,
 }
@@ -405,7 +405,7 @@ fn game(row: &SqliteRow) -> Result<BoardGame, sqlx::Error> {
         score: row.try_get("score")?,
         acts: count("acts")?,
         invalid: count("invalid")?,
-        clock_outs: count("clock_outs")?,
+        timeouts: count("clock_outs")?,
         voided: row.try_get("voided")?,
     })
 }

@@ -297,7 +297,7 @@ fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
         tally: Tally {
             acts: count("acts")?,
             invalid: count("invalid")?,
-            clock_outs: count("clock_outs")?,
+            timeouts: count("clock_outs")?,
             prompt_tokens: count("prompt_tokens")?,
             completion_tokens: count("completion_tokens")?,
         },

@@ -318,7 +318,7 @@ impl BoardRow {
                 let sum =
                     |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
                 let answers = sum(|task| task.answers);
-                let clock_outs = sum(|task| task.clock_outs);
+                let timeouts = sum(|task| task.timeouts);
                 let run = &shown.run;
                 Self {
                     rank,
@@ -345,7 +345,7 @@ impl BoardRow {
                         .collect(),
                     difference,
                     invalid_share: share(sum(|task| task.invalid), answers),
-                    clock_out_share: share(clock_outs, answers + clock_outs),
+                    clock_out_share: share(timeouts, answers + timeouts),
                     voided: Some(of.iter().map(|task| task.voided).sum()),
                 }
             }

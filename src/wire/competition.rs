@@ -608,7 +608,7 @@ impl CompetitionRow {
             // Of a single game the total is its score, which nobody is to know before the end.
             total: row.total.filter(|_| with_tasks || games >= 2),
             invalid_share: share(row.invalid, row.answers),
-            clock_share: share(row.clock_outs, row.answers + row.clock_outs),
+            clock_share: share(row.timeouts, row.answers + row.timeouts),
             voided_games: row.voided_games,
             attempts: row.attempts,
             voided_attempts: row.voided_attempts,

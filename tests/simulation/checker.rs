@@ -9,7 +9,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench::clock::{after, millis, until};
 use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
-use swarmbench::episode::lockstep::{Given, Receipt, Refusal, Submission};
+use swarmbench::episode::lockstep::{RecordedAct, Receipt, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
@@ -128,7 +128,7 @@ struct Arrived {
 
 /// A receipt that was given out first at some moment.
 struct Acked {
-    given: Given,
+    recorded: RecordedAct,
     moment: u64,
     was_first: bool,
 }
@@ -589,9 +589,9 @@ impl Checker {
             self.stats.count("rounds over the closing time", 1);
         }
         episode.began_at = row.at;
-        let given = &episode.acts[row.round as usize];
+        let recorded = &episode.acts[row.round as usize];
         let missing: Vec<_> =
-            living(&episode.world).filter(|agent| !given.contains_key(agent)).collect();
+            living(&episode.world).filter(|agent| !recorded.contains_key(agent)).collect();
         if !missing.is_empty() {
             wrong.push((Invariant::Barrier, format!("{name} is resolved without {missing:?}")));
         }
@@ -601,26 +601,26 @@ impl Checker {
             hosted::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
         });
         for (agent, decided) in players.decide(&episode.world) {
-            let kept = given.get(&agent).filter(|kept| kept.by_player());
+            let kept = recorded.get(&agent).filter(|kept| kept.by_player());
             self.stats.count("acts of the server", usize::from(kept.is_some()));
             if kept.is_some_and(|kept| !same(&kept.record, &decided.record)) {
                 wrong.push((Invariant::Seats, format!("{name}: {agent} forgot something")));
             }
         }
         let mut banks = episode.banks[row.round as usize].clone();
-        for (agent, kept) in given {
+        for (agent, kept) in recorded {
             let spent = Duration::from_millis(kept.record.bank_spent_ms);
             match banks[agent.index()].checked_sub(spent) {
                 Some(left) => banks[agent.index()] = left,
                 None => wrong.push((Invariant::Clocks, format!("{name}: {agent} overspent"))),
             }
         }
-        match acts_of(&episode.spec.config, given.values().map(|kept| &kept.record)) {
+        match acts_of(&episode.spec.config, recorded.values().map(|kept| &kept.record)) {
             Ok(acts) => episode.world.step(&acts),
             Err(problem) => return self.broken(Invariant::Replay, format!("{name}: {problem}")),
         }
         let (digest, score) = (episode.world.digest(), episode.world.score());
-        let raw = given.values().map(|kept| &kept.raw);
+        let raw = recorded.values().map(|kept| &kept.raw);
         let record = round_record(row.round, raw, &digest.to_string(), score);
         let head = episode.heads[row.round as usize].link(record.as_str().as_bytes());
         if digest.0 != row.digest || score.to_bits() != row.score.to_bits() || head != row.head {
@@ -1030,31 +1030,31 @@ impl Checker {
         let acked = self.acked.get(&place);
         let known_before = acked.is_some_and(|acked| acked.moment < sent.moment);
         let is_same_as_acked =
-            acked.is_some_and(|acked| same(&acked.given.record, &submission.record));
+            acked.is_some_and(|acked| same(&acked.recorded.record, &submission.record));
         match outcome {
             Ok(receipt) => {
                 let stable = Invariant::StableReceipts;
-                let given = &receipt.given;
+                let recorded = &receipt.recorded;
                 let fits = receipt.round == submission.round
-                    && same(&given.record, &submission.record)
-                    && given.record.source == Source::Player;
+                    && same(&recorded.record, &submission.record)
+                    && recorded.record.source == Source::Player;
                 self.check(stable, fits, || format!("{name} got the receipt of another act"));
                 let acked = self.acked.get(&place);
                 let is_stable = acked.is_none_or(|acked| {
                     let may_be_first = !acked.was_first && acked.moment > sent.moment;
-                    acked.given == *given && (receipt.duplicate || may_be_first)
+                    acked.recorded == *recorded && (receipt.duplicate || may_be_first)
                 });
                 self.check(stable, is_stable, || format!("{name} got another receipt"));
                 let kept = self.episodes.get(&key).and_then(|e| e.act(place.1, agent));
                 let is_kept = kept.is_some_and(|kept| {
-                    kept.record == given.record && kept.waiting_for == given.waiting_for
+                    kept.record == recorded.record && kept.waiting_for == recorded.waiting_for
                 });
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
                 });
                 // Whoever has a receipt finds the state that goes with it.
                 let is_past = snapshot.status.is_over() || snapshot.world.round() > place.1;
-                let shows = is_past || (given.waiting_for > 0 && snapshot.has_acted(agent));
+                let shows = is_past || (recorded.waiting_for > 0 && snapshot.has_acted(agent));
                 self.check(Invariant::Barrier, shows, || {
                     format!("{name} is not shown to have acted")
                 });
@@ -1063,7 +1063,7 @@ impl Checker {
                     1,
                 );
                 let was_first = !receipt.duplicate;
-                let new = || Acked { given: receipt.given.clone(), moment, was_first: false };
+                let new = || Acked { recorded: receipt.recorded.clone(), moment, was_first: false };
                 self.acked.entry(place).or_insert_with(new).was_first |= was_first;
             }
             Err(ActError::Refused(refusal)) => {
@@ -1155,8 +1155,8 @@ impl Checker {
         let lost: Vec<_> = (self.acked.iter())
             .filter(|(place, acked)| {
                 !rows.get(place).is_some_and(|row| {
-                    row.waiting_for == acked.given.waiting_for
-                        && row.record.read::<ActRecord>().ok().as_ref() == Some(&acked.given.record)
+                    row.waiting_for == acked.recorded.waiting_for
+                        && row.record.read::<ActRecord>().ok().as_ref() == Some(&acked.recorded.record)
                 })
             })
             .map(|(place, _)| *place)

@@ -862,7 +862,7 @@ fn told(answer: &Answer) -> String {
             let brief = outcomes.iter().map(|outcome| match outcome {
                 Ok(receipt) => format!(
                     "round {} {} to come, again: {}",
-                    receipt.round, receipt.given.waiting_for, receipt.duplicate
+                    receipt.round, receipt.recorded.waiting_for, receipt.duplicate
                 ),
                 Err(error) => error.to_string(),
             });

@@ -100,17 +100,17 @@ impl App {
 }
 
 /// A receipt as it is written.
-pub(in super::super) fn receipt(episode: &EpisodeId, given: lockstep::Receipt) -> Receipt {
-    let record = given.given.record;
+pub(in super::super) fn receipt(episode: &EpisodeId, receipt: lockstep::Receipt) -> Receipt {
+    let record = receipt.recorded.record;
     Receipt {
         episode: episode.to_string(),
         agent: record.agent,
-        round: given.round,
+        round: receipt.round,
         action: record.action,
         message: record.message,
         valid: record.valid,
-        duplicate: given.duplicate,
-        waiting_for: given.given.waiting_for,
+        duplicate: receipt.duplicate,
+        waiting_for: receipt.recorded.waiting_for,
     }
 }
 
@@ -361,8 +361,8 @@ mod tests {
 
                 // A field that is null counts as left out.
                 let given = object.clone().into_iter().filter(|(_, value)| !value.is_null());
-                let given = Value::Object(given.collect()).to_string();
-                let same = check(given.as_bytes(), config, agent);
+                let given = Value::Object(receipt.collect()).to_string();
+                let same = check(receipt.as_bytes(), config, agent);
                 let same = same.map_err(|problem| problem.code);
                 assert_eq!(same, taken.map_err(|problem| problem.code));
 

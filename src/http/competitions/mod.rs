@@ -139,7 +139,7 @@ impl Field {
                 score: game.score,
                 answers: game.tally.acts,
                 invalid: game.tally.invalid,
-                clock_outs: game.tally.clock_outs,
+                timeouts: game.tally.timeouts,
                 voided: !game.counts(),
             })
         };

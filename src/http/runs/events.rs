@@ -11,7 +11,7 @@ use super::super::episodes::events::{Events, Feed};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::run::manager::Table;
+use crate::run::manager::OpenGames;
 use crate::wire::run::StreamedRunEvent;
 
 /// Watch a run (Server-Sent Events).
@@ -40,11 +40,11 @@ pub(in super::super) async fn stream_run_events(
     _: Params<Nothing>,
 ) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
-    let table = app.runs.follow(known.stored.run).await?;
+    let open_games = app.runs.follow(known.stored.run).await?;
     let (feed, events) = app.feed().await?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            told = tell(&app, &caller, &id, table, &feed) => {
+            told = tell(&app, &caller, &id, open_games, &feed) => {
                 if let Err(error) = told {
                     tracing::warn!(?error, "events of a run cannot be told");
                 }
@@ -62,13 +62,13 @@ async fn tell(
     app: &App,
     caller: &Caller,
     id: &str,
-    mut table: watch::Receiver<Table>,
+    mut open_games: watch::Receiver<OpenGames>,
     feed: &Feed,
 ) -> Result<(), ApiError> {
     let mut told: HashMap<String, (String, bool)> = HashMap::new();
     loop {
         // What changes after this is told in the next turn.
-        let is_over = table.borrow_and_update().is_over;
+        let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
         let shown = app.run_detail(caller, &known).await?;
         for game in &shown.games {
@@ -87,7 +87,7 @@ async fn tell(
             return Ok(());
         }
         drop((known, shown));
-        if table.changed().await.is_err() {
+        if open_games.changed().await.is_err() {
             return Ok(());
         }
     }

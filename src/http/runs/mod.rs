@@ -201,7 +201,7 @@ fn tally(games: &[StoredGame]) -> ActTally {
     for game in games.iter().filter(|game| game.counts()) {
         sum.acts += game.tally.acts;
         sum.invalid += game.tally.invalid;
-        sum.clock_outs += game.tally.clock_outs;
+        sum.timeouts += game.tally.timeouts;
         sum.prompt_tokens = sum.prompt_tokens.saturating_add(game.tally.prompt_tokens);
         sum.completion_tokens = sum.completion_tokens.saturating_add(game.tally.completion_tokens);
     }
@@ -211,8 +211,8 @@ fn tally(games: &[StoredGame]) -> ActTally {
         sent: sum.acts,
         invalid: sum.invalid,
         invalid_share: share(sum.invalid, sum.acts),
-        clock_outs: sum.clock_outs,
-        clock_out_share: share(sum.clock_outs, sum.acts + sum.clock_outs),
+        clock_outs: sum.timeouts,
+        clock_out_share: share(sum.timeouts, sum.acts + sum.timeouts),
         prompt_tokens: sum.prompt_tokens,
         completion_tokens: sum.completion_tokens,
     }
