@@ -16,7 +16,7 @@ pub(super) struct Args {
     /// An organizer's key.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// How many, the newest first.
+    /// The maximum number of entries, newest first.
     #[arg(long, default_value_t = 50)]
     limit: usize,
     /// As JSON Lines.

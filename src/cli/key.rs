@@ -32,27 +32,27 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Make a key and show it, this once.
+    /// Create a key. It is shown only once.
     Create {
-        /// Whose it is.
+        /// The name of its holder.
         #[arg(long)]
         name: String,
-        /// What its holder may do.
+        /// The role of its holder.
         #[arg(long, value_enum, default_value = "member")]
         role: Role,
-        /// When it ends: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Never where it
-        /// is left out.
+        /// Its expiry, if any: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: it never
+        /// expires.
         #[arg(long, value_parser = expiry)]
         expires: Option<Timestamp>,
         #[command(flatten)]
         keys: KeyStore,
     },
-    /// List all keys that were ever made.
+    /// List all keys, revoked and expired ones included.
     List {
         #[command(flatten)]
         keys: KeyStore,
     },
-    /// Revoke a key: it opens nothing any more. Episodes that were created with it go on.
+    /// Revoke a key: it is no longer accepted. Episodes that were created with it continue.
     Revoke {
         /// The key's id, from `swarmbench key list`.
         id: String,
@@ -61,10 +61,10 @@ enum Command {
     },
 }
 
-/// Where the keys are: in a database that no server uses, or behind a server.
+/// Where the keys are stored: in a database that no server uses, or on a running server.
 #[derive(Debug, clap::Args)]
 struct KeyStore {
-    /// The database, as long as no server runs on it.
+    /// The database file, while no server uses it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
     /// The address of the running server; needs an organizer's key.

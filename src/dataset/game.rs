@@ -177,7 +177,7 @@ impl Game {
     }
 
     fn row(&self, at: Timestamp, messages: Vec<Said>) -> GameRow {
-        let seen = self.world.spectacle();
+        let seen = self.world.spectator_view();
         let at_of = |agent: &AgentState| AgentAt {
             id: agent.agent.to_string(),
             x: agent.at.j,
@@ -255,7 +255,7 @@ fn seconds(at: Timestamp) -> f64 {
 /// food.
 #[must_use]
 pub fn grid(world: &World) -> Vec<Vec<String>> {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let mut grid: Vec<Vec<String>> =
         seen.grid.iter().map(|row| row.chars().map(String::from).collect()).collect();
     for agent in seen.agents.iter().filter(|agent| agent.alive) {

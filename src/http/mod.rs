@@ -7,6 +7,7 @@ pub mod auth;
 mod boards;
 mod body;
 mod checks;
+mod cache;
 mod claims;
 mod client;
 mod clock;
@@ -19,7 +20,6 @@ mod host;
 mod imports;
 mod keys;
 pub mod limits;
-mod made;
 pub mod openapi;
 mod page;
 mod refusals;
@@ -65,7 +65,7 @@ use client::Rates;
 use competitions::board::Ranking;
 use error::{ApiError, Code};
 use limits::Limits;
-use made::{ANSWERS_BYTES_MAX, Answer, MadeOnce, RANKINGS_BYTES_MAX};
+use cache::{ANSWERS_BYTES_MAX, Answer, SharedCache, RANKINGS_BYTES_MAX};
 pub use router::router;
 use stream::Streams;
 
@@ -148,9 +148,9 @@ pub struct Shared {
     standings: Standings,
     intervals: Memory,
     /// Boards and lists as they were made last.
-    answers: MadeOnce<Answer>,
+    answers: SharedCache<Answer>,
     /// Competitions as they were ranked last.
-    rankings: MadeOnce<Ranking>,
+    rankings: SharedCache<Ranking>,
     /// Requests that are not answered yet.
     in_flight: Arc<client::InFlight>,
 }
@@ -169,8 +169,8 @@ impl App {
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
             large_answers: large_answers(&foundation.limits),
-            answers: MadeOnce::new(ANSWERS_BYTES_MAX),
-            rankings: MadeOnce::new(RANKINGS_BYTES_MAX),
+            answers: SharedCache::new(ANSWERS_BYTES_MAX),
+            rankings: SharedCache::new(RANKINGS_BYTES_MAX),
             in_flight: Arc::default(),
             foundation,
             ready: AtomicBool::new(false),

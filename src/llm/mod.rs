@@ -4,7 +4,7 @@
 //! [`Answer`], or says with a [`Stop`] why no more can be had. The line between the two:
 //!
 //! - What the model itself does wrong (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`].
-//!   It is not tried again, it costs the model its move, and the game goes on.
+//!   It is not tried again, it costs the model its move, and the game continues.
 //! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
 //!   is lost, and the run can go on later.
 //!
@@ -40,7 +40,7 @@ use std::time::Duration;
 use backon::BackoffBuilder;
 use tokio_util::sync::CancellationToken;
 
-use cassette::Voice;
+use cassette::RecordedModel;
 use completion::Completion;
 use endpoint::{Endpoint, Kind, Passing, Trouble};
 use gate::Gate;
@@ -74,7 +74,7 @@ struct Inner {
     endpoint: Endpoint,
     allowance: Allowance,
     gate: Arc<Gate>,
-    voice: Option<Voice>,
+    recorded: Option<RecordedModel>,
     counters: Counters,
     /// What stopped it for good, told to all who ask later.
     stop: OnceLock<Stop>,
@@ -95,12 +95,12 @@ impl Model {
     ) -> Result<Self, Stop> {
         let endpoint = Endpoint::new(settings)?;
         let gate = allowance.gate(&endpoint.shown, &endpoint.settings.model);
-        let voice = cassette.map(|cassette| cassette.voice(&endpoint.body)).transpose()?;
+        let recorded = cassette.map(|cassette| cassette.model(&endpoint.body)).transpose()?;
         Ok(Self(Arc::new(Inner {
             endpoint,
             allowance: allowance.clone(),
             gate,
-            voice,
+            recorded,
             counters: Counters::default(),
             stop: OnceLock::new(),
             stopped: CancellationToken::new(),
@@ -120,16 +120,16 @@ impl Model {
     /// asks this model later, without asking the endpoint.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let inner = &*self.0;
-        if let Some(voice) = &inner.voice
-            && let Some(answer) = voice.find(question)?
+        if let Some(recorded) = &inner.recorded
+            && let Some(answer) = recorded.find(question)?
         {
             inner.counters.replayed(&answer);
             return Ok(answer);
         }
         let completion = inner.ask(question).await?;
         inner.counters.answered(&completion.answer, completion.tokens.is_none());
-        if let Some(voice) = &inner.voice {
-            voice.keep(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
+        if let Some(recorded) = &inner.recorded {
+            recorded.keep(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
         }
         Ok(completion.answer)
     }

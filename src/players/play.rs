@@ -20,7 +20,7 @@ use crate::wire::run::RunDetail;
 
 /// A built-in player cannot decide.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Puzzled {
+pub enum PlayerError {
     /// An observation cannot be understood.
     #[error("the server sent an observation that no player understands (round {0})")]
     Strange(u32),
@@ -33,7 +33,7 @@ pub enum Puzzled {
 pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
 
 /// An episode could not be played.
-pub type PlayError = DriveError<Puzzled>;
+pub type PlayError = DriveError<PlayerError>;
 
 /// Plays an episode to its end; `progress` is told the round and the score after every round.
 ///
@@ -159,13 +159,13 @@ impl BuiltIns {
     }
 
     /// Begins to decide for seats of one game.
-    fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<Puzzled> {
+    fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<PlayerError> {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
         let task = TaskName::parse(&name);
         let Some((task, built_in)) = task.and_then(|task| Some((task, *self.players.get(&task)?)))
         else {
-            return Box::pin(async move { Err(Puzzled::Task(name)) });
+            return Box::pin(async move { Err(PlayerError::Task(name)) });
         };
         let game = self.games.of(&episode, || {
             let (params, seed) = (Arc::clone(&self.params), self.seed);
@@ -199,13 +199,13 @@ impl BuiltIns {
 }
 
 impl Swarm for BuiltIns {
-    type Error = Puzzled;
+    type Error = PlayerError;
 
     fn reads_prompts(&self) -> bool {
         false
     }
 
-    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Puzzled>> {
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<PlayerError>> {
         let mut games: BTreeMap<String, Vec<Observation>> = BTreeMap::new();
         for seen in looked {
             games.entry(seen.sight.episode.clone()).or_default().push(seen);
@@ -243,9 +243,9 @@ impl Game {
         }));
     }
 
-    fn decide(&mut self, observation: &Observation) -> Result<SwarmAct, Puzzled> {
+    fn decide(&mut self, observation: &Observation) -> Result<SwarmAct, PlayerError> {
         let sight = &observation.sight;
-        let strange = || Puzzled::Strange(sight.round);
+        let strange = || PlayerError::Strange(sight.round);
         let seen = sight.to_engine().ok_or_else(strange)?;
         let act = match self.decided.remove(&seen.agent) {
             Some((round, act)) if round == seen.round => act,

@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
 
-use super::again::{Kept, play_again};
+use super::again::{StoredJournal, play_again};
 use super::episodes::{hash, head};
 use super::files::may_lack_log;
 use super::{OpenError, competitions};
@@ -527,8 +527,8 @@ async fn episode(
         Err(problem) => return Ok(Err(problem)),
     };
     let ending = ending.map(|ending| (ending, stored_head));
-    let kept = Kept { episode: key, opening, seating, rounds, ending };
-    let report = match play_again(database, &kept).await? {
+    let stored = StoredJournal { episode: key, opening, seating, rounds, ending };
+    let report = match play_again(database, &stored).await? {
         Ok(report) => report,
         Err(problem) => return Ok(Err(problem)),
     };

@@ -6,7 +6,7 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row};
 
-use super::again::{Kept, play_again};
+use super::again::{StoredJournal, play_again};
 use super::episodes::head;
 use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::journal::record::{ActRecord, RawRecord, Record};
@@ -171,8 +171,8 @@ async fn one(
     }
     if replay {
         let ending = Some((ending, head));
-        let kept = Kept { episode, opening, seating, rounds: end.rounds, ending };
-        play_again(database, &kept).await?.map_err(broken)?;
+        let stored = StoredJournal { episode, opening, seating, rounds: end.rounds, ending };
+        play_again(database, &stored).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;
     results::add(database, episode, end.score, end.rounds, tally).await?;

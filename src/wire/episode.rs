@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use swarmbench_engine::{AgentState, Spectacle};
+use swarmbench_engine::{AgentState, SpectatorView};
 use utoipa::ToSchema;
 
 use super::{Position, Seconds};
@@ -374,8 +374,8 @@ impl From<AgentState> for StateAgent {
     }
 }
 
-impl From<Spectacle> for State {
-    fn from(seen: Spectacle) -> Self {
+impl From<SpectatorView> for State {
+    fn from(seen: SpectatorView) -> Self {
         Self {
             round: seen.round,
             score: seen.score,

@@ -6,7 +6,7 @@ use serde_json::Value;
 use swarmbench::board::result::mean_and_deviation;
 use swarmbench::eval::conduct::{Conductor, Found, News};
 use swarmbench::eval::experiment::Experiment;
-use swarmbench::eval::halt::Halt;
+use swarmbench::eval::stop_reason::StopReason;
 use swarmbench::eval::plan::{Plan, Who};
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_players::game;
@@ -92,7 +92,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
             .await;
         match ended {
             Ok(run) => break run,
-            Err(Halt::Asked) => stops += 1,
+            Err(StopReason::Requested) => stops += 1,
             Err(other) => panic!("{other}"),
         }
     };

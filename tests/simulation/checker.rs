@@ -29,7 +29,7 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 
 use crate::clients::{Acts, Answer, Request, RequestId};
-use crate::journal::{Lost, Told};
+use crate::journal::{Lost, JobResult};
 
 /// What must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -700,7 +700,7 @@ impl Checker {
     }
 
     /// The server was told of a job.
-    pub(crate) fn told(&mut self, told: &Told) {
+    pub(crate) fn told(&mut self, told: &JobResult) {
         let moment = self.next_moment();
         match told.result {
             Ok(()) => {}

@@ -52,7 +52,7 @@ struct Job {
 }
 
 /// A job of which the one who handed it over was told now.
-pub(crate) struct Told {
+pub(crate) struct JobResult {
     pub(crate) entries: Vec<Entry>,
     pub(crate) result: Result<(), Lost>,
 }
@@ -174,7 +174,7 @@ impl MemoryJournal {
     }
 
     /// Tells the one who handed over the oldest job that is not told.
-    pub(crate) fn tell(&self) -> Option<Told> {
+    pub(crate) fn next_result(&self) -> Option<JobResult> {
         let (job, result) = self.state().telling.pop_front()?;
         if self.flaw == Some(Flaw::ForgetsToTell) && self.state().dice.below(20) == 0 {
             // It will never be called, and never dropped.
@@ -182,7 +182,7 @@ impl MemoryJournal {
             return None;
         }
         (job.committed)(result.map_err(JournalError::from));
-        Some(Told { entries: job.entries, result })
+        Some(JobResult { entries: job.entries, result })
     }
 
     /// What is lost is lost; returns what was on the disk though nobody knew.

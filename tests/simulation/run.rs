@@ -424,10 +424,10 @@ impl Run {
     }
 
     fn tell(&mut self) {
-        let Some(told) = self.journal.tell() else { return };
-        let result = if told.result.is_ok() { "durable" } else { "failed" };
-        self.note(format!("{} entries are told to be {result}", told.entries.len()));
-        self.checker.told(&told);
+        let Some(finished) = self.journal.next_result() else { return };
+        let result = if finished.result.is_ok() { "durable" } else { "failed" };
+        self.note(format!("{} entries are finished to be {result}", finished.entries.len()));
+        self.checker.told(&finished);
         self.look();
     }
 

@@ -51,7 +51,7 @@ pub(in super::super) async fn list_entrants(
         }
         Ok(page.answer())
     };
-    app.made_once(format!("entrants of {id} {params:?}"), Box::pin(make)).await
+    app.cached_answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.

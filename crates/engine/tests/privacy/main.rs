@@ -47,7 +47,7 @@ impl Played {
 }
 
 fn state(world: &World) -> State {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let body = |agent: &swarmbench_engine::AgentState| Body {
         at: (agent.at.i.into(), agent.at.j.into()),
         alive: agent.alive,
