@@ -21,12 +21,12 @@ pub const SMALL_BYTES: usize = 64 * 1024;
 pub enum NoMemory {
     /// The budget is used up.
     #[error(
-        "all worlds and answers together may take {0} bytes of memory, and no more of that is free"
+        "the memory limit of all worlds and answers, {0} bytes, is reached"
     )]
     All(usize),
     /// The group has its share.
     #[error(
-        "the games of a competition, a key or an address may take as much memory as is free; these take {used} bytes already"
+        "these games have their share of the memory, {used} bytes: a competition, a key or an address may use as much as is free"
     )]
     Share {
         /// The bytes that the group has.

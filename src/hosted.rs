@@ -78,11 +78,11 @@ pub async fn run(
                 let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
                 match select(playing, Box::pin(stop.cancelled())).await {
                     Either::Left((Err(error), _)) if error.will_pass() && !handle.is_dead() => {
-                        tracing::warn!(episode = %id, %error, "the server plays its seats again soon");
+                        tracing::warn!(episode = %id, %error, "hosted seats are not played at the moment; retrying soon");
                         host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;
                     }
                     Either::Left((Err(error), _)) => {
-                        tracing::error!(episode = %id, %error, "the server plays its seats no more");
+                        tracing::error!(episode = %id, %error, "hosted seats are no longer played");
                         return;
                     }
                     Either::Left((Ok(()), _)) | Either::Right(_) => return,

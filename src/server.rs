@@ -275,7 +275,7 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
 /// Takes up what was running before a restart.
 async fn recover_with_retries(app: App) {
     while let Err(error) = recover_all(&app).await {
-        tracing::error!(%error, "unfinished episodes and runs cannot be taken up; trying again");
+        tracing::error!(%error, "unfinished episodes and runs cannot be recovered; trying again");
         app.clock.sleep_until(after(app.clock.now(), RECOVERY_RETRY_PAUSE)).await;
     }
     app.ready.store(true, Ordering::Release);
@@ -286,7 +286,7 @@ async fn recover_all(app: &App) -> Result<(), JournalError> {
     let episodes = app.registry.recover_unfinished().await?;
     let runs = app.runs.advance_all().await?;
     if episodes + runs > 0 {
-        tracing::info!(episodes, runs, "unfinished episodes and runs were taken up");
+        tracing::info!(episodes, runs, "unfinished episodes and runs were recovered");
     }
     Ok(())
 }
@@ -309,7 +309,7 @@ async fn sweep(app: App) {
     loop {
         app.registry.sweep_idle().await;
         if let Err(error) = app.runs.advance_all().await {
-            tracing::error!(%error, "runs cannot be looked after");
+            tracing::error!(%error, "runs cannot be advanced");
         }
         app.tidy();
         // Where something is wrong that is logged, and the writer finds it with its next commit.

@@ -37,11 +37,11 @@ pub const JOBS_WAITING_PER_GROUP_MAX: usize = 1024;
 pub enum WorkError {
     /// As many jobs wait as may.
     #[error(
-        "as much heavy work waits as may, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
+        "the queue of heavy work is full, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
     )]
     Busy,
     /// It panicked, or the workers have stopped.
-    #[error("the work broke off")]
+    #[error("the work was interrupted")]
     BrokeOff,
 }
 

@@ -105,7 +105,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     if args.open && server.has_keys() {
         tracing::warn!(
-            "--open changes nothing: there are keys, so whoever creates episodes shows one"
+            "--open has no effect: there are keys, so creating an episode needs one"
         );
     }
     let listener = listen(args.addr)

@@ -57,7 +57,7 @@ pub enum ActError {
     #[error(transparent)]
     Refused(#[from] Refusal),
     /// Too many acts of the same seat wait already.
-    #[error("as many acts of this seat wait for an answer as may, {SEAT_ACTS_WAITING_MAX}")]
+    #[error("the maximum of {SEAT_ACTS_WAITING_MAX} acts of this seat already wait for an answer")]
     Busy,
     /// It could not be kept.
     #[error(transparent)]
@@ -71,7 +71,7 @@ pub type Outcomes = Vec<Result<Receipt, ActError>>;
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum StartError {
     /// It cannot begin yet.
-    #[error("{0} of its seats are open still")]
+    #[error("{0} of its seats are still open")]
     SeatsOpen(u16),
     /// It could not be kept.
     #[error(transparent)]

@@ -124,7 +124,7 @@ pub enum Refusal {
         round: u32,
     },
     /// The episode has ended, or the agent has escaped.
-    #[error("{}", if *.escaped { "this agent has escaped and acts no more" } else { "the episode has ended" })]
+    #[error("{}", if *.escaped { "this agent has escaped and no longer acts" } else { "the episode has ended" })]
     EpisodeOver {
         /// The last round.
         round: u32,

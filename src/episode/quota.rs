@@ -90,14 +90,14 @@ pub enum Purpose {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Full {
     /// The server plays as many episodes as it takes.
-    #[error("{0} episodes are played already; wait until some have ended")]
+    #[error("the server already plays its maximum of {0} episodes; wait until some have ended")]
     Episodes(usize),
     /// The holder of the key plays as many episodes as one may.
-    #[error("{0} episodes of this key are played already; end some, or wait until they have ended")]
+    #[error("this key already has its maximum of {0} unfinished episodes; end some, or wait until some have ended")]
     EpisodesOfKey(usize),
     /// The group, or the entrant within it, has its share of the places.
     #[error(
-        "this {whose} has its share of the places for episodes, {percent} % of those that are free; end some episodes, or wait until some have ended"
+        "this {whose} has its share of unfinished episodes, {percent} % of what is free; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         /// Whose share it is.
@@ -124,7 +124,7 @@ pub enum Full {
     BytesOfCompetition(u64),
     /// Too many bytes come at once.
     #[error(
-        "more than {most} bytes of long acts a second come from this {whose}; send this one again later, or with less text"
+        "this {whose} sent more than {most} bytes of long acts a second; send this act again later, or with less text"
     )]
     BytesPerSecond {
         /// Whose share it is.

@@ -29,7 +29,7 @@ pub enum RecoveryError {
     #[error(transparent)]
     Work(#[from] WorkError),
     /// Its journal does not play again as it was played.
-    #[error("the journal of episode {episode} does not play again: {problem}")]
+    #[error("the journal of episode {episode} cannot be replayed: {problem}")]
     Broken {
         /// The public id.
         episode: String,

@@ -118,7 +118,7 @@ pub enum CreateError {
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
     /// The time in which its rounds may begin is over.
-    #[error("no round begins here after {0}")]
+    #[error("no round may begin after {0}")]
     Closed(Timestamp),
     /// Its map is large, and too much heavy work waits.
     #[error(transparent)]
@@ -349,7 +349,7 @@ impl Registry {
         }
         if evicted > 0 {
             metrics::counter!("swarmbench_evictions_total").increment(evicted);
-            tracing::debug!(evicted, used = budget.used(), "memory is short");
+            tracing::debug!(evicted, used = budget.used(), "memory is low");
         }
         if !is_enough() {
             let mut none_idle_until = self.none_idle_until();
@@ -723,12 +723,12 @@ impl Registry {
         if !heavy.is_empty() {
             tracing::info!(
                 count = heavy.len(),
-                "episodes that take long to play again are taken up later"
+                "episodes that take long to replay are recovered later"
             );
             let registry = self.clone();
             (self.host.spawn)(Box::pin(async move {
                 registry.recover_all(heavy, registry.host.workers.threads()).await;
-                tracing::info!("all episodes with clocks are taken up");
+                tracing::info!("all episodes with clocks are recovered");
             }));
         }
         Ok(count)
@@ -749,9 +749,9 @@ impl Registry {
         match self.find(id).await {
             Ok(_) => {}
             // It is tried again with the next sweep.
-            Err(FindError::NoMemory(full)) => tracing::debug!(%full, "an episode is not taken up"),
+            Err(FindError::NoMemory(full)) => tracing::debug!(%full, "an episode was not recovered"),
             Err(FindError::Recovery(error)) => {
-                tracing::error!(%error, "an episode cannot be taken up");
+                tracing::error!(%error, "an episode cannot be recovered");
             }
         }
     }

@@ -24,7 +24,7 @@ pub enum Wanted {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SeatTaken {
     /// The seat has a holder.
-    #[error("the seat of {0} has a holder already")]
+    #[error("the seat of {0} is already taken")]
     Seat(AgentId),
     /// Fewer seats are open than were wanted.
     #[error("{open} seats are open, {wanted} were asked for")]

@@ -266,7 +266,7 @@ impl Caller {
             Self::Key(_) => Ok(()),
             Self::Anonymous { .. } => Err(needs_token("a key")),
             Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
-                let detail = "this server is private: boards take a key";
+                let detail = "this server is private: boards need a key";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
         }
@@ -275,7 +275,7 @@ impl Caller {
     /// Whose a new episode is and what its place is wanted for, where the caller may create one.
     pub(super) fn creator(&self, app: &App, client: Client) -> Result<(Party, Purpose), ApiError> {
         let detail =
-            "a token of an episode creates no other; send a key, or nothing where there are none";
+            "a token of an episode cannot create another; send a key, or no token on a server without keys";
         let party = match self.player(app, detail)? {
             None if client.is_local => Party::SERVER,
             None => Party::of(Group::Address(network(client.address))),
@@ -291,7 +291,7 @@ impl Caller {
         app: &App,
     ) -> Result<(Option<OwnerKey>, Option<String>), ApiError> {
         let detail =
-            "a token of an episode claims no seats; send a key, or nothing where there are none";
+            "a token of an episode cannot claim seats; send a key, or no token on a server without keys";
         let owner = self.player(app, detail)?;
         let id = match self {
             Self::Key(key) => Some(key.id.clone()),
@@ -383,7 +383,7 @@ impl FromRequestParts<App> for Organizer {
         match Caller::from_request_parts(parts, app).await? {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
             Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),
-            _ => Err(ApiError::new(Code::Forbidden, "this takes an organizer's key")),
+            _ => Err(ApiError::new(Code::Forbidden, "this needs an organizer's key")),
         }
     }
 }

@@ -226,7 +226,7 @@ impl Rates {
             let name = "entries_per_address_h_max";
             metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
             let detail = format!(
-                "{most} entries an hour come from this address, as many as may; come again later, or ask the organizer for a code"
+                "{most} entries an hour came from this address, the maximum; try again later, or ask the organizer for a code"
             );
             ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
         })
@@ -277,7 +277,7 @@ impl Rates {
         };
         metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
         let detail = format!(
-            "more than {most} bytes a second come in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
+            "more than {most} bytes a second were sent in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
         );
         Err(ApiError::limit(Code::RateLimited, name, most, detail).retry_after(wait))
     }
@@ -312,7 +312,7 @@ fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
 
 fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {
     metrics::counter!("swarmbench_rate_limited_total", "limit" => name.to_owned()).increment(1);
-    let detail = format!("more than {most} requests a second come from {whose}; come again later");
+    let detail = format!("more than {most} requests a second came from {whose}; try again later");
     ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
 }
 

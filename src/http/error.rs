@@ -178,7 +178,7 @@ impl ApiError {
     #[must_use]
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
-            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
+            "less than {least} % of the server's disk is free: what is running continues, nothing new is created"
         );
         Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
             .retry_after(Duration::from_mins(1))
@@ -269,7 +269,7 @@ impl From<Unknown> for ApiError {
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
         if error.is_busy() {
-            let detail = "too many read the database; come again later";
+            let detail = "too many requests read the database; try again later";
             return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
@@ -303,7 +303,7 @@ impl From<WorkError> for ApiError {
     fn from(error: WorkError) -> Self {
         match error {
             WorkError::Busy => {
-                let detail = format!("{error}; come again later");
+                let detail = format!("{error}; try again later");
                 Self::limit(Code::Overloaded, "heavy_jobs_max", JOBS_WAITING_MAX, detail)
                     .retry_after(Duration::from_secs(1))
             }
@@ -319,7 +319,7 @@ impl From<RecoveryError> for ApiError {
             RecoveryError::Work(error) => error.into(),
             RecoveryError::Broken { .. } => {
                 tracing::error!(%error, "a request failed");
-                Self::new(Code::Internal, "the journal of this episode does not play again")
+                Self::new(Code::Internal, "the journal of this episode cannot be replayed")
             }
         }
     }

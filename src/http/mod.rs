@@ -223,7 +223,7 @@ impl App {
         let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
         let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
             let detail =
-                "too much heavy work (prompts, boards, large worlds) waits; ask again later";
+                "too much heavy work (prompts, boards, large worlds) is queued; try again later";
             return Err(ApiError::limit(
                 Code::Overloaded,
                 "heavy_jobs_max",
@@ -295,7 +295,7 @@ impl App {
             Location::Unfinished => {
                 let found = tokio::time::timeout(RECOVERY_TIMEOUT, find).await;
                 found.map_err(|_| {
-                    let detail = "the episode is still played again from its journal; its clock does not run";
+                    let detail = "the episode is still being recovered from its journal; its clock does not run";
                     ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
                 })?
             }
@@ -312,7 +312,7 @@ impl App {
     async fn large_answer(&self) -> Result<Permit, ApiError> {
         let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
-            let detail = "too many large answers are asked for; ask again later, or for less";
+            let detail = "too many large answers are requested; try again later, or ask for less";
             ApiError::limit(Code::Overloaded, name, slots, detail)
                 .retry_after(Duration::from_secs(1))
         })
@@ -323,7 +323,7 @@ impl App {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
             let detail =
-                "too many rounds are asked for that have to be played again; ask again later";
+                "too many earlier rounds are being replayed; try again later";
             ApiError::limit(Code::Overloaded, name, slots, detail)
                 .retry_after(Duration::from_secs(1))
         })

@@ -347,8 +347,8 @@ impl Full {
     /// Answers every request with that.
     fn router(&self) -> Router {
         let detail = match self.limit {
-            "connections_max" => "the server has as many connections as it takes; try again later",
-            _ => "your address has as many connections as it may; close some, or use them again",
+            "connections_max" => "the server has its maximum number of connections; try again later",
+            _ => "your address has its maximum number of connections; close some, or reuse them",
         };
         let error = ApiError::limit(Code::Overloaded, self.limit, self.most, detail)
             .retry_after(RETRY_AFTER);

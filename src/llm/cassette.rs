@@ -261,7 +261,7 @@ impl RecordedModel {
                     another template, other rules, or an answer that came from elsewhere"
                 .to_owned();
         }
-        "the recording does not go that far; go on with it by asking the endpoint".to_owned()
+        "the recording ends before this; record more by asking the endpoint".to_owned()
     }
 }
 

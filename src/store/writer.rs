@@ -352,7 +352,7 @@ async fn commit_each(
             Ok(()) => outcomes.push(Ok(())),
             Err(Failure::Refused(error)) => {
                 metrics::counter!("swarmbench_jobs_refused_total").increment(1);
-                tracing::error!(%error, "the database refuses an entry: it is not kept, all others are");
+                tracing::error!(%error, "the database rejected an entry: it is not stored, all others are");
                 outcomes.push(refuse(state, job, super::failure(error)));
             }
             Err(fatal) => return Err(roll_back(connection, fatal).await),
@@ -414,7 +414,7 @@ async fn begin(
         pause = (pause * 2).min(longest);
     };
     if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
-        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing goes on");
+        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing continues");
     }
     begun
 }

@@ -60,7 +60,7 @@ pub(in super::super) async fn register_entrant(
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
         Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {
-            let detail = "a token of an episode enters nothing; send a key, or nothing";
+            let detail = "a token of an episode cannot enter a competition; send a key, or no token";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };
@@ -120,7 +120,7 @@ async fn register(
     let most = app.limits.entrants_max;
     // Whoever was excluded leaves a place to somebody else.
     if room.active as usize >= most {
-        let detail = "as many have entered as there may be; ask the organizer";
+        let detail = "the competition has the maximum number of entrants; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
     if room.has_name {
@@ -134,7 +134,7 @@ async fn register(
     }
     if own_key.is_some() && room.of_owner >= definition.entries_per_key {
         let own = room.of_owner;
-        let detail = format!("this key has {own} entrants already, as many as it may");
+        let detail = format!("this key has {own} entrants already, the maximum");
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);

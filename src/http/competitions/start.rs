@@ -84,7 +84,7 @@ pub(in super::super) async fn start_attempt(
             let number = run.attempt.map_or(0, |(_, number)| number);
             if let Some(reason) = &run.void_reason {
                 let detail = format!(
-                    "this attempt does not count, start it again under another Idempotency-Key: {reason}"
+                    "this attempt was voided, start it again with another Idempotency-Key: {reason}"
                 );
                 return Err(ApiError::new(Code::Closed, detail));
             }
@@ -146,7 +146,7 @@ async fn start(
     let _open = app.runs.block_reveal().await;
     let stored = app.store.find_competition(&competition.id).await?;
     if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
-        let detail = "the competition is closed: its seeds are open to all";
+        let detail = "the competition is closed: its seeds are public";
         return Err(ApiError::new(Code::Closed, detail));
     }
     if let Some(doubt) = app.clock.doubt() {

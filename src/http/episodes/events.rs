@@ -109,7 +109,7 @@ async fn tell(app: &App, handle: &Handle, mut told: u32, feed: &Feed) {
                 Ok(world) => world,
                 Err(error) => {
                     if error.code() != Code::Overloaded {
-                        tracing::error!(?error, "events cannot be told");
+                        tracing::error!(?error, "events cannot be sent");
                     }
                     return;
                 }

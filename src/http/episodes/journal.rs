@@ -50,9 +50,9 @@ pub(in super::super) async fn read_journal(
     let (stored, spec) = app.known(&caller, id).await?;
     if !app.may_read_journal(&caller, &stored) {
         let detail = if spec.is_mixed() {
-            "a journal holds the seed and what all holders of seats answer: it is shown after the end"
+            "a journal contains the seed and the answers of all seat holders: it can be read after the end"
         } else {
-            "a journal holds the seed: until the end only the creator may read it"
+            "a journal contains the seed: until the end only the creator may read it"
         };
         return Err(ApiError::new(Code::Forbidden, detail));
     }

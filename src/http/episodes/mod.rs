@@ -32,7 +32,7 @@ impl App {
             let detail = if spec.visibility == Visibility::Sealed {
                 "this game is sealed: until its competition is revealed only organizers may read this"
             } else if spec.is_mixed() {
-                "several hold seats of this episode: until its end nobody may read this"
+                "this episode has several seat holders: nobody may read this before its end"
             } else {
                 "until the end of this episode only its creator may read this"
             };

@@ -46,7 +46,7 @@ pub(in super::super) async fn stream_run_events(
         tokio::select! {
             told = tell(&app, &caller, &id, open_games, &feed) => {
                 if let Err(error) = told {
-                    tracing::warn!(?error, "events of a run cannot be told");
+                    tracing::warn!(?error, "events of a run cannot be sent");
                 }
             }
             () = feed.gone() => {}
