@@ -20,9 +20,7 @@ pub const SMALL_BYTES: usize = 64 * 1024;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoMemory {
     /// The budget is used up.
-    #[error(
-        "the memory limit of all worlds and answers, {0} bytes, is reached"
-    )]
+    #[error("the memory limit of all worlds and answers, {0} bytes, is reached")]
     All(usize),
     /// The group has its share.
     #[error(

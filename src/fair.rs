@@ -73,7 +73,7 @@ impl Party {
 
     /// Makes this the party of the rest of the request, once more is known about the caller.
     pub fn refine(self) {
-        // Outside of a request nobody asks.
+        // Outside of a request there is no caller.
         let _ = CURRENT.try_with(|current| current.set(self));
     }
 }

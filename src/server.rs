@@ -29,10 +29,10 @@ use crate::store::{OpenError, Store};
 use crate::telemetry;
 use crate::work::Workers;
 
-/// How long the server waits before it tries again to take up what was running before a restart.
+/// How long the server waits before it retries to recover what was running before a restart.
 const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
 
-/// How often the server looks after what nobody asks for.
+/// How often idle episodes, waiting runs and caches are swept.
 const SWEEP: Duration = Duration::from_mins(1);
 
 /// What a server is made of; the defaults are the host's own.
@@ -272,7 +272,7 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
     }
 }
 
-/// Takes up what was running before a restart.
+/// Recovers what was running before a restart.
 async fn recover_with_retries(app: App) {
     while let Err(error) = recover_all(&app).await {
         tracing::error!(%error, "unfinished episodes and runs cannot be recovered; trying again");
@@ -291,7 +291,7 @@ async fn recover_all(app: &App) -> Result<(), JournalError> {
     Ok(())
 }
 
-/// Has runs go on whenever one of their games has ended.
+/// Advances a run whenever one of its games has ended.
 async fn advance_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
         app.runs.advance_ended(ended).await;
@@ -303,8 +303,8 @@ async fn close_competitions(app: App) {
     closing::run(&app.store, &app.runs, &*app.clock).await;
 }
 
-/// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what
-/// nobody asks for.
+/// Advances episodes that are not in memory and runs that wait for a permit, and evicts what is
+/// unused.
 async fn sweep(app: App) {
     loop {
         app.registry.sweep_idle().await;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 use tokio::sync::Mutex;
 
-use crate::board::collection::{BoardId, BoardSuite, Boards, Imported, FinishedRun, KnownSettings};
+use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported, KnownSettings};
 use crate::board::cross_play::{MixedGame, Model, Setting};
 use crate::board::result::RunResult;
 use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
@@ -34,9 +34,9 @@ pub struct Standings {
 struct CachedBoards {
     /// What has changed and is not read again yet.
     changes: Vec<Change>,
-    /// None until somebody asks.
+    /// None until the first request.
     boards: Option<Arc<Boards>>,
-    /// None until somebody asks.
+    /// None until the first request.
     mixed: Option<Arc<MixedGames>>,
 }
 
@@ -148,7 +148,11 @@ impl Standings {
         Ok(())
     }
 
-    async fn read_mixed(&self, cached: &mut CachedBoards, episode: EpisodeKey) -> Result<(), JournalError> {
+    async fn read_mixed(
+        &self,
+        cached: &mut CachedBoards,
+        episode: EpisodeKey,
+    ) -> Result<(), JournalError> {
         let Some(mixed) = &mut cached.mixed else { return Ok(()) };
         let found = self.store.mixed_game(episode).await?.map(mixed_game).transpose()?;
         let mixed = Arc::make_mut(mixed);

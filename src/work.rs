@@ -213,7 +213,7 @@ impl Workers {
         Self(Some(Arc::new(Owner { shared, threads, background })))
     }
 
-    /// No threads: all work is done at once, where it is asked for. Then what comes of it does not depend on
+    /// No threads: all work is done at once by its caller. Then its result does not depend on
     /// the host, for tests that have to go the same way again.
     #[must_use]
     pub const fn inline() -> Self {

@@ -149,10 +149,10 @@ pub struct Game {
     pub score: f64,
     /// Answers that players gave, valid or not.
     pub answers: u64,
-    /// Answers that were none.
+    /// Invalid answers.
     pub invalid: u64,
-    /// Moves for which the clock ran out.
+    /// Moves that timed out.
     pub timeouts: u64,
-    /// Whether the host broke it, so that it does not count.
+    /// Whether it was voided, so that it does not count.
     pub voided: bool,
 }

@@ -483,7 +483,7 @@ pub(super) mod tests {
             for pick in [Pick::Last, Pick::Mean] {
                 for row in rank(&runs, [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
-                    // Where the host broke games, the mean may be one of other seeds than the best.
+                    // Where games were voided, the mean may be of other seeds than the best.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {
                         run.tasks.iter().all(|task| task.planned == 3)
                     });

@@ -46,21 +46,21 @@ pub struct TaskResult {
     pub mean_and_deviation: Option<(f64, f64)>,
     /// Games that were played and count.
     pub games: u32,
-    /// Games that were to be played, without those that the host broke.
+    /// Planned games, without voided ones.
     pub planned: u32,
-    /// Games that the host broke.
+    /// Voided games.
     pub voided: u32,
     /// Answers that players gave in the games that count.
     pub answers: u64,
-    /// Those of them that were none.
+    /// The invalid ones among them.
     pub invalid: u64,
-    /// Moves for which the clock ran out.
+    /// Moves that timed out.
     pub timeouts: u64,
 }
 
 impl RunResult {
     /// What a run is worth. Once it is over, a planned game that was not played counts as 0: doing nothing scores
-    /// about that, and otherwise it would pay to abort a run that goes badly. A game that the host broke does
+    /// about that, and otherwise it would pay to abort a run that goes badly. A voided game does
     /// not count, unless it was played again.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {

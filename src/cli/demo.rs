@@ -46,7 +46,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let base = format!("http://{}", listener.local_addr()?);
     let (stop, stopped) = oneshot::channel::<()>();
     let serving = tokio::spawn(server.run(listener, async {
-        // Whoever holds the other end lets go of it when it is done.
+        // The other end is dropped when it is done.
         drop(stopped.await);
     }));
     println!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");

@@ -104,9 +104,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         );
     }
     if args.open && server.has_keys() {
-        tracing::warn!(
-            "--open has no effect: there are keys, so creating an episode needs one"
-        );
+        tracing::warn!("--open has no effect: there are keys, so creating an episode needs one");
     }
     let listener = listen(args.addr)
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;

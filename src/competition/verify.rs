@@ -406,7 +406,10 @@ impl Checker {
             return Err(format!("its journal is that of {}", opening.episode));
         }
         if opening.run.as_ref() != Some(&published.run) {
-            return Err(format!("it belongs to {:?}, not to the run {}", opening.run, published.run));
+            return Err(format!(
+                "it belongs to {:?}, not to the run {}",
+                opening.run, published.run
+            ));
         }
         if opening.config.seed != planned.seed {
             return Err(format!(

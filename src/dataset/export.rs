@@ -138,7 +138,7 @@ impl<'a> Export<'a> {
         let runtime = Handle::current();
         let Selection { filter, episode } = selection;
         let wanted = |stored: &StoredEpisode| {
-            // What the host broke counts nowhere: whoever wants it asks for that episode.
+            // A voided episode counts nowhere: it is exported only when it is named.
             let counts = stored.void_reason.is_none() || episode.is_some();
             (filter.status.is_some() || stored.ended_at.is_some()) && counts && may(stored)
         };

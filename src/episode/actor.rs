@@ -2,7 +2,7 @@
 //!
 //! Only the actor steps the engine. What an event leads to goes to the journal in one piece: an act,
 //! and with the last act of a round the resolved round and perhaps the end. The commit that holds it
-//! publishes the new state and then sends the receipts, so whoever has a receipt finds the state that
+//! publishes the new state and then sends the receipts, so a client with a receipt finds the state that
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
@@ -16,9 +16,9 @@ use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Effect, Event, RecordedAct, Lockstep, Receipt, Refusal, Submission};
-use super::memory;
 use super::in_flight::{InFlightLimit, InFlightPermits, SEAT_ACTS_WAITING_MAX};
+use super::lockstep::{Effect, Event, Lockstep, Receipt, RecordedAct, Refusal, Submission};
+use super::memory;
 use super::quota::Quotas;
 use super::replay::Replays;
 use super::seating::{SeatTaken, Seating, Wanted};
@@ -59,7 +59,7 @@ pub enum ActError {
     /// Too many acts of the same seat wait already.
     #[error("the maximum of {SEAT_ACTS_WAITING_MAX} acts of this seat already wait for an answer")]
     Busy,
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
@@ -73,12 +73,12 @@ pub enum StartError {
     /// It cannot begin yet.
     #[error("{0} of its seats are still open")]
     SeatsOpen(u16),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-/// Seats that somebody asks for.
+/// A claim of seats.
 #[derive(Clone, Debug)]
 pub struct Claim {
     /// Who; the number and the time are not known yet.
@@ -93,7 +93,7 @@ pub struct Claim {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// Seats that somebody got.
+/// The result of a claim.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claimed {
     /// The number of the claim in its episode.
@@ -102,7 +102,7 @@ pub struct Claimed {
     pub agents: Vec<AgentId>,
 }
 
-/// Why a claim was not taken.
+/// Why a claim was refused.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ClaimError {
     /// The seats have holders, or there never were open ones.
@@ -111,7 +111,7 @@ pub enum ClaimError {
     /// The episode has ended.
     #[error("the episode has ended")]
     Over,
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
@@ -129,7 +129,7 @@ struct Batch {
     permits: InFlightPermits,
 }
 
-/// An act on its way.
+/// An act in flight.
 struct Sent {
     /// Its place among the acts of the call.
     place: usize,
@@ -141,22 +141,22 @@ struct Sent {
 /// What a seat did in a round that is over.
 #[expect(clippy::large_enum_variant, reason = "an act that comes with it is larger still")]
 enum Earlier {
-    /// Nobody has looked.
+    /// Not looked up yet.
     Unknown,
-    /// This, if anything.
+    /// The result of the lookup.
     Found(Option<RecordedAct>),
 }
 
-/// What became of an act.
+/// The reply to an act.
 #[expect(clippy::large_enum_variant, reason = "nearly all are outcomes")]
 enum Reply {
     Outcome(Result<Receipt, ActError>),
-    /// Its round is over: somebody has to look what the seat did then. The actor does not, as all
+    /// Its round is over: the caller has to look up what the seat did then. The actor does not, as all
     /// others would wait for it.
     Late(Sent),
 }
 
-/// A message and when it came: its wait in the mailbox takes no player's time.
+/// A message with its arrival time: its wait in the mailbox costs no player time.
 type Envelope = (Timestamp, Message);
 
 /// Starts a task that runs on its own.
@@ -165,23 +165,23 @@ pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 /// What all actors of a server share.
 #[derive(Clone)]
 pub struct Host {
-    /// Where entries are kept.
+    /// Where entries are stored.
     pub journal: Arc<dyn Journal>,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// What runs the actors.
     pub spawn: Spawn,
-    /// What everybody holds.
+    /// Per-owner quotas.
     pub quotas: Arc<Quotas>,
     /// The memory that worlds and answers may take together.
     pub budget: Arc<Budget>,
     /// What does heavy work.
     pub workers: Workers,
-    /// States of earlier rounds that are being made again.
+    /// Replays of earlier rounds.
     pub replays: Arc<Replays>,
-    /// Told of every run of which an episode has ended, durably.
+    /// Notified of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
-    /// Told of every episode that is taken up and of which the server may play seats.
+    /// Notified of every recovered episode of which the server may play seats.
     pub hosted: mpsc::UnboundedSender<Handle>,
 }
 
@@ -227,12 +227,12 @@ pub struct Running {
     clock: Arc<dyn Clock>,
     journal: Arc<dyn Journal>,
     mailbox: mpsc::UnboundedSender<Envelope>,
-    /// What bounds the acts in the mailbox.
+    /// Bounds the acts in the mailbox.
     in_flight: Arc<InFlightLimit>,
-    /// What bounds everything else in it.
+    /// Bounds everything else in it.
     commands: Semaphore,
-    /// Whoever looks up acts of rounds that are over: one at a time in each episode, so that others
-    /// who read the database find it free.
+    /// Serializes the lookups of acts of rounds that are over, so that one episode does not occupy all
+    /// connections to the database.
     lookups: tokio::sync::Mutex<()>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     published: watch::Receiver<Arc<Snapshot>>,
@@ -393,7 +393,7 @@ impl Handle {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }
 
-    /// When the episode ends unless somebody asks for something.
+    /// When the episode ends unless there is a request.
     pub(super) fn ends_at(&self) -> Timestamp {
         Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
@@ -480,7 +480,7 @@ impl Keyframes {
     /// States, however small they are.
     const COUNT_MAX: usize = 1024;
 
-    /// Starts with the layout, which is kept whatever it takes.
+    /// Starts with the layout, which is always kept.
     pub(super) fn new(layout: Arc<World>) -> Self {
         let stride = Self::STRIDE_MICROS / step_micros(layout.config());
         let stride = u32::try_from(stride.clamp(1, Self::STRIDE_MAX)).expect("at most STRIDE_MAX");
@@ -586,7 +586,7 @@ pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> H
         gone: gone.clone(),
     }));
     if init.spec.may_be_hosted() && !latest.status.is_over() {
-        // Where nobody plays for the server, nobody is told.
+        // The receiver is gone if hosted seats are not played.
         _ = host.hosted.send(handle.clone());
     }
     let has_clients = !init.spec.is_all_hosted();
@@ -639,7 +639,7 @@ fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
     lockstep.note_time_of_day(closes_at, is_in_doubt);
 }
 
-/// When the episode ends unless somebody asks for something, or when that is to be looked at again.
+/// When the episode ends unless there is a request, or when that has to be checked again.
 fn ends_at(lockstep: &Lockstep, clock: &dyn Clock) -> Timestamp {
     if lockstep.is_held() { after(clock.now(), LOOKS_AGAIN_AFTER) } else { lockstep.ends_at() }
 }
@@ -731,7 +731,7 @@ impl Actor {
         }
     }
 
-    /// When something is next to be done though nobody asks.
+    /// When the next timer of the episode expires.
     fn wakes_at(&self) -> Option<Timestamp> {
         let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
         let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
@@ -792,14 +792,14 @@ impl Actor {
         effects
     }
 
-    /// Tells others when the episode ends unless somebody asks for something.
+    /// Publishes when the episode ends unless there is a request.
     fn note_end(&self) {
         let ends_at = ends_at(&self.lockstep, &*self.host.clock);
         self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
     }
 
-    /// What is due before the first event: a layout that is solved already, or a round whose acts
-    /// were all kept before a restart.
+    /// Resumes before the first event: ends a layout that is solved already, or resolves a round whose
+    /// acts were all stored before a restart.
     async fn resume(&mut self) {
         let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
@@ -860,7 +860,7 @@ impl Actor {
         }
     }
 
-    /// Performs effects and tells whoever asked for them what it came to; they may have gone.
+    /// Performs effects and sends the result to the caller, who may be gone.
     async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
         &mut self,
         at: Timestamp,
@@ -874,7 +874,7 @@ impl Actor {
         self.perform(at, effects, told).await;
     }
 
-    /// Gives open seats to whoever claims them.
+    /// Assigns open seats to a claim.
     fn claim(&mut self, at: Timestamp, claim: Claim) -> Result<Claimed, ClaimError> {
         let Claim { holder, wanted, seats, swarm, idempotency } = claim;
         if self.lockstep.outcome().is_some() {
@@ -946,8 +946,8 @@ impl Actor {
             }
         }
         self.perform(at, effects, |result| {
-            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing
-            // is refused for the sake of something that may not be kept.
+            // Nothing is acknowledged that may be lost, not even for the second time; and nothing
+            // is refused because of something that may be lost.
             if let Err(error) = result {
                 for (_, told) in &mut told {
                     *told = Reply::Outcome(Err(error.clone().into()));
@@ -960,7 +960,7 @@ impl Actor {
     }
 
     /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is
-    /// told once it, and all that was queued before, is durable and published.
+    /// called once it, and all that was queued before, is durable and published.
     async fn perform(
         &mut self,
         at: Timestamp,
@@ -1027,7 +1027,7 @@ impl Actor {
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), JournalError>| {
-            // What this rests on may have been refused although there was nothing here to refuse.
+            // Earlier entries may have been rejected although there is nothing to reject here.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
                 after_commit.publish(&host, &publish);
@@ -1213,7 +1213,7 @@ impl AfterCommit {
         next.set_opened(host.clock.now());
         publish.send_replace(next);
         if let Some(run) = ended {
-            // Where nobody looks after runs, nobody is told.
+            // The receiver is gone if runs are not managed.
             _ = host.ended.send(run);
         }
     }

@@ -64,11 +64,11 @@ pub enum Event {
 /// What is to be done, in this order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Answer whoever caused the event; an accepted act only once it is durable.
+    /// Answer the caller; an accepted act only once it is durable.
     Answer(Result<Receipt, Refusal>),
-    /// Keep that the episode was started.
+    /// Record that the episode was started.
     KeepStart,
-    /// Keep what a seat did in the open round.
+    /// Record what a seat did in the open round.
     KeepAct {
         /// The seat.
         agent: AgentId,
@@ -78,7 +78,7 @@ pub enum Effect {
     /// All living seats have acted or run out of time: resolve the round from
     /// [`Lockstep::records`], then tell [`Event::Resolved`].
     Resolve,
-    /// Keep and publish the end.
+    /// Record and publish the end.
     End(Ending),
     /// Publish the state: a round was opened.
     Publish,
@@ -93,12 +93,12 @@ pub struct RecordedAct {
     pub waiting_for: u32,
 }
 
-/// What a player is told about an accepted act.
+/// The receipt of an accepted act.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Receipt {
     /// The round.
     pub round: u32,
-    /// What was kept.
+    /// What was recorded.
     pub recorded: RecordedAct,
     /// Whether it had been sent before.
     pub duplicate: bool,
@@ -295,7 +295,7 @@ impl Lockstep {
         after(self.last_act_at, self.clocks.idle_timeout)
     }
 
-    /// When the episode ends unless somebody asks for something: one that waits for its start ends when it
+    /// When the episode ends unless there is a request: one that waits for its start ends when it
     /// closes, too.
     #[must_use]
     pub fn ends_at(&self) -> Timestamp {
@@ -323,7 +323,7 @@ impl Lockstep {
         self.clocks.closes_at.is_some_and(|at| at <= now)
     }
 
-    /// Where the episode stands.
+    /// The status of the episode.
     #[must_use]
     pub const fn status(&self) -> Status {
         match self.phase {
@@ -349,7 +349,8 @@ impl Lockstep {
         match self.phase {
             Phase::Waiting => Some(self.ends_at()),
             Phase::Open => {
-                let pending = self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none());
+                let pending =
+                    self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none());
                 let deadlines = pending.filter_map(|seat| self.deadline(seat));
                 deadlines.min().or(Some(idle)).map(|at| at.min(idle))
             }
@@ -418,7 +419,8 @@ impl Lockstep {
         let waiting = self.phase == Phase::Waiting;
         let seat = &self.seats[agent.index()];
         let recorded = if sent == round { seat.recorded.clone() } else { earlier };
-        let answered = recorded.as_ref().filter(|recorded| recorded.record.source == Source::Player);
+        let answered =
+            recorded.as_ref().filter(|recorded| recorded.record.source == Source::Player);
         let refusal = match answered {
             Some(recorded) if is_same(&recorded.record, &record) => {
                 let receipt = Receipt { round: sent, recorded: recorded.clone(), duplicate: true };
@@ -515,7 +517,7 @@ impl Lockstep {
         }
     }
 
-    /// After an episode was taken up: resolves an open round that has all its acts.
+    /// After recovery: resolves an open round that has all its acts.
     pub fn close(&mut self) -> Vec<Effect> {
         let mut effects = Vec::new();
         let has_acts = self.seats.iter().any(|seat| seat.recorded.is_some());
@@ -527,7 +529,8 @@ impl Lockstep {
 
     /// How many living seats have not acted in the open round.
     fn waiting_for(&self) -> u32 {
-        let pending = self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none()).count();
+        let pending =
+            self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none()).count();
         u32::try_from(pending).expect("at most 1,024 agents")
     }
 
@@ -544,7 +547,7 @@ impl Lockstep {
     }
 }
 
-/// Whether two acts are the same: usage and reasoning are not compared, the first are kept.
+/// Whether two acts are the same: usage and reasoning are not compared, the first are stored.
 fn is_same(kept: &ActRecord, sent: &ActRecord) -> bool {
     kept.action == sent.action
         && kept.message == sent.message
@@ -698,10 +701,14 @@ mod tests {
         let mut machine = new(2, clocks(Some(10), 5));
         assert_eq!(machine.wakes_at(), Some(at(15)));
         let effects = submit(&mut machine, at(12), 0, 0, "UP");
-        assert_eq!(answer(&effects).expect("in the bank's time").recorded.record.bank_spent_ms, 2000);
+        assert_eq!(
+            answer(&effects).expect("in the bank's time").recorded.record.bank_spent_ms,
+            2000
+        );
         assert_eq!(machine.apply(at(14), Event::Tick), []);
         let effects = machine.apply(at(15), Event::Tick);
-        let recorded = RecordedAct { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
+        let recorded =
+            RecordedAct { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
         assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), recorded }, Effect::Resolve]);
         machine.apply(at(15), Event::Resolved { alive: vec![true; 2], ending: None });
         assert_eq!(machine.banks(), [Duration::from_secs(3), Duration::ZERO]);

@@ -1,9 +1,9 @@
-//! Shares of what is scarce: places for episodes that have not ended, and bytes in the journal.
+//! Per-owner quotas: episodes that have not ended, and bytes in the journal.
 //!
-//! Places are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
-//! episode as long as it holds fewer places than are free, and an entrant as long as it holds fewer than its
-//! competition could still take. So one group alone holds half of all places at most, two hold a third each, and
-//! whoever comes new always finds some free. A few places are kept for organizers and for the next games of runs.
+//! Unfinished episodes are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
+//! episode as long as it has fewer open than there are free, and an entrant as long as it has fewer than its
+//! competition could still open. So one group alone has half of all at most, two have a third each, and
+//! a new group always finds some free. A few are reserved for organizers and for the next games of runs.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -15,16 +15,16 @@ use crate::fair::{Group, Party};
 use crate::journal::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
-/// How much may be held. What is over it is refused; what runs goes on.
+/// The caps. What exceeds them is refused; running episodes continue.
 #[derive(Clone, Copy, Debug)]
 pub struct Caps {
     /// Episodes that have not ended, in all.
     pub episodes_unfinished_max: usize,
     /// Episodes that have not ended, of one key.
     pub episodes_per_key_max: usize,
-    /// How many percent of all places are kept for organizers and for the next games of runs.
+    /// The percentage of all episodes that is reserved for organizers and for the next games of runs.
     pub episodes_reserved_percent: u32,
-    /// How many places a group may hold, in percent of those that are free.
+    /// How many episodes a group may have open, in percent of those that are free.
     pub episodes_of_free_percent_max: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
@@ -32,32 +32,32 @@ pub struct Caps {
     pub journal_bytes_per_key_max: u64,
     /// Bytes that the acts of all episodes of one competition may take in the journal.
     pub journal_bytes_per_competition_max: u64,
-    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; any number where it is 0.
+    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; 0 for no limit.
     pub journal_bytes_per_key_s_max: u64,
-    /// Bytes of large acts a second that all entrants of a competition may write, on average; any number where it is 0.
+    /// Bytes of large acts a second that all entrants of a competition may write, on average; 0 for no limit.
     pub journal_bytes_per_competition_s_max: u64,
 }
 
-/// A record of an act of at most so many bytes is kept whatever was used: an action and a message
+/// A record of an act of at most so many bytes is always stored: an action and a message
 /// always fit, so that an episode can be played to its end.
 pub const ACT_BYTES_ALWAYS: u64 = 2048;
 
 /// How many seconds' worth of bytes may be written at once.
 pub const BURST_S: i64 = 8;
 
-/// Of all bytes that a network may write without a key, the part that is forgotten once it plays nothing.
+/// The fraction of the bytes that a network may write without a key that is forgotten once it plays nothing.
 const FORGOTTEN: u64 = 100;
 
 impl Party {
-    /// Whoever plays with this key, if any, outside of competitions. Of those without a key that nothing is known of
-    /// there is one group.
+    /// The party that plays with this key, if any, outside of competitions. Callers without a key and a known address
+    /// are one group.
     #[must_use]
     pub fn of_key(owner: Option<OwnerKey>) -> Self {
         let unknown = Group::Address(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
         Self::of(owner.map_or(unknown, Group::Owner))
     }
 
-    /// Whoever plays with this key in a competition, or else outside.
+    /// The party that plays with this key in a competition, or else outside.
     #[must_use]
     pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
         let entrant = |key| Self { group: Group::Competition(key), member: owner };
@@ -75,49 +75,51 @@ impl Party {
     }
 }
 
-/// What a place is wanted for.
+/// The purpose of a new episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Anything else.
     Usual,
     /// The next game of a run that has none open: it uses half of the reserve, too.
     NextGame,
-    /// Whatever an organizer creates: it may use all of the reserve and more than a share.
+    /// An episode of an organizer: it may use all of the reserve and more than a share.
     Organizer,
 }
 
 /// A cap that was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Full {
-    /// The server plays as many episodes as it takes.
+    /// The server has its maximum of episodes.
     #[error("the server already plays its maximum of {0} episodes; wait until some have ended")]
     Episodes(usize),
-    /// The holder of the key plays as many episodes as one may.
-    #[error("this key already has its maximum of {0} unfinished episodes; end some, or wait until some have ended")]
+    /// The key has its maximum of episodes.
+    #[error(
+        "this key already has its maximum of {0} unfinished episodes; end some, or wait until some have ended"
+    )]
     EpisodesOfKey(usize),
-    /// The group, or the entrant within it, has its share of the places.
+    /// The group, or the entrant within it, has its share of the episodes.
     #[error(
         "this {whose} has its share of unfinished episodes, {percent} % of what is free; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         /// Whose share it is.
         whose: Whose,
-        /// How many are held.
+        /// How many are open.
         held: usize,
-        /// How many percent of the free places a share is.
+        /// The share, in percent of the free episodes.
         percent: u32,
     },
-    /// The acts of the episode take as many bytes as they may.
+    /// The acts of the episode have reached their maximum of bytes.
     #[error(
         "the acts of this episode take {0} bytes already; send them without `reasoning`, and an `action` instead of a long `response`"
     )]
     BytesOfEpisode(u64),
-    /// The acts of all episodes of the key take as many bytes as they may.
+    /// The acts of all episodes of the key have reached their maximum of bytes.
     #[error(
         "the acts of all episodes of this key take {0} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
     )]
     BytesOfKey(u64),
-    /// The acts of all episodes of the competition take as many bytes as they may.
+    /// The acts of all episodes of the competition have reached their maximum of bytes.
     #[error(
         "the acts of all episodes of this competition take {0} bytes already; send acts without `reasoning` and with short responses"
     )]
@@ -190,7 +192,7 @@ const fn whose(group: Group) -> Whose {
     }
 }
 
-/// Counts what is held; shared by all episodes of a server.
+/// Counts what owners use; shared by all episodes of a server.
 #[derive(Debug)]
 pub struct Quotas {
     caps: Caps,
@@ -202,7 +204,7 @@ struct Held {
     unfinished: HashMap<EpisodeKey, Party>,
     by_owner: HashMap<OwnerKey, OfOwner>,
     by_group: HashMap<Group, Share>,
-    /// What each entrant holds of its competition.
+    /// What each entrant uses of its competition.
     by_entrant: HashMap<Party, Share>,
 }
 
@@ -212,7 +214,7 @@ struct OfOwner {
     bytes: u64,
 }
 
-/// What a group, or an entrant, holds.
+/// What a group, or an entrant, uses.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     episodes: usize,
@@ -221,7 +223,7 @@ struct Share {
 }
 
 impl Quotas {
-    /// Nothing is held yet.
+    /// Nothing is used yet.
     #[must_use]
     pub fn new(caps: Caps) -> Self {
         Self { caps, held: Mutex::default() }
@@ -231,7 +233,7 @@ impl Quotas {
         self.held.lock().expect("nothing panics while it holds this")
     }
 
-    /// Takes a place for a new episode.
+    /// Counts a new episode.
     ///
     /// # Errors
     /// The cap that was reached.
@@ -357,7 +359,7 @@ impl Held {
         self.check_bytes(caps, party, 1)?;
         match purpose {
             Purpose::Usual => self.check_share(caps, party, free),
-            // However many runs go on: others have half of the places.
+            // However many runs there are: others have half of the episodes.
             Purpose::NextGame => self.check_group(caps, party, all.div_ceil(2)).map(drop),
             Purpose::Organizer => Ok(()),
         }
@@ -583,7 +585,7 @@ mod tests {
         quotas.release(EpisodeKey(1));
         assert_eq!(quotas.unfinished(), 2);
         assert_eq!(admit(3, OWN), Ok(()));
-        // An episode that is taken up again is no second one.
+        // A recovered episode is not counted twice.
         quotas.note(EpisodeKey(3), OWN);
         assert_eq!(quotas.unfinished(), 3);
     }

@@ -1,4 +1,4 @@
-//! Journal → running episode: every unfinished episode stands again at the same round, with the acts
+//! Journal → running episode: every unfinished episode continues at the same round, with the acts
 //! that were already recorded.
 
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use swarmbench_engine::World;
 
 use super::actor::{EpisodeInit, Host, Keyframes, Times};
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Clocks, RecordedAct, Lockstep, ResumeState};
+use super::lockstep::{Clocks, Lockstep, RecordedAct, ResumeState};
 use super::replay::{acts_bytes, rounds_at_once};
 use super::seating::Seating;
 use super::spec::Spec;
@@ -19,7 +19,7 @@ use crate::journal::replay::acts_of;
 use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
 use crate::work::{Cancelled, WorkError};
 
-/// Why an episode cannot be taken up.
+/// Why an episode cannot be recovered.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum RecoveryError {
     /// Its journal cannot be read.
@@ -86,7 +86,9 @@ pub(super) async fn recover(
         alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
         bank_spent: track.bank_spent,
         recorded: (open.into_iter())
-            .map(|(agent, act)| (agent, RecordedAct { record: act.record, waiting_for: act.waiting_for }))
+            .map(|(agent, act)| {
+                (agent, RecordedAct { record: act.record, waiting_for: act.waiting_for })
+            })
             .collect(),
         last_act_at: times.last_act_at(),
     };
@@ -114,7 +116,7 @@ pub(super) async fn recover(
     })
 }
 
-/// For whom an episode of `party` is taken up: one that has ended for whoever asks.
+/// The party for which an episode of `party` is recovered: if it has ended, the caller.
 pub(super) fn recovered_for(stored: &StoredEpisode, party: Party) -> Party {
     if stored.end.is_some() { Party::current() } else { party }
 }

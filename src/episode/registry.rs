@@ -1,5 +1,5 @@
 //! All episodes of a server: creates them, finds them, takes them up from the journal on first use,
-//! and lets go of those that nobody asks for.
+//! and evicts idle ones.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -39,33 +39,33 @@ use crate::work::{Cancelled, WorkError, Workers};
 /// is ready without it.
 const LIGHT_RECOVERY_MICROS: u64 = 250_000;
 
-/// Light episodes that are taken up at once after a start.
+/// Light episodes that are recovered at once after a start.
 const RECOVERED_AT_ONCE: usize = 8;
 
 /// Episodes that are not in memory and are looked after at once by a sweep: one that takes long, or whose journal is
 /// broken, keeps no other from its end.
 const SWEPT_AT_ONCE: usize = 8;
 
-/// How long an episode that nobody asks for stays in memory.
+/// How long an idle episode stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
 /// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
 /// what has failed at once may fail at once again.
 const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
-/// How long an episode that nobody asks for stays in memory where memory is short.
+/// How long an idle episode stays in memory when memory is low.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
 
-/// Where too few episodes were idle, how long nobody looks for others.
+/// How long the search for idle episodes pauses after it found too few.
 const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
 
-/// How long whoever takes up an episode whose time is over waits for its end.
+/// How long the recovery of an episode whose time is over waits for its end.
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Episodes that are taken up from their journals at once; each may read as much as some rounds have text.
+/// Concurrent recoveries from journals; each may read as much as some rounds have text.
 pub const RECOVERIES_MAX: usize = 32;
 
-/// Turns to take episodes up: a group has no more than half of them.
+/// Permits for recoveries: a group has no more than half of them.
 fn recoveries() -> FairLimit {
     let shares = Shares {
         slots: RECOVERIES_MAX,
@@ -102,9 +102,9 @@ pub struct Creation {
 pub enum Location {
     /// In memory.
     Memory,
-    /// In the journal, and it has not ended: it is taken up to the end, whoever asked.
+    /// In the journal, and it has not ended: its recovery continues although the caller is gone.
     Unfinished,
-    /// In the journal, if anywhere: it is taken up for whoever asks, as long as somebody waits.
+    /// In the journal, if anywhere: its recovery is cancelled when no caller waits for it.
     Journal,
 }
 
@@ -123,18 +123,18 @@ pub enum CreateError {
     /// Its map is large, and too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-/// Why an episode was not found in memory, nor taken up.
+/// Why an episode was neither found in memory nor recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
     /// No memory is free for it.
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
-    /// It cannot be taken up.
+    /// It cannot be recovered.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
 }
@@ -151,30 +151,30 @@ pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
-    /// Until when nobody looks for idle episodes of a group, or of all, again: there were too few.
+    /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
-    /// Turns to take an episode up from its journal.
+    /// Permits for recoveries.
     recoveries: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
 
-/// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
+/// The slot of an episode: of all that have not ended, and of those that were requested lately.
 struct Slot {
     /// Empty as long as the episode is not in memory.
     handle: Arc<OnceCell<Handle>>,
     used_at: Timestamp,
-    /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
-    /// for it earlier: then it is abandoned, or closed.
+    /// When an episode that has not ended and is not in memory has to be recovered, if there is no
+    /// request for it earlier: then it is abandoned, or closed.
     ends_at: Option<Timestamp>,
-    /// Whether it goes on though nobody asks: then it is taken up whenever it is not in memory.
+    /// Whether it advances by itself: then it is recovered whenever it is not in memory.
     clocked: bool,
-    /// The actor that was let go of. It may still have something to do, and an episode never has
+    /// The actor that was evicted. It may still have something to do, and an episode never has
     /// two of them.
     leaving: Option<CancellationToken>,
     /// When it was last emptied as its actor had ended by a fault.
     revived_at: Option<Timestamp>,
-    /// Whether it will be taken up as soon as those before it are.
+    /// Whether it is queued for recovery.
     in_line: bool,
     /// Of an episode that was in memory since the start of the server. The time of day may have been set
     /// since then, so the journal does not know them.
@@ -195,7 +195,7 @@ impl Slot {
         }
     }
 
-    /// Empties the place where the actor has ended though the episode has not, so that whoever comes next
+    /// Empties the slot if the actor has ended though the episode has not, so that the next request
     /// recovers the episode. Others may still hold the dead handle: nothing is done through it.
     fn empty_if_dead(&mut self, now: Timestamp) {
         let is_early = self.revived_at.is_some_and(|at| after(at, REVIVED_AFTER) > now);
@@ -218,7 +218,7 @@ impl Slot {
         !self.is_held() && after(self.used_at, stays) <= now
     }
 
-    /// Lets an idle episode leave the memory, unless it has a running clock; false where it needs no place any
+    /// Evicts an idle episode, unless it has a running clock; false where it needs no slot any
     /// more.
     fn leave(&mut self, now: Timestamp) -> bool {
         let Some(handle) = self.handle.get() else { return self.ends_at.is_some() };
@@ -233,7 +233,7 @@ impl Slot {
         true
     }
 
-    /// Takes the episode out of memory, until somebody asks for it or it is `ends_at`.
+    /// Evicts the episode, until there is a request for it or it is `ends_at`.
     fn vacate(&mut self, ends_at: Timestamp) {
         let place = std::mem::take(&mut self.handle);
         let Some(handle) = place.get() else { return };
@@ -362,14 +362,14 @@ impl Registry {
         self.none_idle_until.lock().expect("nothing panics while it holds this")
     }
 
-    /// Where it is told that an episode of a run has ended, durably; whoever comes first hears it.
+    /// Receives the run of every episode that has ended, durably. The first caller gets the receiver.
     #[must_use]
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// Where every episode comes that is taken up and of which the server may play seats; whoever comes
-    /// first plays them. Until then such episodes are held.
+    /// Receives every recovered episode of which the server may play seats. The first caller gets the
+    /// receiver; until then they are queued.
     #[must_use]
     pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
         self.hosted.lock().expect("nothing panics while it holds this").take()
@@ -416,7 +416,7 @@ impl Registry {
     /// # Errors
     /// Where there are too many, or it could not be kept.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
-        // In a task of its own: whoever asked may go half-way, and what was begun is ended.
+        // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
         let (done, created) = oneshot::channel();
         let registry = self.clone();
         let creating = async move { drop(done.send(registry.create_now(creation).await)) };
@@ -431,7 +431,7 @@ impl Registry {
         self.host.quotas.admit(key, creation.party, creation.purpose)?;
         let id = creation.id.clone();
         let now = self.host.clock.now();
-        // Whoever learns of the episode once it is durable waits here until its actor runs: an
+        // A request that finds the episode once it is durable waits here until its actor runs: an
         // episode never has two.
         let cell = {
             let mut slots = self.slots();
@@ -529,7 +529,7 @@ impl Registry {
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
         let handle = spawn(self.host.clone(), init, room);
         if !waiting && handle.snapshot().world.is_over() {
-            // The layout has solved the task; whoever created the episode is to see that. Where the
+            // The layout has solved the task; the creator has to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
@@ -582,7 +582,7 @@ impl Registry {
         }
     }
 
-    /// Finds an episode, taking it up from the journal where it is not in memory.
+    /// Finds an episode, and recovers it from the journal if it is not in memory.
     ///
     /// # Errors
     /// Where its journal cannot be read or played again, or no memory is free for it.
@@ -594,7 +594,7 @@ impl Registry {
             (Arc::clone(&slot.handle), slot.ends_at.is_some())
         });
         let cell = match known {
-            // It goes on, so it is taken up to the end, also where whoever asked has gone.
+            // It is unfinished, so its recovery continues although the caller is gone.
             Some((cell, true)) if !cell.initialized() => {
                 return self.recover_detached(cell, id).await;
             }
@@ -624,7 +624,7 @@ impl Registry {
         recovered.await.unwrap_or_else(|_| stopping())
     }
 
-    /// Fills the place of an episode: whoever comes first takes it up, the others wait for that.
+    /// Fills the slot of an episode: the first caller recovers it, the others wait for that.
     async fn fill(
         &self,
         cell: &OnceCell<Handle>,
@@ -641,7 +641,7 @@ impl Registry {
         }
     }
 
-    /// Takes an episode up from the journal; an error without a reason says that there is none.
+    /// Recovers an episode from the journal; an error without a reason says that there is none.
     async fn recover(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
         let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
         if let Some(leaving) = leaving {
@@ -660,16 +660,16 @@ impl Registry {
         let times = self.times(&stored);
         let init = recover(&self.host, stored, spec, party, times).await;
         let handle = spawn(self.host.clone(), init.map_err(FindError::from)?, room);
-        // Whoever takes it up now may go before it is found: then it is still to be looked after, and
-        // what its actor handed over is still to be waited for.
+        // The caller may be dropped before it is found: then the sweep still has to see it, and
+        // what its actor handed over still has to be awaited.
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
         if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
-            // Its time ended while it was not in memory; nobody is to find it running.
+            // Its time ended while it was not in memory; no caller may find it running.
             let mut published = handle.follow();
             let over = Box::pin(published.wait_for(|snapshot| snapshot.status.is_over()));
-            // Where the time of day has come in doubt this moment, it goes on.
+            // If the time of day has come in doubt this moment, it continues.
             let up = self.host.clock.sleep_until(after(self.host.clock.now(), END_PATIENCE));
             drop(select(over, up).await);
         }
@@ -679,7 +679,7 @@ impl Registry {
         Ok(handle)
     }
 
-    /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
+    /// Memory for a stored episode. One that advances by itself gets it also where none is free.
     fn room_for(
         &self,
         stored: &StoredEpisode,
@@ -691,23 +691,25 @@ impl Registry {
         let bytes = memory::expected(&spec.config, stored.rounds, hosted);
         let group = Some(recovered_for(stored, party).group);
         match self.room_of(bytes, group) {
-            Err(_) if spec.advances_by_itself() && !is_over => Ok(self.host.budget.take(bytes, group)),
+            Err(_) if spec.advances_by_itself() && !is_over => {
+                Ok(self.host.budget.take(bytes, group))
+            }
             room => Ok(room?),
         }
     }
 
-    /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
-    /// gives all others a place. Returns how many there are, once all are back that do not take long; the
-    /// others follow, those that take the least time first.
+    /// After a start: recovers the unfinished episodes that advance by themselves, and gives all others
+    /// a slot. Returns how many there are, once all are recovered that do not take long; the
+    /// others follow, the fastest first.
     ///
     /// # Errors
-    /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
+    /// Where the list of them cannot be read; an episode that cannot be recovered is logged.
     pub async fn recover_unfinished(&self) -> Result<usize, JournalError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked, .. } in &all {
             let mut slots = self.slots();
-            // One that somebody has asked for meanwhile is counted where it is taken up, and may have
+            // One that was requested meanwhile is counted by its recovery, and may have
             // ended since it was listed.
             if !slots.contains_key(id) {
                 self.host.quotas.note(*episode, Party::of_key(*owner));
@@ -734,7 +736,7 @@ impl Registry {
         Ok(count)
     }
 
-    /// Takes up episodes in this order, so many at once.
+    /// Recovers episodes in this order, `at_once` of them concurrently.
     async fn recover_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
         let recover_one = async |id: EpisodeId| {
             self.recover_or_log(&id).await;
@@ -748,15 +750,17 @@ impl Registry {
     async fn recover_or_log(&self, id: &EpisodeId) {
         match self.find(id).await {
             Ok(_) => {}
-            // It is tried again with the next sweep.
-            Err(FindError::NoMemory(full)) => tracing::debug!(%full, "an episode was not recovered"),
+            // The next sweep tries it again.
+            Err(FindError::NoMemory(full)) => {
+                tracing::debug!(%full, "an episode was not recovered")
+            }
             Err(FindError::Recovery(error)) => {
                 tracing::error!(%error, "an episode cannot be recovered");
             }
         }
     }
 
-    /// Takes up the episodes that are not in memory and would have ended by now, or of
+    /// Recovers the episodes that are not in memory and would have ended by now, or of
     /// which that is not known.
     pub async fn sweep_idle(&self) {
         let now = self.host.clock.now();
@@ -765,7 +769,7 @@ impl Registry {
         for (id, slot) in self.slots().iter_mut() {
             slot.empty_if_dead(now);
             if slot.handle.initialized() {
-                // Its actor looks after it.
+                // Its actor ends it in time.
                 slot.ends_at = None;
             } else if slot.ends_at.is_some_and(|at| at <= now)
                 && !slot.in_line
@@ -787,7 +791,7 @@ impl Registry {
         stream::iter(due).for_each_concurrent(SWEPT_AT_ONCE, recover_due).await;
     }
 
-    /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.
+    /// When an episode that is not in memory ends unless there is a request; never, if it has ended.
     async fn ends_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
@@ -804,8 +808,8 @@ impl Registry {
         known.unwrap_or_else(|| Arc::new(Times::stored(stored, &*self.host.clock)))
     }
 
-    /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
-    /// their place, those with a running clock stay.
+    /// Evicts unused episodes without handles. Those that have not ended keep
+    /// their slot, those with a running clock stay.
     pub fn evict_unused(&self) {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
@@ -813,8 +817,8 @@ impl Registry {
     }
 }
 
-/// The episodes that go on though nobody asks, in the order in which they are taken up: what takes the least
-/// time comes first; apart from them those that take long.
+/// The episodes that advance by themselves, in the order of their recovery, the fastest first;
+/// separately those that take long.
 fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
     let mut in_line: Vec<_> = (all.into_iter().filter(|episode| episode.clocked))
         .map(|episode| (recovery_micros(&episode), episode.episode, episode.id))

@@ -18,7 +18,7 @@ use crate::journal::replay::acts_of;
 use crate::journal::{EpisodeKey, RoundActs};
 use crate::work::Cancelled;
 
-/// Bytes of states that were asked for lately and are kept for whoever asks next.
+/// Bytes of cached states.
 const RECENT_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
 /// States that were asked for lately, as far as room is made for them from the beginning.
@@ -44,7 +44,7 @@ pub(super) fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
 }
 
 /// Bytes of the acts of so many rounds while these are played again. They are reserved, free or not: only so
-/// many replays and episodes that are taken up come at once (`replays_max`, `take_ups_max`).
+/// many replays and recoveries run at once (`replays_max`, `take_ups_max`).
 pub(super) fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }
@@ -65,7 +65,7 @@ impl Weighter<Key, Arc<World>> for Bytes {
     }
 }
 
-/// Replays that are under way, and states that came of them lately.
+/// Replays in progress, and the states that they computed lately.
 pub struct Replays {
     under_way: Mutex<HashMap<Key, WeakShared<Replay>>>,
     recent: Cache<Key, Arc<World>, Bytes>,

@@ -48,7 +48,7 @@ pub struct Seating {
 }
 
 impl Seating {
-    /// Takes a seating up where it stands; none where the creator simply holds all seats. `holders` are
+    /// Continues a seating; none where the creator simply holds all seats. `holders` are
     /// all holders with their seats, from the creator on.
     #[must_use]
     pub fn new(spec: &Spec, created_at: Timestamp, holders: Vec<Held>) -> Option<Self> {

@@ -132,7 +132,7 @@ impl Spec {
         self.manual_start || self.is_mixed()
     }
 
-    /// Whether something happens in it though nobody asks: a clock runs, or the server plays.
+    /// Whether it advances without requests: a clock runs, or the server plays.
     #[must_use]
     pub fn advances_by_itself(&self) -> bool {
         self.round_deadline.is_some() || self.may_be_hosted()

@@ -10,8 +10,8 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
-use super::stop_reason::StopReason;
 use super::plan::{AXES, META, Planned, Who, ranges};
+use super::stop_reason::StopReason;
 use crate::clock::{Clock, SystemClock, after};
 use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
@@ -86,7 +86,9 @@ impl Conductor<'_> {
                 let (params, players) = (GameParams::of(&run), player.players());
                 let mut swarm = BuiltIns::new(self.client, &token, params, player.seed, players);
                 let played = self.play(&run, &token, &mut swarm, watch).await;
-                played.map_err(|error| stop_reason(error, |error| StopReason::Play(error.to_string())))?
+                played.map_err(|error| {
+                    stop_reason(error, |error| StopReason::Play(error.to_string()))
+                })?
             }
             (Who::Model(model), None) => {
                 return Err(StopReason::Play(format!("nobody said how {} is asked", model.name)));
@@ -169,7 +171,9 @@ impl Conductor<'_> {
         let other = other.map(|run| (run.id.clone(), differences(run, planned)));
         let created = self.client.create_run(&planned.request(self.parallel)).await?;
         let token = created.swarm_token.ok_or_else(|| {
-            StopReason::Play("the server did not give a token for the run that it created".to_owned())
+            StopReason::Play(
+                "the server did not give a token for the run that it created".to_owned(),
+            )
         })?;
         Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, token))
     }

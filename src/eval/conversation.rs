@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
-use super::stop_reason::StopReason;
 use super::plan::Planned;
+use super::stop_reason::StopReason;
 use crate::llm::{Answer, Model, Question};
 use crate::players::client::Client;
 use crate::players::drive::{Swarm, Thought};

@@ -1,4 +1,4 @@
-//! Evaluations: who plays what, as runs on a server, and what came of it.
+//! Evaluations: who plays what, as runs on a server, and the results.
 //!
 //! An [`experiment`] is a file or a command line: lists of models, tasks, seeds and settings that multiply. Its [`plan`]
 //! is a list of runs, each of one player by one combination of settings, which tells itself by its identity. They are
@@ -9,7 +9,7 @@
 pub mod conduct;
 pub mod conversation;
 pub mod experiment;
-pub mod stop_reason;
 pub mod plan;
 pub mod report;
+pub mod stop_reason;
 pub mod verify;

@@ -1,4 +1,4 @@
-//! What came of an experiment, as a board: for people, for documents and for programs.
+//! The results of an experiment, as a board: for people, for documents and for programs.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::plan::{Plan, Planned, Who, ranges};
 use crate::wire::board::{text, write_csv};
 use crate::wire::run::{ActTally, RunDetail};
 
-/// What came of an experiment.
+/// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// What it is called.
@@ -83,7 +83,7 @@ pub struct Played {
 }
 
 impl Report {
-    /// What came of the runs of a plan.
+    /// The results of the runs of a plan.
     #[must_use]
     pub fn of(plan: &Plan, played: &[Played]) -> Self {
         Self {

@@ -10,7 +10,9 @@ pub enum StopReason {
     #[error("stopped")]
     Requested,
     /// The token budget of this call is spent.
-    #[error("the budget is spent: {spent} of {budget} tokens; the next call has a new budget of this size")]
+    #[error(
+        "the budget is spent: {spent} of {budget} tokens; the next call has a new budget of this size"
+    )]
     Budget {
         /// Tokens that were spent.
         spent: u64,
@@ -43,7 +45,9 @@ impl StopReason {
     #[must_use]
     pub fn can_resume(&self) -> bool {
         match self {
-            Self::Requested | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => true,
+            Self::Requested | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => {
+                true
+            }
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }

@@ -1,4 +1,4 @@
-//! Plays every journal of a run again, and compares what comes of it with what the server says.
+//! Replays every journal of a run, and compares the results with those of the server.
 
 use futures::{StreamExt, TryStreamExt, stream};
 use swarmbench_engine::TaskName;

@@ -13,7 +13,7 @@ use super::page::{Page, ROWS_MAX};
 use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
 use crate::store::audit::StoredAuditEntry;
-use crate::wire::competition::{AuditLog, AuditEntry};
+use crate::wire::competition::{AuditEntry, AuditLog};
 use crate::wire::problem::Problem;
 
 /// Which page is to be shown.

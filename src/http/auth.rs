@@ -274,8 +274,7 @@ impl Caller {
 
     /// Whose a new episode is and what its place is wanted for, where the caller may create one.
     pub(super) fn creator(&self, app: &App, client: Client) -> Result<(Party, Purpose), ApiError> {
-        let detail =
-            "a token of an episode cannot create another; send a key, or no token on a server without keys";
+        let detail = "a token of an episode cannot create another; send a key, or no token on a server without keys";
         let party = match self.player(app, detail)? {
             None if client.is_local => Party::SERVER,
             None => Party::of(Group::Address(network(client.address))),
@@ -290,8 +289,7 @@ impl Caller {
         &self,
         app: &App,
     ) -> Result<(Option<OwnerKey>, Option<String>), ApiError> {
-        let detail =
-            "a token of an episode cannot claim seats; send a key, or no token on a server without keys";
+        let detail = "a token of an episode cannot claim seats; send a key, or no token on a server without keys";
         let owner = self.player(app, detail)?;
         let id = match self {
             Self::Key(key) => Some(key.id.clone()),

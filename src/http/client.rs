@@ -400,7 +400,11 @@ impl InFlight {
     }
 
     /// Counts a request of an address. Those of this machine itself are not limited.
-    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<InFlightRequest, ApiError> {
+    fn take(
+        self: &Arc<Self>,
+        address: IpAddr,
+        limits: &Limits,
+    ) -> Result<InFlightRequest, ApiError> {
         if address.is_loopback() {
             return Ok(InFlightRequest { _permit: None });
         }
@@ -442,7 +446,7 @@ pub(super) fn is_light(request: &Request) -> bool {
     request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
 }
 
-/// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.
+/// The rank of a request: playing, entering and changing come first, reading comes after them.
 fn rank(method: &Method, path: &str) -> Rank {
     match path {
         _ if method != Method::GET && method != Method::HEAD => Rank::Urgent,

@@ -17,8 +17,8 @@ use crate::board::collection::Unknown;
 use crate::budget::NoMemory;
 use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
-use crate::episode::lockstep::Refusal;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
+use crate::episode::lockstep::Refusal;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
@@ -198,7 +198,7 @@ impl ApiError {
         Self { limit: Some(full.into()), ..self }
     }
 
-    /// With the round at which the episode stands.
+    /// With the current round of the episode.
     #[must_use]
     pub fn at_round(self, round: u32) -> Self {
         Self { round: Some(round), ..self }

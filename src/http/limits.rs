@@ -18,10 +18,10 @@ pub struct Limits {
     pub swarm_body_bytes_max: usize,
     /// Bytes of all bodies that are arriving.
     pub bodies_bytes_max: usize,
-    /// Bytes of large bodies a second of an entrant, a key or an address, on average; any number where it is 0. Programs
+    /// Bytes of large bodies a second of an entrant, a key or an address, on average; 0 for no limit. Programs
     /// on this machine are not limited.
     pub large_body_bytes_per_key_s_max: usize,
-    /// Bytes of large bodies a second of all entrants of a competition, on average; any number where it is 0.
+    /// Bytes of large bodies a second of all entrants of a competition, on average; 0 for no limit.
     pub large_body_bytes_per_competition_s_max: usize,
     /// Large bodies that are handled at once.
     pub large_bodies_max: usize,
@@ -63,16 +63,16 @@ pub struct Limits {
     pub journal_bytes_per_key_max: u64,
     /// Bytes that the acts of all episodes of a competition may take in the journal.
     pub journal_bytes_per_competition_max: u64,
-    /// Bytes of large acts a second of an entrant, a key or an address, on average; any number where it is 0.
+    /// Bytes of large acts a second of an entrant, a key or an address, on average; 0 for no limit.
     pub journal_bytes_per_key_s_max: u64,
-    /// Bytes of large acts a second of all entrants of a competition, on average; any number where it is 0.
+    /// Bytes of large acts a second of all entrants of a competition, on average; 0 for no limit.
     pub journal_bytes_per_competition_s_max: u64,
     /// How much of the disk must be free for anything new, in percent.
     pub disk_free_percent_min: u32,
-    /// Requests a second from one address, on average; none where it is 0. Twice as many may come
+    /// Requests a second from one address, on average; 0 for no limit. Twice as many may come
     /// at once. Programs on this machine are not limited.
     pub address_requests_per_s_max: u32,
-    /// Requests a second with one key and the tokens of its episodes; none where it is 0.
+    /// Requests a second with one key and the tokens of its episodes; 0 for no limit.
     pub key_requests_per_s_max: u32,
     /// Jobs that are queued for the writer before acts are refused.
     pub backlog_jobs_max: usize,
@@ -142,8 +142,8 @@ pub struct Limits {
     pub events_pending_bytes_max: usize,
     /// Entrants of a competition.
     pub entrants_max: usize,
-    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; any number
-    /// where it is 0. Programs on this machine are not limited.
+    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
+    /// limit. Programs on this machine are not limited.
     pub entries_per_address_h_max: u32,
     /// How much memory the games of a competition, a key or an address may take, in percent of what is free.
     pub memory_of_free_percent_max: u32,

@@ -6,8 +6,8 @@ mod audit;
 pub mod auth;
 mod boards;
 mod body;
-mod checks;
 mod cache;
+mod checks;
 mod claims;
 mod client;
 mod clock;
@@ -61,11 +61,11 @@ use crate::work::{JOBS_WAITING_MAX, Workers};
 use agent::look::Sights;
 use auth::Access;
 use body::Bodies;
+use cache::{ANSWERS_BYTES_MAX, Answer, RANKINGS_BYTES_MAX, SharedCache};
 use client::Rates;
 use competitions::board::Ranking;
 use error::{ApiError, Code};
 use limits::Limits;
-use cache::{ANSWERS_BYTES_MAX, Answer, SharedCache, RANKINGS_BYTES_MAX};
 pub use router::router;
 use stream::Streams;
 
@@ -81,7 +81,7 @@ const INTERVALS_CACHED: usize = 100_000;
 /// How long a request waits until a prompt or a board is made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
-/// How long a request waits for an episode that is being taken up.
+/// How long a request waits for the recovery of an episode.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// How long a request waits until a state of an earlier round can be made.
@@ -121,7 +121,7 @@ pub struct Foundation {
 /// See [`App`].
 pub struct Shared {
     foundation: Foundation,
-    /// Whether all unfinished episodes with clocks were taken up.
+    /// Whether all unfinished episodes with clocks were recovered.
     pub ready: AtomicBool,
     rates: Rates,
     tokens: Cache<TokenHash, Grant>,
@@ -287,7 +287,7 @@ impl App {
         self.tokens.retain(|_, grant| !is_old(grant));
     }
 
-    /// The episode with this id. One that goes on is waited for while it is taken up, but not for ever.
+    /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
         let find = self.registry.find(id);
         let found = match self.registry.location(id) {
@@ -322,8 +322,7 @@ impl App {
     async fn replay_turn(&self) -> Result<Permit, ApiError> {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
-            let detail =
-                "too many earlier rounds are being replayed; try again later";
+            let detail = "too many earlier rounds are being replayed; try again later";
             ApiError::limit(Code::Overloaded, name, slots, detail)
                 .retry_after(Duration::from_secs(1))
         })

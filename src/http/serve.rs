@@ -26,8 +26,8 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetReques
 use super::client::{Peer, address, network};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use super::timers::{TimedBody, ConnectionTimers, TimedStream, Timeouts};
 use super::room::{Holder, Holders};
+use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 
 /// Connections over the limit that get an error response; further ones are only closed.
 pub const REFUSALS_MAX: usize = 128;
@@ -86,7 +86,8 @@ pub async fn serve(
                     let timeouts =
                         Timeouts { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..timeouts };
                     let timers = ConnectionTimers::new(timeouts);
-                    let told = connection(stream, peer, full.router(), timers, ending.clone(), None);
+                    let told =
+                        connection(stream, peer, full.router(), timers, ending.clone(), None);
                     connections.spawn(async move {
                         told.await;
                         drop(turn);
@@ -269,7 +270,11 @@ impl ConnectionLimit {
         if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(network(peer.0)) }
     }
 
-    fn take(self: &Arc<Self>, peer: Peer, timers: &ConnectionTimers) -> Result<ConnectionPermit, Full> {
+    fn take(
+        self: &Arc<Self>,
+        peer: Peer,
+        timers: &ConnectionTimers,
+    ) -> Result<ConnectionPermit, Full> {
         // A proxy on this host speaks for many.
         let is_host = peer.0.is_loopback();
         let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { network(peer.0) };
@@ -347,7 +352,9 @@ impl Full {
     /// Answers every request with that.
     fn router(&self) -> Router {
         let detail = match self.limit {
-            "connections_max" => "the server has its maximum number of connections; try again later",
+            "connections_max" => {
+                "the server has its maximum number of connections; try again later"
+            }
             _ => "your address has its maximum number of connections; close some, or reuse them",
         };
         let error = ApiError::limit(Code::Overloaded, self.limit, self.most, detail)
@@ -446,7 +453,9 @@ mod tests {
         for permit in &greedy {
             asked_by(permit, "192.0.2.1");
         }
-        let evicted = |of: &[ConnectionPermit]| of.iter().filter(|permit| permit.evicted.is_cancelled()).count();
+        let evicted = |of: &[ConnectionPermit]| {
+            of.iter().filter(|permit| permit.evicted.is_cancelled()).count()
+        };
         let honest = [(); 2].map(|()| take(&limit, "203.0.113.1").expect("there is room"));
         assert_eq!(evicted(&greedy), 2);
         for permit in &honest {

@@ -140,7 +140,8 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
 /// The answer to a request for which no turn or place is free.
 pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
     let Busy { name, slots } = busy;
-    let detail = format!("the maximum number of {what} is reached ({name} is {slots}); try again later");
+    let detail =
+        format!("the maximum number of {what} is reached ({name} is {slots}); try again later");
     ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PATIENCE)
 }
 

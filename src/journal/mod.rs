@@ -104,7 +104,7 @@ pub enum Entry {
         /// The hash of its token from now on.
         hash: TokenHash,
     },
-    /// The host broke an episode: it counts nowhere. One that was voided keeps its reason.
+    /// An episode was voided after a fault of the server: it counts nowhere. Voiding it again keeps the first reason.
     VoidEpisode {
         /// The episode.
         episode: EpisodeKey,
@@ -113,7 +113,7 @@ pub enum Entry {
         /// When.
         at: Timestamp,
     },
-    /// The host broke a run: it does not count as an attempt. One that was voided keeps its reason.
+    /// A run was voided after a fault of the server: it does not count as an attempt. Voiding it again keeps the first reason.
     VoidRun {
         /// The run.
         run: RunKey,
@@ -286,7 +286,7 @@ pub struct RunRow {
 pub struct AuditRow {
     /// When.
     pub at: Timestamp,
-    /// The id of the key, or `local` for whoever works on the server's own machine.
+    /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done, like `key.create`.
     pub action: &'static str,
@@ -301,7 +301,7 @@ pub struct AuditRow {
 pub struct Tally {
     /// Acts that players decided.
     pub acts: u64,
-    /// Of these, answers of language models that were none.
+    /// Of these, invalid answers of language models.
     pub invalid: u64,
     /// Acts that a clock decided.
     pub timeouts: u64,
@@ -544,7 +544,7 @@ pub struct StoredEpisode {
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it counts for nothing, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
 }
 
@@ -559,7 +559,7 @@ pub struct Unfinished {
     pub owner: Option<OwnerKey>,
     /// Whether its rounds have a deadline.
     pub clocked: bool,
-    /// Of an episode with deadlines, its settings and how many rounds are resolved: what it costs to take up.
+    /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
     pub played: Option<(RecordedConfig, u32)>,
 }
 

@@ -261,7 +261,7 @@ pub struct ActRecord {
     /// Whom alone the commander told it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
-    /// False for a language model's answer that was none.
+    /// False for an invalid answer of a language model.
     pub valid: bool,
     /// The language model's answer, where it gave one.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -54,7 +54,7 @@ impl ApiKey {
         Some(Ok(header))
     }
 
-    /// What became of it, in a sentence's beginning.
+    /// Its state, as the beginning of a sentence.
     pub(super) fn state(&self) -> String {
         let variable = &self.variable;
         match (&self.secret, self.is_set) {

@@ -140,7 +140,7 @@ impl Model {
         self.0.counters.spent()
     }
 
-    /// What came of the last request that came to nothing, such as `429, slow down`; none while the last one was
+    /// The error of the last failed request, such as `429, slow down`; none while the last one was
     /// answered. For people who wonder why nothing moves.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {

@@ -1,4 +1,4 @@
-//! What was asked, and what came of it: for progress and reports.
+//! Requests and their results, counted for progress and reports.
 
 use std::sync::{Mutex, MutexGuard};
 

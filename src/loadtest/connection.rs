@@ -282,7 +282,7 @@ pub struct Tally {
     samples: Mutex<BTreeSet<String>>,
 }
 
-/// What became of all requests.
+/// The outcomes of all requests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Answers {
     /// Answers with a status of 200 to 299.

@@ -170,7 +170,12 @@ impl Seat {
 }
 
 /// Every seat acts, and then waits for the next round where `waits` is set. None where a request failed for good.
-async fn by_seats(seats: &mut [Seat], tally: &Tally, round: u32, waits: bool) -> Option<RoundTimes> {
+async fn by_seats(
+    seats: &mut [Seat],
+    tally: &Tally,
+    round: u32,
+    waits: bool,
+) -> Option<RoundTimes> {
     let turns: FuturesUnordered<_> =
         seats.iter_mut().map(|seat| seat.turn(tally, round, waits)).collect();
     let turns: Vec<Turn> = turns.collect::<Vec<_>>().await.into_iter().collect::<Option<_>>()?;
@@ -243,7 +248,10 @@ impl Swarm {
         let (waited, acted) = tokio::join!(watching, playing);
         let (sent, acknowledged) = acted?;
         let woken = waited?.and_then(|(begun, ended)| woken(acknowledged, begun, ended));
-        Some(RoundTimes { acknowledged: vec![acknowledged - sent], woken: woken.into_iter().collect() })
+        Some(RoundTimes {
+            acknowledged: vec![acknowledged - sent],
+            woken: woken.into_iter().collect(),
+        })
     }
 }
 

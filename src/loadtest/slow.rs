@@ -306,7 +306,7 @@ fn is_closed(written: &io::Result<usize>) -> bool {
     written.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::WouldBlock)
 }
 
-/// What became of all clients of a kind.
+/// The summary of all clients of a kind.
 fn summary(kind: Kind, logs: &[ClientLog]) -> KindSummary {
     let clients = logs.iter().filter(|(which, _)| *which == kind);
     let all: Vec<_> = clients.clone().flat_map(|(_, connections)| connections).collect();
@@ -332,7 +332,10 @@ mod tests {
         let closed_after = |seconds, closed| (Duration::from_secs(seconds), closed);
         let all = [
             // Closed in time, then again, then still young when all ended.
-            (Kind::Head, vec![closed_after(10, true), closed_after(11, true), closed_after(5, false)]),
+            (
+                Kind::Head,
+                vec![closed_after(10, true), closed_after(11, true), closed_after(5, false)],
+            ),
             (Kind::Head, vec![closed_after(16, true)]),
             (Kind::Head, vec![closed_after(26, false)]),
             (Kind::Body, vec![closed_after(1, true)]),

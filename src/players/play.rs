@@ -133,7 +133,7 @@ impl GameParams {
 
 /// Built-in players on all seats of a swarm token.
 ///
-/// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
+/// Players that join a game in the middle are first given their earlier observations from the journal, so that
 /// they play on as if nothing had happened.
 pub struct BuiltIns {
     client: Client,
@@ -147,7 +147,13 @@ pub struct BuiltIns {
 impl BuiltIns {
     /// The players of each task; `seed` is that of their own choices.
     #[must_use]
-    pub fn new(client: &Client, token: &str, params: GameParams, seed: u64, players: Players) -> Self {
+    pub fn new(
+        client: &Client,
+        token: &str,
+        params: GameParams,
+        seed: u64,
+        players: Players,
+    ) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
@@ -218,7 +224,7 @@ impl Swarm for BuiltIns {
 struct Game {
     make: Box<dyn Fn(AgentId) -> Option<Box<dyn Player>> + Send>,
     players: BTreeMap<AgentId, Box<dyn Player>>,
-    /// What was decided last for seats that were shown the state in which the game was taken up.
+    /// The last decisions of seats that were shown the state in which the game was joined.
     decided: BTreeMap<AgentId, (u32, Act)>,
 }
 

@@ -75,7 +75,7 @@ pub enum CreateError {
     /// Its definition is not one that can be played.
     #[error("the run cannot be played: {0}")]
     Definition(String),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
@@ -552,7 +552,7 @@ mod tests {
         }
     }
 
-    /// Games by slot, status, reason and whether the host broke them.
+    /// Games by slot, status, reason and whether they were voided.
     fn games(rows: &[(u32, &str, &str, bool)]) -> Vec<StoredGame> {
         let game = |(number, &(slot, status, reason, voided)): (i64, &(u32, &str, &str, bool))| {
             let ended = (status != "running").then_some(jiff::Timestamp::UNIX_EPOCH);
@@ -605,7 +605,7 @@ mod tests {
             (vec![at(0, RUNNING), at(1, RUNNING)], "nothing"),
             (vec![at(0, DONE), at(1, RUNNING)], "2"),
             (vec![at(0, DONE), at(1, ABORTED)], "2 3"),
-            // What the host broke is played again, and counts for no place.
+            // A voided game is played again, and does not count as open.
             (vec![at(0, VOIDED), at(1, RUNNING)], "0"),
             (vec![at(0, VOIDED), at(0, RUNNING), at(1, RUNNING)], "nothing"),
             (vec![at(0, VOIDED_RUNNING), at(1, DONE)], "0 2"),

@@ -31,7 +31,7 @@ pub struct StoredAuditEntry {
     pub number: i64,
     /// When.
     pub at: Timestamp,
-    /// The id of the key, or `local` for whoever works on the server's own machine.
+    /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done.
     pub action: String,

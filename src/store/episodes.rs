@@ -218,7 +218,7 @@ impl Store {
                 id: EpisodeId::from_text(row.try_get(1)?),
                 owner: row.try_get::<Option<i64>, _>(2)?.map(OwnerKey),
                 clocked: row.try_get(3)?,
-                // Settings that cannot be read are reported where the episode is taken up.
+                // Settings that cannot be read are reported by the recovery of the episode.
                 played: (row.try_get::<Option<String>, _>(4)?)
                     .and_then(|config| serde_json::from_str(&config).ok())
                     .zip(Some(row.try_get::<Option<u32>, _>(5)?.unwrap_or(0))),

@@ -114,7 +114,8 @@ impl Store {
     /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let OpenedDatabase { lock, files, options, connection } = open_exclusively(path, true).await?;
+        let OpenedDatabase { lock, files, options, connection } =
+            open_exclusively(path, true).await?;
         let options = options.read_only(true).create_if_missing(false);
         let readers = readers::Readers::open(options).await.map_err(failed)?;
         let writer = writer::Writer::spawn(connection, files.clone());

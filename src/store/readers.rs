@@ -1,4 +1,4 @@
-//! Connections that read: some for games, some for everybody who looks on, shared fairly.
+//! Connections that read: some for games, some for spectators and other readers, shared fairly.
 
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
@@ -11,7 +11,7 @@ use super::failure;
 use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
 
-/// Connections that read for running games, for whoever plays or enters, and for the server itself.
+/// Connections that read for running games, for players and entries, and for the server itself.
 const GAMES: usize = 3;
 
 /// Connections that read for everybody else.

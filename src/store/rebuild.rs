@@ -37,7 +37,7 @@ pub enum RebuildError {
     },
 }
 
-/// What came of it.
+/// The result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rebuilt {
     /// Rows that were made.

@@ -190,7 +190,7 @@ pub struct BoardGame {
     pub invalid: u64,
     /// See [`Tally`].
     pub timeouts: u64,
-    /// Whether the host broke it.
+    /// Whether it was voided.
     pub voided: bool,
 }
 
@@ -208,7 +208,7 @@ pub struct BoardMixed {
     pub models: Vec<(String, bool, Option<i64>)>,
 }
 
-/// Runs on boards: those that are over, that the host did not break, and that are no attempt in a competition whose
+/// Runs on boards: those that are over, that were not voided, and that are no attempt in a competition whose
 /// seeds are still sealed, or whose entrant has left it.
 const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
     AND (r.entry IS NULL OR (c.revealed_at IS NOT NULL AND n.status = 'active'))";

@@ -60,7 +60,7 @@ struct Job {
     committed: Committed,
 }
 
-/// What became of a job.
+/// The outcome of a job.
 type Outcome = Result<(), JournalError>;
 
 /// How the writer does; shared with whoever asks.
@@ -247,7 +247,7 @@ async fn run(
     }
 }
 
-/// Writes jobs in one transaction, which begins by the deadline; what became of each, in their order.
+/// Writes jobs in one transaction, which begins by the deadline; the outcome of each, in their order.
 async fn keep(
     connection: &mut SqliteConnection,
     files: &Files,

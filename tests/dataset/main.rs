@@ -381,14 +381,18 @@ fn what_is_no_archive_is_refused() {
     let path = folder.path().join("data.zip");
     for bytes in [&b"Dear reader, this is no archive."[..], b"", b"PK\x05\x06"] {
         std::fs::write(&path, bytes).expect("written");
-        let error = read(&path, &Bounds::default(), &mut Collected::default()).expect_err("no archive");
+        let error =
+            read(&path, &Bounds::default(), &mut Collected::default()).expect_err("no archive");
         assert!(error.to_string().contains("data.zip"), "{error}");
     }
     let (_folder, whole) = archive(&[("meta_log.json", b"{}")]);
     let bytes = std::fs::read(whole).expect("an archive");
     for length in 0..bytes.len() {
         std::fs::write(&path, &bytes[..length]).expect("written");
-        assert!(read(&path, &Bounds::default(), &mut Collected::default()).is_err(), "{length} bytes");
+        assert!(
+            read(&path, &Bounds::default(), &mut Collected::default()).is_err(),
+            "{length} bytes"
+        );
     }
 }
 

@@ -7,7 +7,7 @@ use bolero::TypeGenerator;
 use jiff::Timestamp;
 use swarmbench::clock::after;
 use swarmbench::episode::lockstep::{
-    Clocks, Effect, Event, RecordedAct, Lockstep, Refusal, ResumeState, Submission,
+    Clocks, Effect, Event, Lockstep, RecordedAct, Refusal, ResumeState, Submission,
 };
 use swarmbench::episode::quota::Full;
 use swarmbench::episode::{Ending, Status};

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 
 use crate::app::{Episode, TestApp, list};
 use crate::dice::Dice;
-use crate::oracle::{self, Blind, Body, PlannedAct, Game, State};
+use crate::oracle::{self, Blind, Body, Game, PlannedAct, State};
 
 /// How many pairs are played where nobody asks for more.
 const CASES: u64 = 200;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench::clock::{after, millis, until};
 use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
-use swarmbench::episode::lockstep::{RecordedAct, Receipt, Refusal, Submission};
+use swarmbench::episode::lockstep::{Receipt, RecordedAct, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
@@ -29,7 +29,7 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 
 use crate::clients::{Acts, Answer, Request, RequestId};
-use crate::journal::{Lost, JobResult};
+use crate::journal::{JobResult, Lost};
 
 /// What must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -966,7 +966,9 @@ impl Checker {
                 self.stats.count("refused: seat_taken", 1);
                 let is_true = self.episode(id).is_some_and(|episode| match taken {
                     SeatTaken::Seat(agent) => episode.holders[agent.index()].is_some(),
-                    SeatTaken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
+                    SeatTaken::Few { open, wanted } => {
+                        open < wanted && episode.count_open() <= open
+                    }
                 });
                 self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
                 false
@@ -1156,7 +1158,8 @@ impl Checker {
             .filter(|(place, acked)| {
                 !rows.get(place).is_some_and(|row| {
                     row.waiting_for == acked.recorded.waiting_for
-                        && row.record.read::<ActRecord>().ok().as_ref() == Some(&acked.recorded.record)
+                        && row.record.read::<ActRecord>().ok().as_ref()
+                            == Some(&acked.recorded.record)
                 })
             })
             .map(|(place, _)| *place)

@@ -728,7 +728,8 @@ fn a_mark_is_a_light_that_is_on_or_under_reference_off() {
         let settings =
             Settings { rules: rules.to_owned(), view_size: 21, ..of(TaskName::Synchronization) };
         let world = world(&settings);
-        let lights: Vec<_> = world.spectator_view().agents.iter().map(|agent| agent.light_on).collect();
+        let lights: Vec<_> =
+            world.spectator_view().agents.iter().map(|agent| agent.light_on).collect();
         let view = world.observe(AgentId(3)).view.expect("it lives");
         let mut met = 0;
         for seen in &view.cells {

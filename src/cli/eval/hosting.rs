@@ -107,7 +107,7 @@ impl Hosted {
         let base = format!("http://{}", listener.local_addr()?);
         let (stop, stopped) = oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(listener, async {
-            // Whoever holds the other end lets go of it when it is done.
+            // The other end is dropped when it is done.
             drop(stopped.await);
         }));
         eprintln!("{} is served at {base} meanwhile: watch the games there", db.display());

@@ -18,9 +18,9 @@ use showing::Showing;
 
 use crate::eval::conduct::{Conductor, News};
 use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
-use crate::eval::stop_reason::StopReason;
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
+use crate::eval::stop_reason::StopReason;
 use crate::eval::verify::{Fault, verify_run};
 use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
@@ -303,7 +303,9 @@ fn tell(reason: &StopReason, plan: &Plan, played: &[Played]) -> ExitCode {
                 StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
             );
             let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
-            eprintln!("error: {reason}{hint}\n{left}; fix that, then run the same command again to resume");
+            eprintln!(
+                "error: {reason}{hint}\n{left}; fix that, then run the same command again to resume"
+            );
             ExitCode::from(FAILED)
         }
     }

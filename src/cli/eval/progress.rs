@@ -54,7 +54,7 @@ struct Rounds {
     now: u64,
     /// What was played before this call.
     before: u64,
-    /// What the run that is played had when it was taken up.
+    /// The progress of the run that is played when it was resumed.
     found: u64,
 }
 

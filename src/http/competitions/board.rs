@@ -11,9 +11,9 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::boards::Format;
+use super::super::cache::{Cached, Weighted};
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, page_limit};
-use super::super::cache::{Weighted, Cached};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
 use crate::store::competitions::{Declared, StoredCompetition};
@@ -38,7 +38,7 @@ pub(in super::super) struct BoardParams {
 /// Show the board of a competition, as JSON or CSV.
 ///
 /// As long as seeds are sealed it shows ranks and totals, or nothing, as the organizer decided; organizers see all of
-/// it at any time. A game that was planned and not played counts as 0; one that the host broke does not count.
+/// it at any time. A game that was planned and not played counts as 0; a voided one does not count.
 /// A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,

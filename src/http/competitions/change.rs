@@ -16,7 +16,7 @@ use crate::wire::problem::Problem;
 
 /// Withdraw or disqualify an entrant, take it back, or answer for its model.
 ///
-/// Whoever takes no part stays on the board without a rank, with the reason.
+/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",

@@ -53,7 +53,8 @@ pub(in super::super) async fn export_competition(
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
     if competition.revealed_at.is_none() {
-        let Some(audit_entry) = caller.audit_entry(&app, "competition.export", &id, json!({})) else {
+        let Some(audit_entry) = caller.audit_entry(&app, "competition.export", &id, json!({}))
+        else {
             let detail = "an export contains the seeds: until the competition is closed only organizers may read it";
             return Err(ApiError::new(Code::Forbidden, detail));
         };

@@ -27,7 +27,7 @@ use crate::wire::problem::Problem;
 
 /// Enter a competition.
 ///
-/// Whoever shows a key enters with that; whoever has none gets one, shown this once, that starts the entrant's attempts
+/// A caller with a key enters with that; a caller without one gets a key, shown only once, that starts the entrant's attempts
 /// and shows its results, and does nothing else. What is declared never changes: another model is another entrant.
 #[utoipa::path(
     post,
@@ -60,7 +60,8 @@ pub(in super::super) async fn register_entrant(
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
         Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {
-            let detail = "a token of an episode cannot enter a competition; send a key, or no token";
+            let detail =
+                "a token of an episode cannot enter a competition; send a key, or no token";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };

@@ -16,7 +16,7 @@ use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
 use crate::wire::problem::Problem;
 
-/// Say that the host broke an attempt: it ends, does not count, and may be started again on the same seeds.
+/// Void an attempt after a fault of the server: it ends, does not count, and may be started again on the same seeds.
 ///
 /// Doing it again changes nothing; the first reason stays.
 #[utoipa::path(

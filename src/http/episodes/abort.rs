@@ -42,7 +42,8 @@ pub(in super::super) async fn abort_episode(
     let handle = app.owned(&caller, id).await?;
     let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
     let now = app.clock.wall();
-    let audit_entry = caller.audit_foreign(owner, now, "episode.abort", handle.id.as_str(), json!({}));
+    let audit_entry =
+        caller.audit_foreign(owner, now, "episode.abort", handle.id.as_str(), json!({}));
     handle.abort_with(audit_entry.into_iter().collect()).await?;
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {

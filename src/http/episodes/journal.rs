@@ -158,7 +158,9 @@ impl JournalReader {
     async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, JournalError> {
         let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
         let bytes = self.store.end_bytes(episode).await?;
-        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else { return Ok(Position::Done) };
+        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else {
+            return Ok(Position::Done);
+        };
         if bytes <= bytes_max {
             let record = self.store.end_record(episode).await?;
             out.push_str(&record.line(head));

@@ -50,7 +50,8 @@ impl App {
         visibility: Visibility,
     ) -> Result<(), ApiError> {
         if visibility == Visibility::Sealed && !stored.revealed {
-            let audit_entry = caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}));
+            let audit_entry =
+                caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}));
             self.store.keep(audit_entry.into_iter().collect()).await?;
         }
         Ok(())

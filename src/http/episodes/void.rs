@@ -16,9 +16,9 @@ use crate::keys::Key;
 use crate::wire::episode::{EpisodeSummary, VoidRequest};
 use crate::wire::problem::Problem;
 
-/// Void an episode that the host broke: it counts nowhere.
+/// Void an episode after a fault of the server: it counts nowhere.
 ///
-/// One that has not ended is aborted. As long as its run goes on, the game is played again. Voiding an
+/// One that has not ended is aborted. While its run is running, the game is played again. Voiding an
 /// episode again changes nothing.
 #[utoipa::path(
     post,

@@ -16,7 +16,7 @@ use crate::wire::problem::Problem;
 
 /// Revoke a key: from now on it opens nothing.
 ///
-/// Episodes that were created with it go on, and so do their tokens; an organizer may abort them.
+/// Episodes that were created with it continue, and their tokens stay valid; an organizer may abort them.
 /// Revoking a key again changes nothing.
 #[utoipa::path(
     delete,

@@ -1,4 +1,4 @@
-//! `GET /api/v1/runs/{id}/events`: what becomes of a run's games, as Server-Sent Events.
+//! `GET /api/v1/runs/{id}/events`: the games of a run as they are opened and end, as Server-Sent Events.
 
 use std::collections::HashMap;
 
@@ -16,7 +16,7 @@ use crate::wire::run::StreamedRunEvent;
 
 /// Watch a run (Server-Sent Events).
 ///
-/// A `game` event for each game that is opened, and another when it has ended or the host broke it; first
+/// A `game` event for each game that is opened, and another when it has ended or was voided; first
 /// come the games that there are already. `finished` comes when the run is over, with all of it. The rounds
 /// of a game are in the events of its episode.
 #[utoipa::path(

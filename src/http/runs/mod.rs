@@ -133,7 +133,7 @@ impl Known {
                 });
             }
             let is_again = shown[before..].iter().all(|game| game.void_reason.is_some());
-            // What the host broke after the end of the run is not played again.
+            // A game that was voided after the end of the run is not played again.
             if shown.len() == before || (is_again && self.stored.ended_at.is_none()) {
                 shown.push(RunGame {
                     slot: planned.slot,

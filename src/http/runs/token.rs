@@ -19,7 +19,7 @@ use crate::wire::run::RunToken;
 
 /// Get a new token for a run, in place of one that was lost.
 ///
-/// The earlier token is revoked. The games go on.
+/// The earlier token is revoked. The games continue.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{id}/token",
@@ -54,7 +54,8 @@ pub(in super::super) async fn replace_run_token(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     App::run_detached(async move {
-        let audit_entry = caller.audit_foreign(owner, app.clock.wall(), "run.token", &id, json!({}));
+        let audit_entry =
+            caller.audit_foreign(owner, app.clock.wall(), "run.token", &id, json!({}));
         let token = app.new_run_token(run, audit_entry.into_iter().collect()).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))

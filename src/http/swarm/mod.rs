@@ -46,7 +46,9 @@ impl Source {
             Swarm::Episode(id, seats) => {
                 Self::Episode(Seated { handle: app.episode(&id).await?, seats })
             }
-            Swarm::Run(run) => Self::Run { run, open_games: app.runs.follow(run).await?, games: None },
+            Swarm::Run(run) => {
+                Self::Run { run, open_games: app.runs.follow(run).await?, games: None }
+            }
         })
     }
 

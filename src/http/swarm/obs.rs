@@ -45,7 +45,7 @@ pub(in super::super) struct SwarmObsParams {
 /// Look for several seats: the observations that wait for an act, oldest first.
 ///
 /// At least one, unless the time was up or all is over. An answer has at most 8 MB: it may have fewer
-/// observations than `limit`, and its cursor stands at the last one that it has.
+/// observations than `limit`, and its cursor is that of its last one.
 #[utoipa::path(
     get,
     path = "/swarm/obs",

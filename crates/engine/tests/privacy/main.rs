@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use dice::Dice;
-use oracle::{Blind, Body, PlannedAct, Game, State};
+use oracle::{Blind, Body, Game, PlannedAct, State};
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, World};
 
 /// How many pairs of games are played.

@@ -240,7 +240,12 @@ fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
 
 /// The same round in the other game: agents do something else of which `observer` hears and sees nothing at once,
 /// and now and then any agent does.
-pub(crate) fn changed(dice: &mut Dice, game: &Game, planned: &[PlannedAct], observer: usize) -> Vec<PlannedAct> {
+pub(crate) fn changed(
+    dice: &mut Dice,
+    game: &Game,
+    planned: &[PlannedAct],
+    observer: usize,
+) -> Vec<PlannedAct> {
     let anybody = dice.below(16) == 0;
     let mut changed = planned.to_vec();
     for (agent, changed) in changed.iter_mut().enumerate() {
