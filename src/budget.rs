@@ -1,11 +1,11 @@
 //! The memory that all worlds and all answers may take together: `memory_bytes_max`.
 //!
-//! Whoever makes something large reserves its bytes first and gives them back by dropping the [`Reservation`].
+//! Before something large is made its bytes are reserved, and returned by dropping the [`Reservation`].
 //! What is small always passes, so that running games finish however full the server is.
 //!
 //! Memory for games is shared between groups as places are ([`episode::quota`](crate::episode::quota)): a group gets more as
 //! long as it then has no more than is free (`memory_of_free_percent_max`). So one group alone gets half, two get a
-//! third each, and whoever comes new finds some. The first game of a group always gets what is free.
+//! third each, and a newcomer finds some. The first game of a group always gets what is free.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};

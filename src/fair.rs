@@ -437,7 +437,7 @@ impl<T> FairQueue<T> {
         Ok(())
     }
 
-    /// Adds a request to the queue of its party, also where too many wait: whoever adds it bounds how many
+    /// Adds a request to the queue of its party, also where too many wait: the caller bounds how many
     /// of its kind there are.
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });

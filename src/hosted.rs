@@ -4,7 +4,7 @@
 //! and nothing else, and its acts go the way of all acts, to the barrier and into the journal. What a
 //! player decides follows from what it was shown before. So it is shown every round in which its agent
 //! lives, once and in order, also those that went by without it; after a restart that are all rounds
-//! so far, and the game goes on as if nothing had happened.
+//! so far, and the game continues as if nothing had happened.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,7 +36,7 @@ pub const HOSTED_ROUNDS_MAX: usize = 4;
 /// How long a game waits whose players could not be shown what they had seen, as too many others read.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
-/// Turns of hosted games to play a round: a group has no more than three of four.
+/// Permits of hosted games to play a round: a group has no more than three of four.
 #[must_use]
 pub fn turns() -> FairLimit {
     let shares = Shares {
@@ -60,7 +60,7 @@ pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     Ok(found.name.to_owned())
 }
 
-/// Plays the server's seats of all episodes that come, until it is told to stop.
+/// Plays the server's seats of all episodes that come, until it is asked to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
     host: Host,
@@ -92,19 +92,19 @@ pub async fn run(
     }
 }
 
-/// Why seats are not played on.
+/// Why hosted seats cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum HostedError {
     /// An episode names a player that is not built in.
     #[error("{0}")]
     Unknown(String),
-    /// What was shown before cannot be shown again.
+    /// Earlier observations cannot be replayed.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
     /// A player failed.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// An act could not be kept.
+    /// An act could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
@@ -125,7 +125,7 @@ impl HostedError {
 /// Plays the server's seats of one episode to its end.
 ///
 /// # Errors
-/// Where players or their memory cannot be had, or the journal keeps nothing.
+/// Where players or their memory cannot be created, or the journal fails.
 pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
@@ -165,7 +165,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
             }
         }
         if published.changed().await.is_err() {
-            // Its actor is gone; whoever takes it up again tells of it.
+            // Its actor is gone; its recovery sends it again.
             return Ok(());
         }
     }
@@ -222,7 +222,7 @@ impl Players {
 
 fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submission {
     let act = player.decide(&world.observe(agent));
-    // Whoever decides nothing stays where it is.
+    // A player without a decision stays.
     let action = act.action.map_or("STAY", |action| action.name());
     let record = ActRecord {
         agent: agent.to_string(),

@@ -62,7 +62,7 @@ impl Default for Parts {
     }
 }
 
-/// Open files that are not connections: the database, whoever is refused a place, and some in reserve.
+/// Open files that are not connections: the database, refused connections, and some in reserve.
 const FILES_RESERVED: u64 = 256;
 
 /// Lets this process open as many files as the host allows, and takes no more connections than fit.

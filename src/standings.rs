@@ -23,7 +23,7 @@ const RULES: [&str; 2] = ["paper", "reference"];
 /// Finished games of several holders.
 pub type MixedGames = BTreeMap<EpisodeKey, Arc<MixedGame>>;
 
-/// The boards of a database. One alone may keep those of a running server, as it is told once what has changed.
+/// The boards of a database. A running server has exactly one, as every change is reported once.
 #[derive(Debug)]
 pub struct Standings {
     store: Store,
@@ -100,7 +100,7 @@ impl Standings {
         Ok(mixed)
     }
 
-    /// Reads again what has changed. Whoever waits for this may go at any moment: a change is forgotten only once
+    /// Reads again what has changed. The caller may be dropped at any moment: a change is forgotten only once
     /// it is seen to.
     async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), JournalError> {
         match self.store.writer().changes().take() {

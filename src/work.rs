@@ -52,7 +52,7 @@ impl Cancelled<'_> {
     /// Somebody waits for sure.
     pub const NEVER: Cancelled<'static> = Cancelled(&|| false);
 
-    /// Whether nobody waits any more: work that goes on is wasted.
+    /// Whether the caller is gone: further work is wasted.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         (self.0)()
@@ -87,7 +87,7 @@ impl<T: Send, F: FnOnce(&Cancelled<'_>) -> T + Send> Job for Task<T, F> {
             let is_closed = || done.is_closed();
             catch_unwind(AssertUnwindSafe(|| work(&Cancelled(&is_closed))))
         };
-        // The panic was logged where it happened; dropping the sender tells whoever waits.
+        // The panic was logged where it happened; dropping the sender wakes the waiter.
         if let Ok(result) = result {
             drop(done.send(result));
         }
@@ -271,7 +271,7 @@ impl Workers {
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
-    /// Runs a future on async threads of low priority. It is dropped where it stands once its caller is.
+    /// Runs a future on async threads of low priority. It is dropped when its caller is.
     ///
     /// # Errors
     /// Where the threads have stopped.

@@ -242,7 +242,7 @@ impl Boards {
             })?,
         };
         let has_reference = id.suite == reference::SUITE && board.is_built_in;
-        // Whoever did not play what is shown has nothing to show.
+        // Players without games in the selection are left out.
         let shows =
             |row: &&reference::Reference| tasks.iter().any(|task| row.task(*task).is_some());
         let references =
@@ -282,7 +282,7 @@ impl Boards {
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
-        // Whoever gives a suite of their own such a name takes no board from anybody.
+        // A custom suite of that name does not replace a built-in board.
         let built_in = named.iter().find(|(_, board)| board.is_built_in);
         match (built_in, &named[..]) {
             (Some((id, board)), _) | (None, [(id, board)]) => Ok((id, board)),

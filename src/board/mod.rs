@@ -6,7 +6,7 @@
 //! - [`collection`]: all boards of a database.
 //! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //!
-//! The same games give the same rows to the last bit, in whatever order they come. Every convention is told in
+//! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
 //! `docs/boards.md`.
 
 pub mod collection;

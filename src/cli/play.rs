@@ -91,7 +91,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if let Some(key) = args.key.clone() {
         client = client.with_key(key);
     }
-    // Once a game goes on, a server that is away for a moment is waited for; here it is not.
+    // During a game requests are retried while the server is away; here they are not.
     client.health().await?;
     match args.task {
         Some(task) => play_episode(&client, args, task).await,

@@ -69,7 +69,7 @@ async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Fa
     failed
 }
 
-/// Notes that a competition could not be closed; the log is told where the reason is another than before.
+/// Notes that a competition could not be closed; it is logged if the reason is another than before.
 fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Failure {
     metrics::counter!("swarmbench_closing_failures_total").increment(1);
     if last.as_ref().is_none_or(|last| last.error != error) {
@@ -93,7 +93,7 @@ async fn close(
             runs.advance(attempt.run).await?;
         }
     }
-    // Whoever began to start an attempt in time has started it.
+    // Attempts whose start began in time have been started.
     let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
 }

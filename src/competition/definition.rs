@@ -72,7 +72,7 @@ pub struct Definition {
 pub enum Admission {
     /// Anybody.
     Anybody,
-    /// Whoever has an invitation code.
+    /// Holders of an invitation code.
     Codes,
 }
 

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 
 use super::definition::{BoardRule, Definition};
 
-/// Where a competition stands.
+/// The phase of a competition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// It has not opened.

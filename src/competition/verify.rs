@@ -72,7 +72,7 @@ pub struct Expected {
     pub head: Option<Head>,
 }
 
-/// Checks the file of a competition; `progress` is told how many lines were read.
+/// Checks the file of a competition; `progress` is called with how many lines were read.
 ///
 /// # Errors
 /// The first fault, with its line.

@@ -2,7 +2,7 @@
 //!
 //! An export reads a few rounds at once and keeps one episode's world in memory, however many there are; the
 //! texts of acts are read part by part.
-//! It works on a thread of its own: it computes, it reads the store, and it waits for whoever takes what
+//! It works on a thread of its own: it computes, it reads the store, and it waits for the reader of what
 //! it writes.
 
 use std::collections::HashSet;
@@ -122,7 +122,7 @@ pub struct Export<'a> {
 }
 
 impl<'a> Export<'a> {
-    /// Selects what there is now. `may` says of each episode whether it may be told; `progress` is told how
+    /// Selects what there is now. `may` says of each episode whether it may be exported; `progress` is called with how
     /// many episodes of how many are written; `stop` ends it early. Not to be called on a thread that serves
     /// others.
     ///

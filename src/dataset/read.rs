@@ -1,7 +1,7 @@
 //! Reading: a folder or an archive with any number of batches, one game at a time.
 //!
 //! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never
-//! becomes a path. Whatever is wrong with a file is told by the name of the file, and the others are read.
+//! becomes a path. A problem with a file is reported with the name of the file, and the others are read.
 
 use std::borrow::Cow;
 use std::cell::Cell;

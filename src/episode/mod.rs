@@ -177,8 +177,8 @@ impl Snapshot {
         self.opened_at.get_or_init(|| at);
     }
 
-    /// The place of the open round among all rounds that somebody has seen. Whoever sees it first says
-    /// which it is: so a round that nobody has seen never stands before one that somebody has.
+    /// The place of the open round among all rounds that somebody has seen. The first look says
+    /// which it is: so an unseen round never comes before a seen one.
     #[must_use]
     pub fn place(&self, next: impl FnOnce() -> u64) -> u64 {
         *self.place.get_or_init(next)

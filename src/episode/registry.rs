@@ -752,7 +752,7 @@ impl Registry {
             Ok(_) => {}
             // The next sweep tries it again.
             Err(FindError::NoMemory(full)) => {
-                tracing::debug!(%full, "an episode was not recovered")
+                tracing::debug!(%full, "an episode was not recovered");
             }
             Err(FindError::Recovery(error)) => {
                 tracing::error!(%error, "an episode cannot be recovered");

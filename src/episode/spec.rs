@@ -15,7 +15,7 @@ use crate::journal::record::{self, FORMAT, Opening, RecordedConfig};
 pub enum Visibility {
     /// Anyone.
     Public,
-    /// Whoever created it.
+    /// Its creator.
     Owner,
     /// Organizers alone, also after its end, until its competition is revealed.
     Sealed,

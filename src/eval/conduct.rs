@@ -1,4 +1,4 @@
-//! Plays the runs of a plan, one after the other, each from where it stands.
+//! Plays the runs of a plan, one after the other, each resumed where it stopped.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -23,7 +23,7 @@ use crate::wire::act::{Receipt, SwarmAct};
 use crate::wire::observation::Observation;
 use crate::wire::run::{RunDetail, RunList, RunSummary};
 
-/// How often the server is asked how all games stand, for whoever watches.
+/// How often the state of all games is polled, for progress.
 const SYNC: Duration = Duration::from_secs(1);
 
 /// How a run was found.
@@ -37,7 +37,7 @@ pub enum Found {
     Finished,
 }
 
-/// What happens, for whoever watches.
+/// Progress events.
 #[derive(Clone, Copy, Debug)]
 pub enum News<'a> {
     /// A run was found or created; its place in the plan.
@@ -65,7 +65,7 @@ pub struct Conductor<'a> {
 }
 
 impl Conductor<'_> {
-    /// Plays a run from where it stands; `model` is the one that plays it, where one does.
+    /// Resumes a run; `model` is the one that plays it, where one does.
     ///
     /// # Errors
     /// See [`StopReason`].
@@ -128,7 +128,7 @@ impl Conductor<'_> {
         let sync = async {
             loop {
                 SystemClock.sleep_until(after(SystemClock.now(), SYNC)).await;
-                // Whether the server can be used is for whoever plays to say.
+                // Failures of the server are reported by the player.
                 if let Ok(run) = self.client.run(&run.run.id, Some(token)).await {
                     watch.borrow_mut()(News::Stands(&run));
                 }
@@ -156,7 +156,7 @@ impl Conductor<'_> {
             if is_finished && self.again {
                 break;
             }
-            // Whoever created it gets a token, and nobody else.
+            // Only the creator gets a token.
             let token = match self.client.replace_run_token(&run.id).await {
                 Ok(token) => token.swarm_token,
                 Err(ClientError::Refused { status, .. }) if status.is_client_error() => continue,

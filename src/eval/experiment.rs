@@ -140,7 +140,7 @@ pub enum Shape {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelEntry {
-    /// What stands on boards.
+    /// The name on boards.
     pub name: String,
     /// What the endpoint calls it, where that is something else.
     pub model: Option<String>,

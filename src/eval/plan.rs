@@ -48,7 +48,7 @@ impl std::error::Error for PlanError {}
 /// A language model and how it is asked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelPlan {
-    /// What stands on boards.
+    /// The name on boards.
     pub name: String,
     /// What its endpoint calls it.
     pub model: String,
@@ -125,7 +125,7 @@ pub const AXES: [&str; 11] = [
 ];
 
 impl Planned {
-    /// Who plays, as it stands on boards.
+    /// The player, as boards name it.
     #[must_use]
     pub fn name(&self) -> String {
         match &self.who {
@@ -632,7 +632,7 @@ impl Problems {
             ));
         }
         for game in games {
-            // Runs that were created under wider limits go on; a new one is refused by the server.
+            // Runs that were created under wider limits continue; a new one is refused by the server.
             if let Err(errors) = Config::check(&run.suite.settings_of(&game)) {
                 errors.0.into_iter().for_each(|error| self.tell(error.to_string()));
             }

@@ -38,7 +38,7 @@ pub struct Row {
     pub varied: Vec<Option<String>>,
     /// The id of the run.
     pub run: String,
-    /// `finished`, or how it stands.
+    /// `finished`, or its status.
     pub status: String,
     /// The seeds.
     pub seeds: String,
@@ -71,12 +71,12 @@ pub struct Cell {
     pub planned: u32,
 }
 
-/// A run of a plan as it stands.
+/// The state of a run of a plan.
 #[derive(Clone, Debug)]
 pub struct Played {
     /// What was planned.
     pub planned: Planned,
-    /// How it stands.
+    /// Its status.
     pub run: RunDetail,
     /// Whether all its journals were played again.
     pub verified: bool,

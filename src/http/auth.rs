@@ -1,6 +1,6 @@
 //! Who asks, and what they may.
 //!
-//! Whoever holds a token of an episode's seats, or the key with which it was created, is told apart
+//! A caller with a token of an episode's seats, or the key with which it was created, is told apart
 //! from everybody else here, and only here: handlers ask `Caller`.
 
 use axum::extract::FromRequestParts;
@@ -34,7 +34,7 @@ pub struct Access {
     pub trusted_proxies: Vec<IpNet>,
 }
 
-/// Whoever sent a request.
+/// The sender of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Caller {
     /// Nobody known.
@@ -141,7 +141,7 @@ impl Caller {
         }
     }
 
-    /// Whether the caller stands where the creator of the episode does.
+    /// Whether the caller has the rights of the creator of the episode.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         if episode.visibility == Visibility::Sealed {
             return self.is_organizer();
@@ -298,7 +298,7 @@ impl Caller {
         Ok((owner, id))
     }
 
-    /// The key of a caller who may take part; `detail` is told to tokens, which may not.
+    /// The key of a caller who may take part; `detail` is the error for tokens, which may not.
     fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
         match self {
             Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
@@ -369,7 +369,7 @@ impl FromRequestParts<App> for Swarm {
     }
 }
 
-/// Whoever runs the server; nobody else gets past this.
+/// Extracts an organizer; all other callers are refused.
 pub(super) struct Organizer {
     pub(super) key: Key,
 }

@@ -36,7 +36,7 @@ use crate::keys::OwnerKey;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Peer(pub(super) IpAddr);
 
-/// Whoever sent a request, as far as the connection tells.
+/// The sender of a request, as far as the connection shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Client {
     /// The address, that which a trusted proxy names where there is one.
@@ -94,7 +94,7 @@ pub(super) fn address(peer: IpAddr, headers: &HeaderMap, trusted: &[IpNet]) -> I
     address.unwrap_or(peer)
 }
 
-/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that stands before
+/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that comes before
 /// it may have been made up.
 fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Option<IpAddr> {
     let lines = headers.get_all("x-forwarded-for").iter().rev();
@@ -132,7 +132,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     is_loopback(name)
 }
 
-/// Time for rate limits: it only goes on, also while the process is stopped.
+/// Time for rate limits: monotonic, and runs also while the process is stopped.
 #[derive(Clone)]
 struct RateClock(Arc<dyn Clock>);
 
@@ -282,7 +282,7 @@ impl Rates {
         Err(ApiError::limit(Code::RateLimited, name, most, detail).retry_after(wait))
     }
 
-    /// Forgets whoever has not asked for a while.
+    /// Forgets clients without recent requests.
     pub(super) fn forget_idle(&self) {
         for rates in self.by_address.iter().chain(&self.entries) {
             forget(rates);
@@ -304,7 +304,7 @@ impl Rates {
     }
 }
 
-/// Forgets whoever may send as much as anybody who never came, and gives the memory back.
+/// Forgets clients whose bucket is full, and frees the memory.
 fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
     rates.retain_recent();
     rates.shrink_to_fit();

@@ -9,7 +9,7 @@ use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
 
-/// What the server takes at most. An error that comes from a limit names it.
+/// The limits of the server. An error that comes from a limit names it.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Bytes of a body, and of one act among several.
@@ -33,7 +33,7 @@ pub struct Limits {
     pub observations_max: usize,
     /// Observations in one answer where nobody says how many.
     pub observations_default: usize,
-    /// Bytes of an answer that is made in memory: lists and observations go on in the next one.
+    /// Bytes of an answer that is made in memory: lists and observations continue in the next one.
     pub answer_bytes_max: usize,
     /// Episodes in one page.
     pub page_items_max: u32,
@@ -47,9 +47,9 @@ pub struct Limits {
     pub episodes_unfinished_max: usize,
     /// Episodes of one key that have not ended.
     pub episodes_per_key_max: usize,
-    /// Percent of all places for episodes that are kept for organizers and for the next games of runs.
+    /// Percent of all episodes that are reserved for organizers and for the next games of runs.
     pub episodes_reserved_percent: u32,
-    /// How many places a competition, a key or an address may hold, in percent of those that are free.
+    /// How many episodes a competition, a key or an address may have open, in percent of those that are free.
     pub episodes_of_free_percent_max: u32,
     /// Games of one run.
     pub run_games_max: usize,
@@ -85,7 +85,7 @@ pub struct Limits {
     /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
     /// have any number.
     pub requests_per_address_max: usize,
-    /// Percent of all connections that are kept for addresses that have none.
+    /// Percent of all connections that are reserved for addresses that have none.
     pub connections_reserved_percent: u32,
     /// Milliseconds in which a client has to send the head of a request, from its first byte on.
     pub head_ms_max: u64,
@@ -98,9 +98,9 @@ pub struct Limits {
     pub write_ms_max: u64,
     /// Bytes a second of an answer that a client has to take, on average of the time in which some wait for it.
     pub write_bytes_per_s_min: u64,
-    /// Milliseconds for which a connection is kept without a request.
+    /// Milliseconds after which an idle connection is closed.
     pub idle_ms_max: u64,
-    /// Milliseconds that open requests get to end when the server is told to stop.
+    /// Milliseconds that open requests get to end when the server is asked to stop.
     pub drain_ms_max: u64,
     /// Characters of a model's name.
     pub model_chars_max: usize,
@@ -108,7 +108,7 @@ pub struct Limits {
     pub suite_name_chars_max: usize,
     /// Characters of the reason for which something is voided.
     pub reason_chars_max: usize,
-    /// Bytes of what is told about who plays.
+    /// Bytes of `agent_meta`.
     pub agent_meta_bytes_max: usize,
     /// Characters of an idempotency key.
     pub idempotency_key_chars_max: usize,
@@ -222,7 +222,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// What everybody may hold.
+    /// The caps of the per-owner quotas.
     #[must_use]
     pub const fn caps(&self) -> Caps {
         Caps {

@@ -93,7 +93,7 @@ pub struct App(Arc<Shared>);
 
 /// What a server is put together from.
 pub struct Foundation {
-    /// Where things are kept.
+    /// The store.
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
@@ -134,7 +134,7 @@ pub struct Shared {
     /// What seats see in open rounds, as it was written.
     sights: Sights,
     waits: Arc<AtomicUsize>,
-    /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
+    /// How many open rounds were seen by a holder of several seats. A look locks it, so that
     /// what is new to one look is new to all that come after it.
     rounds_seen: std::sync::Mutex<u64>,
     bodies: Arc<Bodies>,
@@ -185,22 +185,22 @@ impl App {
         }))
     }
 
-    /// Reads all results, so that whoever asks for a board first does not wait for that.
+    /// Reads all results, so that the first request for a board does not wait for that.
     pub async fn read_boards(&self) {
         if let Err(error) = self.standings.boards().await {
-            // Whoever asks is told the same.
+            // Requests get the same error.
             tracing::warn!(%error, "boards cannot be read");
         }
     }
 
-    /// Forgets what is not needed any more; to be called now and then.
+    /// Evicts unused entries; to be called periodically.
     pub fn tidy(&self) {
         self.registry.evict_unused();
         self.rates.forget_idle();
     }
 
-    /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
-    /// it waits when its client hangs up.
+    /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`
+    /// when its client hangs up.
     async fn run_detached<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
@@ -208,7 +208,7 @@ impl App {
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
-    /// One creation with the same idempotency key goes on at a time.
+    /// Serializes creations with the same idempotency key.
     async fn idempotency_lock(&self, key: &str) -> MutexGuard<'_, ()> {
         let lock = crc32fast::hash(key.as_bytes()) as usize % CREATION_LOCKS;
         self.creating[lock].lock().await
@@ -235,7 +235,7 @@ impl App {
         Ok(done?)
     }
 
-    /// What a token stands for, if it is known.
+    /// The rights of a token, if it is known.
     async fn grant(&self, token: &Token) -> Result<Option<Grant>, ApiError> {
         let hash = token.hash();
         if let Some(grant) = self.tokens.get(&hash) {
@@ -307,7 +307,7 @@ impl App {
         found?.ok_or_else(|| ApiError::not_found("the episode"))
     }
 
-    /// A turn to make a large answer, to be held until it is made. Then its parts on the async threads are
+    /// A permit for a large answer, held until it is made. Then its parts on the async threads are
     /// few at a time, whatever is asked for.
     async fn large_answer(&self) -> Result<Permit, ApiError> {
         let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;

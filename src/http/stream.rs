@@ -60,7 +60,7 @@ pub(super) struct Streams {
     pub(super) events: StreamLimit,
 }
 
-/// StreamLimit that are held for long: so many in all, and so many of one party.
+/// Bounds what stays open for long: in all, and for each party.
 #[derive(Debug)]
 pub(super) struct StreamLimit {
     limit: FairLimit,

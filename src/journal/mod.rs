@@ -415,7 +415,7 @@ pub struct SeatingRow {
 pub struct TokenRow {
     /// The hash of the token.
     pub hash: TokenHash,
-    /// The seat for which it stands; none for several seats of the episode.
+    /// The seat that it authorizes; none for several seats of the episode.
     pub agent: Option<AgentId>,
     /// Which holder's seats those are, by the number of the claim; none for the creator's.
     pub holder: Option<u32>,
@@ -620,7 +620,7 @@ pub trait Journal: Send + Sync + 'static {
     fn append(&self, entries: Vec<Entry>, committed: Committed);
 
     /// Keeps entries and waits until they, and all that was handed over before them, are durable;
-    /// without entries it only waits. They are kept also where nobody waits any more.
+    /// without entries it only waits. They are stored also if the caller is gone.
     fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), JournalError>> {
         let (done, kept) = tokio::sync::oneshot::channel();
         self.append(entries, Box::new(move |result| drop(done.send(result))));

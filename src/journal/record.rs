@@ -322,7 +322,7 @@ impl ActRecord {
         texts.into_iter().flatten().map(|text| text.len() as u64).sum()
     }
 
-    /// What the engine is told: the act, if the names in it are known.
+    /// The act for the engine, if the names in it are known.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {
         let action = match &self.action {

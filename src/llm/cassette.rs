@@ -323,7 +323,7 @@ impl Tape {
         Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
     }
 
-    /// Adds a line in one go; where it stands, and how long it is.
+    /// Adds a line in one write; returns its offset and length.
     fn write(&mut self, line: &impl Serialize) -> io::Result<(u64, usize)> {
         if self.is_broken {
             return Err(io::Error::other("an earlier line could not be written"));

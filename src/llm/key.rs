@@ -3,7 +3,7 @@
 use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};
 
-/// What stands for the key where a text had it.
+/// Replaces the key in texts.
 const STANDS_FOR_IT: &str = "[key]";
 
 /// From this length on a key cannot be in an answer by chance, so there too it is taken out. Local endpoints are

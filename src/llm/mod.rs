@@ -6,7 +6,7 @@
 //! - What the model itself does wrong (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`].
 //!   It is not tried again, it costs the model its move, and the game continues.
 //! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
-//!   is lost, and the run can go on later.
+//!   is lost, and the run can resume later.
 //!
 //! A question has one message, the prompt, and no history: what an agent remembers is for the rules of the game to
 //! say, and it is in the prompt. The public toolkit asks the same way.
@@ -159,7 +159,7 @@ impl Inner {
             let turn = loop {
                 self.unless_stopped(pass.opened(clock)).await?;
                 let turn = self.unless_stopped(self.allowance.turn()).await?;
-                // The gate may have closed meanwhile; whoever waits for that leaves its turn to other models.
+                // The gate may have closed meanwhile; a request that waits for it returns its permit.
                 if pass.is_open(clock) {
                     break turn;
                 }
@@ -205,7 +205,7 @@ impl Inner {
                 let url = self.endpoint.shown.clone();
                 self.stop(Stop::Unreachable { url, tries, last: said })
             })?;
-            // Whoever has the turn next finds the gate as it is now.
+            // The next request finds the gate as it is now.
             drop(turn);
             retries += 1;
             self.counters.retry();
@@ -226,7 +226,7 @@ impl Inner {
         }
     }
 
-    /// Stops for good. The first reason is told.
+    /// Stops for good. The first reason is reported.
     fn stop(&self, stop: Stop) -> Stop {
         let first = self.stop.get_or_init(|| stop).clone();
         self.stopped.cancel();

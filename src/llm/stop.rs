@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-/// The end of a run that is no fault of the model: it costs the model no move, and the run can go on from where it
-/// stands. `Display` is for people: what happened, and what to do next. No key is ever in it.
+/// The end of a run that is no fault of the model: it costs the model no move, and the run can resume where it
+/// stopped. `Display` is for people: what happened, and what to do next. No key is ever in it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Stop {
     /// 401: the endpoint wants another key, or any.

@@ -74,7 +74,7 @@ pub async fn serve() -> std::io::Result<()> {
         .route("/metrics", get(|| async { telemetry::render() }));
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
-        // Nothing more comes; this returns when whoever started it is gone.
+        // The input is closed when the parent process is gone.
         drop(std::io::stdin().lock().read(&mut [0]));
         drop(end);
     });

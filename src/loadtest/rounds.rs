@@ -90,7 +90,7 @@ pub struct Score {
     pub rounds: AtomicU64,
     /// From sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Latencies,
-    /// From the receipt of a round's last act until whoever waited already had the next observation.
+    /// From the receipt of a round's last act until clients that waited already had the next observation.
     pub woken: Latencies,
 }
 

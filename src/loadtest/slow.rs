@@ -1,4 +1,4 @@
-//! Clients that do harm by being slow: how long they are kept, and what honest clients notice of them.
+//! Slow clients: how long the server keeps them, and how they affect honest clients.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress};
 
-/// Whoever is this old should have been closed.
+/// Connections of this age should have been closed.
 const CLOSED_WITHIN: Duration = Duration::from_secs(15);
 
 /// How often a slow client sends something.
@@ -103,7 +103,7 @@ pub struct Report {
     pub clients: usize,
     /// For how long they were there, in seconds; and honest clients alone before them.
     pub seconds: f64,
-    /// How long they were kept.
+    /// How long the server kept them.
     pub kept: Vec<KindSummary>,
     /// Honest clients without them.
     pub before: Honest,

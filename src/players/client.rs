@@ -257,7 +257,7 @@ impl Client {
         .await
     }
 
-    /// The journal of an episode: shown to whoever has a token of its creator, and to anybody once it has ended.
+    /// The journal of an episode: readable with a token of its creator, and by everybody once it has ended.
     ///
     /// # Errors
     /// See [`Client::create_episode`].

@@ -35,7 +35,7 @@ pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
 /// An episode could not be played.
 pub type PlayError = DriveError<PlayerError>;
 
-/// Plays an episode to its end; `progress` is told the round and the score after every round.
+/// Plays an episode to its end; `progress` is called with the round and the score after every round.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -70,7 +70,7 @@ pub async fn play(
     Ok(summary)
 }
 
-/// Plays what is left of a run with built-in players; `progress` is told of every observation.
+/// Plays what is left of a run with built-in players; `progress` is called with every observation.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -259,7 +259,7 @@ impl Game {
         };
         let request = ActRequest {
             round: sight.round,
-            // Whoever decides nothing stays where it is.
+            // A player without a decision stays.
             action: Some(act.action.map_or("STAY", |action| action.name()).to_owned()),
             message: act.message.map(|message| message.to_string()),
             to: act.to.map(|to| to.to_string()),

@@ -1,8 +1,8 @@
 //! Runs on a server: created, advanced as their games end, ended.
 //!
-//! Nothing of a run is kept in memory but who looks at it. [`Runs::advance`] reads from the database how
-//! it stands and does what is due: it opens the next games of the plan, or ends the run. Doing it once
-//! too often changes nothing, so whoever may have missed something calls it: the end of a game, a start
+//! Nothing of a run is in memory but its subscribers. [`Runs::advance`] reads its state from the
+//! database and does the next step: it opens the next games of the plan, or ends the run. Doing it once
+//! too often changes nothing, so it is called whenever something may have been missed: the end of a game, a start
 //! of the server, and the sweep every minute.
 
 use std::collections::{BTreeMap, HashMap};
@@ -30,7 +30,7 @@ use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
 use crate::store::Store;
 use crate::store::runs::{StoredGame, StoredRun};
 
-/// Runs with the same lock go on one after the other.
+/// Runs with the same lock are advanced one after the other.
 const LOCKS: usize = 256;
 
 /// Runs that are advanced at once.
@@ -50,7 +50,7 @@ pub struct NewRun {
     pub definition: Definition,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
-    /// The key by which a repeated creation finds it, and the hash of the body. Whoever gives one has
+    /// The key by which a repeated creation finds it, and the hash of the body. A client that sends one has
     /// made sure that no run has it, and that nobody else creates one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
 }
@@ -91,7 +91,7 @@ pub struct OpenGames {
 
 /// What the manager of runs is made of.
 pub struct Parts {
-    /// Where runs are kept.
+    /// Where runs are stored.
     pub store: Store,
     /// Where games are opened.
     pub registry: Registry,
@@ -231,7 +231,7 @@ impl Runs {
         Ok((self.stored(run).await?, token))
     }
 
-    /// Does what is due: opens the next games of the plan, or ends the run when all have ended. It may
+    /// Does the next step: opens the next games of the plan, or ends the run when all have ended. It may
     /// be called at any time, and as often as one likes. Where there is no place for another game the
     /// run waits for the next call.
     ///
@@ -242,7 +242,7 @@ impl Runs {
         self.run_detached(async move { runs.advance_now(run).await }).await
     }
 
-    /// Ends a run: `Aborted` ends its open games, too; after any other status they go on to their end.
+    /// Ends a run: `Aborted` ends its open games, too; after any other status they continue to their end.
     /// No more games are opened. A run that has ended stays as it is.
     ///
     /// # Errors
@@ -334,8 +334,8 @@ impl Runs {
         }
     }
 
-    /// Does something of a run to its end, whoever goes meanwhile: what is broken off while a game is
-    /// being opened gives the lock back before the game can be found.
+    /// Runs work in a task of its own, so that it completes: if it were dropped while a game is
+    /// being opened, the lock would be released before the game can be found.
     async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
@@ -445,7 +445,7 @@ impl Runs {
     }
 
     /// Ends the games that are open and must not be: those of an aborted run, and those that do not
-    /// count any more. Then tells whoever looks at the run how it stands.
+    /// count any more. Then notifies the subscribers of the run.
     async fn settle(&self, run: RunKey) -> Result<(), JournalError> {
         let Parts { store, registry, .. } = &self.0.parts;
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
@@ -458,7 +458,7 @@ impl Runs {
                 Err(error) => Err(error.to_string()),
             };
             if let Err(error) = ended {
-                // The others go on.
+                // The others continue.
                 tracing::error!(episode = %game.id, error, "a game cannot be ended");
             }
         });
@@ -508,7 +508,7 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
     let has_game = |is: &dyn Fn(&StoredGame) -> bool| by_slot.values().any(|game| is(game));
     let is_closed = definition.closes_at.is_some_and(|at| at <= now);
     let ending = match () {
-        // Whoever stopped playing would leave the next games alone, too.
+        // A player that stopped would not play the next games either.
         () if has_game(&|game| game.status == Status::Abandoned.name()) => {
             Some(RunStatus::Abandoned)
         }

@@ -1,7 +1,7 @@
 //! Whether a database is whole: its pages, what its rows refer to, every journal, and all that follows from journals.
 //!
 //! It only reads, also beside a server: each episode is read in a transaction of its own, so that the server's log does
-//! not grow meanwhile. What cannot be read is damage, and the check goes on behind it. Memory does not grow with the
+//! not grow meanwhile. What cannot be read is damage, and the check continues after it. Memory does not grow with the
 //! database.
 
 use std::path::Path;
@@ -24,7 +24,7 @@ use crate::journal::record::{ActRecord, End, Opening, RawRecord};
 use crate::journal::replay::Report;
 use crate::journal::{EpisodeKey, ImportHash, Tally};
 
-/// Damages that are told one by one; those beyond are counted.
+/// Damages that are listed; further ones are counted.
 pub const DAMAGES_MAX: usize = 1000;
 
 /// What `PRAGMA integrity_check` tells at most.
@@ -84,7 +84,7 @@ fn unreadable(error: &sqlx::Error) -> String {
     format!("it cannot be read: {error}")
 }
 
-/// Checks all of a database. `progress` is told how many episodes of how many are done.
+/// Checks all of a database. `progress` is called with how many episodes of how many are done.
 ///
 /// # Errors
 /// Where there is no database of this version; whatever is wrong with it is no error.

@@ -88,7 +88,7 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     query
 }
 
-/// Where it waits and has, or had, open seats: whoever has a key may claim one.
+/// Where it waits and has, or had, open seats: every holder of a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
                           AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
 

@@ -154,7 +154,7 @@ impl Store {
         Ok(Self { readers, writer, files: Files::default(), lock: Arc::default() })
     }
 
-    /// A connection that reads, for whoever this task works for.
+    /// A connection that reads, for the party of this task.
     async fn read(&self) -> Result<readers::Reading, JournalError> {
         self.readers.get().await
     }

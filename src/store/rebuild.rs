@@ -48,7 +48,7 @@ pub struct Rebuilt {
 
 /// Drops all results and makes them again from openings, acts, rounds and ends, all in one transaction and in
 /// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
-/// hash, digest, act and score compared. `progress` is told how many episodes of how many are done.
+/// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
 ///
 /// # Errors
 /// See [`RebuildError`].

@@ -57,7 +57,7 @@ pub enum Change {
     Episode(EpisodeKey),
 }
 
-/// What was committed and concerns boards, until whoever keeps them takes it.
+/// What was committed and concerns boards, until the cache of boards takes it.
 #[derive(Debug)]
 pub struct Changes {
     kept: Mutex<Option<Vec<Change>>>,
@@ -164,7 +164,7 @@ pub struct BoardRun {
     pub created_at: Timestamp,
     /// Its games that have ended, in the order of its plan.
     pub games: Vec<BoardGame>,
-    /// False where a game goes on, although the run opens no more.
+    /// False while a game is running, although the run opens no more.
     pub is_over: bool,
 }
 

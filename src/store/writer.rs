@@ -63,7 +63,7 @@ struct Job {
 /// The outcome of a job.
 type Outcome = Result<(), JournalError>;
 
-/// How the writer does; shared with whoever asks.
+/// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
 pub struct WriterState {
     failed: AtomicBool,
@@ -76,7 +76,7 @@ pub struct WriterState {
 }
 
 impl WriterState {
-    /// Whether a commit failed: nothing is kept any more.
+    /// Whether a commit failed: nothing is stored any more.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
@@ -233,7 +233,7 @@ async fn run(
         };
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
-                // Before anybody is told: whoever knows of an end finds it on the board.
+                // Before the senders are notified: a client that knows of an end finds it on the board.
                 state.changes.note(entries);
             }
         }
@@ -278,7 +278,7 @@ async fn keep(
             state.fail(&error);
             all(&Err(super::failure(error)))
         }
-        // Nothing was written: everybody is told, and what is sent again later may be kept.
+        // Nothing was written: all senders get the error, and may send again.
         Err(Failure::Refused(error)) => {
             let error = super::failure(error);
             jobs.iter().map(|job| refuse(state, job, error.clone())).collect()
@@ -305,7 +305,7 @@ impl Failure {
     }
 }
 
-/// Whether SQLite gave one of these primary result codes; the code that is told may be an extended one.
+/// Whether SQLite gave one of these primary result codes; the code that is given may be an extended one.
 fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
     let code = error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok());
     code.is_some_and(|code| codes.contains(&(code & 0xff)))
@@ -379,7 +379,7 @@ async fn write_one(connection: &mut SqliteConnection, entries: &[Entry]) -> Resu
     written
 }
 
-/// Runs a statement without which the transaction cannot go on.
+/// Runs a statement that the transaction needs.
 async fn execute(
     connection: &mut SqliteConnection,
     statement: &'static str,

@@ -67,7 +67,7 @@ impl Hosting {
             Some(key) => client.with_key(key),
             None => client,
         };
-        // Once games go on, a server that is away for a moment is waited for; here it is not.
+        // During games requests are retried while the server is away; here they are not.
         client.health().await?;
         if let (Some(hosted), None) = (&hosted, &self.key)
             && hosted.has_keys

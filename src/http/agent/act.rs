@@ -68,7 +68,7 @@ pub(in super::super) async fn post_act(
         return Ok(JsonBody(receipt).into_response());
     }
     let round = receipt.round;
-    // The act is durable: where there is no place to wait, its receipt is told all the same.
+    // The act is durable: its receipt is sent even if the limit of waiting requests is reached.
     let waited = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
         Some(snapshot) => {

@@ -18,10 +18,10 @@ use crate::prompt::{self, tasks};
 use crate::wire::episode::EpisodeResult;
 use crate::wire::observation::{Moment, Sight};
 
-/// Bytes of a sight (the larger part of an observation) that is kept for those who ask again.
+/// Bytes of a sight (the larger part of an observation) that is cached.
 const SIGHT_KEPT_BYTES_MAX: usize = 16 * 1024;
 
-/// Bytes of all sights that are kept.
+/// Bytes of all cached sights.
 const SIGHTS_KEPT_BYTES_MAX: u64 = 64 * 1024 * 1024;
 
 /// Bytes of a usual sight; the cache makes room for as many as fit.

@@ -73,7 +73,7 @@ pub(in super::super) async fn create_claim(
     let name = name.map(|name| format!("{}/{name}", stored.id));
     let idempotency = name.map(|name| (name, Sha256::digest(&body).into()));
     let handle = app.episode(&stored.id).await?;
-    // A repeat must find what the first one claims, whoever has hung up meanwhile.
+    // A repeat must find what the first one claims, also if its client hangs up.
     App::run_detached(
         async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await },
     )

@@ -69,7 +69,7 @@ pub(in super::super) async fn register_entrant(
     let stored = app.store.find_competition(&id).await?;
     let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     check(&request, &app)?;
-    // Whoever enters at the same time is counted, and a code is good once.
+    // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {
         let _lock = app.idempotency_lock(&format!("enter {}", competition.id)).await;
         register(&app, &competition, own_key, client.address, request).await
@@ -119,7 +119,7 @@ async fn register(
     let number = own_key.as_ref().and_then(|key| key.number);
     let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
     let most = app.limits.entrants_max;
-    // Whoever was excluded leaves a place to somebody else.
+    // An excluded entrant does not count for the limit.
     if room.active as usize >= most {
         let detail = "the competition has the maximum number of entrants; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));

@@ -70,7 +70,7 @@ pub(in super::super) async fn start_attempt(
     let name = name.map(|name| format!("{}/{name}", entrant.entrant.id));
     let body: [u8; 32] = Sha256::digest(&body).into();
     let idempotency = name.map(|name| (name, body));
-    // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
+    // The start of an attempt completes although the client hangs up; and an entrant starts one at a time.
     App::run_detached(async move {
         let _lock = app.idempotency_lock(&format!("attempt {}", entrant.entrant.id)).await;
         // It may have been excluded while others started.
@@ -124,7 +124,7 @@ async fn entrant(
     }
 }
 
-/// Refuses whoever takes no part any more.
+/// Refuses entrants that were withdrawn or disqualified.
 fn check_active(entrant: &StoredEntrant) -> Result<(), ApiError> {
     if entrant.entrant.status == EntrantStatus::Active {
         return Ok(());

@@ -65,7 +65,7 @@ pub(in super::super) async fn create_episode(
     let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
     let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
-    // A repeat must find what the first one creates, whoever has hung up meanwhile.
+    // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(
         async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await },
     )
@@ -106,7 +106,7 @@ async fn new_episode(
     shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
-    // Whoever repeats a creation gets that episode, also where it was created under wider limits.
+    // A repeated creation gets that episode, also if it was created under wider limits.
     spec.config.check_new().map_err(|errors| ApiError::settings(errors, ""))?;
     let least = app.limits.disk_free_percent_min;
     if app.disk.is_full(least) {

@@ -57,7 +57,7 @@ pub(in super::super) async fn read_journal(
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     app.audit_sealed_read(&caller, &stored, spec.visibility).await?;
-    // As it stands now.
+    // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     let lines = app.in_parts(JournalReader::new(app.store.clone(), stored)).await?;

@@ -163,7 +163,7 @@ pub(in super::super) async fn download_export(
         let out = Pieces { gathered, to, turns, _held: (place, room) };
         let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
-            // Whoever reads is to notice that this is not the whole file.
+            // The reader has to notice that the file is incomplete.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }

@@ -39,7 +39,7 @@ pub(in super::super) async fn revoke_key(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
-    // What is revoked must be forgotten, too, whoever has hung up meanwhile.
+    // A revoked key must be removed from the cache, too, also if the client hangs up.
     App::run_detached(async move {
         let now = app.clock.wall();
         let find = async || {

@@ -63,7 +63,7 @@ pub(in super::super) async fn create_run(
     let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
     let definition = definition(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
-    // A repeat must find what the first one creates, whoever has hung up meanwhile.
+    // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(async move {
         let (stored, token) = match key {
             None => {
@@ -234,7 +234,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
     (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
 }
 
-/// Checks that a suite may be played by a new run. Whoever repeats a creation gets that run, also where
+/// Checks that a suite may be played by a new run. A repeated creation gets that run, also where
 /// it was created under wider limits.
 fn check_new(suite: &Suite) -> Result<(), ApiError> {
     let games = suite.plan();

@@ -67,7 +67,7 @@ async fn tell(
 ) -> Result<(), ApiError> {
     let mut told: HashMap<String, (String, bool)> = HashMap::new();
     loop {
-        // What changes after this is told in the next turn.
+        // Later changes are sent in the next turn.
         let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
         let shown = app.run_detail(caller, &known).await?;

@@ -185,7 +185,7 @@ impl App {
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
     }
 
-    /// A run as it stands now, with its games.
+    /// The current state of a run, with its games.
     async fn run_detail(&self, caller: &Caller, known: &Known) -> Result<RunDetail, ApiError> {
         let games = self.store.games_of(known.stored.run).await?;
         Ok(RunDetail {

@@ -43,7 +43,7 @@ pub(in super::super) async fn replace_run_token(
 ) -> Result<Response, ApiError> {
     let known = app.known_run(&caller, &id).await?;
     let (run, owner) = (known.stored.run, known.stored.owner);
-    // Whoever plays an attempt in a competition may not read it, but plays it.
+    // The player of an attempt in a competition may play it, but not read it.
     if !caller.owns(known.subject()) && !caller.created(owner) {
         let detail =
             "only the creator of a run may do this: send the key with which it was created";

@@ -105,7 +105,7 @@ struct Envelope {
     acts: Acts,
 }
 
-/// So many acts are kept; what comes beyond is counted.
+/// The acts that are kept; further ones are counted.
 const ACTS_KEPT: usize = 4096;
 
 /// The acts of a body, and how many came.

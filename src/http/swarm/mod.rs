@@ -18,7 +18,7 @@ use crate::journal::RunKey;
 use crate::run::manager::OpenGames;
 use crate::store::tokens::Seats;
 
-/// Seats of one episode, among those for which a token stands.
+/// Seats of one episode, among those that a token authorizes.
 struct Seated {
     handle: Handle,
     seats: Seats,
@@ -83,7 +83,7 @@ impl Source {
         Ok(())
     }
 
-    /// The seats in one episode, also after its end; none where the token stands for no seat there.
+    /// The seats in one episode, also after its end; none where the token authorizes no seat there.
     async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
