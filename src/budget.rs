@@ -3,7 +3,7 @@
 //! Before something large is made its bytes are reserved, and returned by dropping the [`Reservation`].
 //! What is small always passes, so that running games finish however full the server is.
 //!
-//! Memory for games is shared between groups as places are ([`episode::quota`](crate::episode::quota)): a group gets more as
+//! Memory for games is shared between groups as unfinished episodes are ([`episode::quota`](crate::episode::quota)): a group gets more as
 //! long as it then has no more than is free (`memory_of_free_percent_max`). So one group alone gets half, two get a
 //! third each, and a newcomer finds some. The first game of a group always gets what is free.
 

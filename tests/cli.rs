@@ -305,7 +305,7 @@ async fn a_run_is_played_and_one_that_was_left_is_played_to_its_end() {
     assert!(!wrong.status.success() && text(&wrong.stderr).contains("standard, quick"));
 }
 
-/// Whoever reads logs, errors, pages or the database finds no token in them.
+/// Logs, errors, pages and the database contain no token.
 #[tokio::test]
 async fn tokens_are_shown_once_and_nowhere_else() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -224,7 +224,7 @@ fn record(agent: AgentId) -> ActRecord {
     }
 }
 
-/// What became of one act.
+/// The outcome of one act.
 async fn act(handle: &Handle, agent: u16, round: u32) -> Option<Receipt> {
     let submission = Submission { round, record: record(AgentId(agent)) };
     handle.submit(vec![(AgentId(agent), submission)]).await.pop()?.ok()
@@ -238,7 +238,7 @@ async fn an_actor_that_panics_is_replaced_from_the_journal() {
     bench.journal.panics.store(true, Ordering::Relaxed);
     let mut published = handle.follow();
     assert_eq!(act(&handle, 1, 0).await, None, "what was not kept is not acknowledged");
-    // Whoever waits for the next state notices that nothing is published any more.
+    // A waiter for the next state notices that nothing is published any more.
     published.mark_unchanged();
     assert!(published.changed().await.is_err());
     let again = tokio::time::timeout(PATIENCE, async {

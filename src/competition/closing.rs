@@ -42,7 +42,7 @@ struct Failure {
     again_at: Timestamp,
 }
 
-/// Closes each competition by itself: one that cannot be closed keeps no other open. Returns those that
+/// Closes each competition by itself: one that cannot be closed does not delay others. Returns those that
 /// could not be closed.
 async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Failed) -> Failed {
     let closing = match store.closing_competitions(clock.wall()).await {

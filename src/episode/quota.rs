@@ -379,7 +379,7 @@ impl Held {
         Err(Full::EpisodesOfShare { whose: Whose::Entrant, held, percent })
     }
 
-    /// How many places a group holds less than `most`.
+    /// How many episodes a group has open less than `most`.
     fn check_group(&self, caps: &Caps, party: Party, most: usize) -> Result<usize, Full> {
         let held = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
         match most.checked_sub(held) {
@@ -543,7 +543,7 @@ mod tests {
         Timestamp::from_second(1_000_000 + seconds).expect("a time")
     }
 
-    /// A server of which one takes places until it gets no more.
+    /// A server in which a party opens episodes until it gets no more.
     struct Places {
         quotas: Quotas,
         next: i64,

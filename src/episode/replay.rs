@@ -129,7 +129,7 @@ pub async fn state_at(
     replay.await
 }
 
-/// Plays rounds again, piece by piece, so that others have their turn in between.
+/// Replays rounds, piece by piece, and yields in between.
 async fn play(
     host: &Host,
     handle: &Handle,

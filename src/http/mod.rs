@@ -138,9 +138,9 @@ pub struct Shared {
     /// what is new to one look is new to all that come after it.
     rounds_seen: std::sync::Mutex<u64>,
     bodies: Arc<Bodies>,
-    /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
+    /// Permits for replays of earlier rounds; each may take as much memory as some rounds have text.
     replays: FairLimit,
-    /// Turns to make a large answer.
+    /// Permits for large answers.
     large_answers: FairLimit,
     streams: Streams,
     creating: [Mutex<()>; CREATION_LOCKS],
@@ -318,7 +318,7 @@ impl App {
         })
     }
 
-    /// A turn to have rounds played again.
+    /// A permit for a replay.
     async fn replay_turn(&self) -> Result<Permit, ApiError> {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
@@ -344,7 +344,7 @@ impl App {
     }
 }
 
-/// Turns to make large answers. A group has no more than half of them.
+/// Permits for large answers. A group has no more than half of them.
 fn large_answers(limits: &Limits) -> FairLimit {
     let slots = limits.large_answers_max;
     let shares = Shares {
@@ -358,7 +358,7 @@ fn large_answers(limits: &Limits) -> FairLimit {
     FairLimit::new("large_answers_max", shares, RENDER_PATIENCE)
 }
 
-/// Turns to have a state made. A group has no more than half of them.
+/// Permits for replays. A group has no more than half of them.
 fn replays(limits: &Limits) -> FairLimit {
     let slots = limits.replays_max;
     let shares = Shares {

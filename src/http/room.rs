@@ -1,6 +1,6 @@
-//! Whose connection is closed when all places are taken and another client comes.
+//! Which connection is evicted when the limit is reached and another client connects.
 //!
-//! The client that holds the most places loses one, as long as it holds more than its fair share of them. Which one of
+//! The client with the most connections loses one, as long as it has more than its fair share of them. Which one of
 //! its connections that is, the caller's order decides.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -9,7 +9,7 @@ use std::net::IpAddr;
 /// Connections of one client that are compared to choose one of them: the oldest ones.
 const COMPARED_MAX: usize = 256;
 
-/// For whom places are counted.
+/// For whom connections are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Holder {
     /// The address, or the /64 network of IPv6, that sent the last request.
@@ -60,7 +60,7 @@ impl<T> Holders<T> {
     }
 
     /// Removes the connection that makes room for one of `newcomer`: of the holder with the most connections, the least
-    /// by `key`. None where no holder has more than its share of the places.
+    /// by `key`. None where no holder has more than its share.
     pub(super) fn evict<K: Ord>(
         &mut self,
         places: usize,

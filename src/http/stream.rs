@@ -1,6 +1,6 @@
 //! Answers of any length, made and sent part by part; and the memory of large answers.
 //!
-//! A part is made in a turn (a permit, of which there are few) and in memory that is reserved. The turn ends before
+//! A part is made with a permit, of which there are few, and in memory that is reserved. The permit is returned before
 //! the part is sent, so a slow reader holds its own part and nothing that others wait for. No part is made for a
 //! client that is gone: the stream is dropped with the connection.
 
@@ -50,9 +50,9 @@ pub(super) trait Parts: Send + 'static {
 /// What streams share.
 #[derive(Debug)]
 pub(super) struct Streams {
-    /// Turns to read a part of a journal.
+    /// Permits to read a part of a journal.
     journals: FairLimit,
-    /// Turns to make a piece of an export.
+    /// Permits to make a piece of an export.
     pub(super) exports: FairLimit,
     /// Exports that are made or wait for their readers.
     pub(super) exports_open: StreamLimit,
@@ -137,7 +137,7 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
     }
 }
 
-/// The answer to a request for which no turn or place is free.
+/// The answer to a request for which no permit is free.
 pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
     let Busy { name, slots } = busy;
     let detail =

@@ -25,7 +25,7 @@ pub(super) struct Gate {
 struct State {
     /// How many may be in flight.
     width: usize,
-    /// How many turns have to vanish when they come back.
+    /// How many permits have to be dropped when they are returned.
     owed: usize,
     /// Answers since the width changed.
     answers: usize,

@@ -42,7 +42,7 @@ const SALT_BYTES: usize = 16;
 /// A run that is to be created.
 #[derive(Clone, Debug)]
 pub struct NewRun {
-    /// Whose it is: the key with which it is created, if any, and with whom its places are shared.
+    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
     /// What its first place is wanted for.
     pub purpose: Purpose,

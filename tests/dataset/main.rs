@@ -232,7 +232,7 @@ fn what_is_missing_or_broken_is_told_by_name_and_the_rest_is_read() {
     assert!(taken.problem(&told(&file(&batches[0], "game", alone))).contains("meta_log.json"));
     let said = taken.problem(&told(&index));
     assert!(said.starts_with("breaks off") && said.contains("1 runs"), "{said}");
-    // The runs behind the place where the index breaks off are told, too.
+    // The runs behind the place where the index breaks off are reported, too.
     assert_eq!(taken.problems.len(), 5 + 3, "{:?}", taken.problems);
 }
 

@@ -1,4 +1,4 @@
-//! Stopped in the middle, by whatever: the same command goes on.
+//! After any interruption the same command resumes.
 
 use std::collections::BTreeMap;
 use std::process::{Command, Stdio};

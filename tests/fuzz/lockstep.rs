@@ -43,7 +43,7 @@ enum Move {
     Abort,
 }
 
-/// What an act without room is told.
+/// The refusal of an act without room.
 const FULL: Full = Full::BytesOfEpisode(1);
 
 /// Whether the journal has room for an act: for one agent it takes one of the two actions only.
@@ -293,7 +293,7 @@ impl Subject {
                 self.apply(&Event::Tick);
             }
             Move::Start => self.apply(&Event::Start),
-            // Most games are to go on.
+            // Most games continue.
             Move::Abort if self.now.as_second() % 16 == 15 => self.apply(&Event::Abort),
             Move::Abort => {}
         }

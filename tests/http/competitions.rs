@@ -244,7 +244,7 @@ async fn attempts_are_started_within_their_number_and_their_windows() {
     for again in [json!({}), json!({ "attempt": 1 }), json!({ "attempt": 3 })] {
         start(again).problem(409, "closed").await;
     }
-    // The first window closes for whoever has not come.
+    // The first window closes for entrants that have not started.
     let red = cup.enter(&app, "red").await;
     app.pass(Duration::from_millis(10 * 60_000 - 1));
     let last = app.post(&cup.path("/attempts")).token(&red.key).json(&json!({ "attempt": 1 }));

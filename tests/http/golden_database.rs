@@ -47,12 +47,12 @@ struct Facts {
     answers: Vec<RecordedAnswer>,
     /// Journals: the path, head, score and number of rounds of each.
     journals: Vec<Journal>,
-    /// Episodes that go on, as they were created; all that had begun, and one that waits for its start.
+    /// Running episodes, as they were created; all that had begun, and one that waits for its start.
     running: Vec<Value>,
     waiting: Value,
     /// An episode with open seats.
     lobby: Value,
-    /// Runs that go on, as they were created.
+    /// Running runs, as they were created.
     runs: Vec<Value>,
     /// Creations that are repeated find what they created.
     repeated: Vec<Repeated>,

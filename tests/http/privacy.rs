@@ -18,13 +18,13 @@ use crate::app::{Episode, TestApp, list};
 use crate::dice::Dice;
 use crate::oracle::{self, Blind, Body, Game, PlannedAct, State};
 
-/// How many pairs are played where nobody asks for more.
+/// The default number of pairs.
 const CASES: u64 = 200;
 
 /// A game as it is played on a server.
 struct Played {
     episode: Episode,
-    /// Whoever holds seats: the last of them, and the token for all. Every third game has several holders.
+    /// The seat holders: the last of them, and the token for all. Every third game has several holders.
     holders: Vec<(usize, String)>,
     /// The tokens of all seats, whosever they are.
     seats: Vec<String>,
@@ -56,7 +56,7 @@ impl Played {
         });
         let game = Game { settings, states: Vec::new(), planned: Vec::new() };
         let mut claims = Vec::new();
-        // Who holds what is drawn apart: the games of a seed are the same, whoever plays them.
+        // Who holds what is drawn apart: the games of a seed are the same for all players.
         let mut dice = Dice(!seed);
         if dice.below(3) == 0 {
             let agents = usize::try_from(game.settings.num_agents).expect("a few");
@@ -207,7 +207,7 @@ fn worded(planned: &PlannedAct, words: &mut Dice) -> Value {
     act
 }
 
-/// How often two agents were to be sent the same, and what came of it.
+/// How often two agents were to be sent the same, and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,

@@ -809,7 +809,7 @@ impl Checker {
         if snapshot.world.digest().0 != *digest || snapshot.head != head {
             wrong.push((Invariant::Replay, format!("{name}, its journal says something else")));
         }
-        // Whoever asked before an actor ended by a fault may be shown what that one published last.
+        // A request from before an actor ended by a fault may get what that one published last.
         let may_be_old = is_refused && sent < episode.seen_first;
         if (round, is_over) < episode.seen && !may_be_old {
             wrong.push((Invariant::Durable, format!("{name} after {:?}", episode.seen)));
@@ -945,7 +945,7 @@ impl Checker {
         });
     }
 
-    /// What came of a claim, but for failures of the journal; true where it was acknowledged.
+    /// The result of a claim, except failures of the journal; true where it was acknowledged.
     fn claim_answered(&mut self, id: &EpisodeId, claimed: Result<Claimed, ClaimError>) -> bool {
         match claimed {
             Ok(Claimed { number, agents }) => {
@@ -1054,7 +1054,7 @@ impl Checker {
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
                 });
-                // Whoever has a receipt finds the state that goes with it.
+                // A client with a receipt finds the state that belongs to it.
                 let is_past = snapshot.status.is_over() || snapshot.world.round() > place.1;
                 let shows = is_past || (recorded.waiting_for > 0 && snapshot.has_acted(agent));
                 self.check(Invariant::Barrier, shows, || {

@@ -95,7 +95,7 @@ pub(crate) struct PendingMessage {
 pub(crate) enum Audience {
     /// To these agents; decided when it was sent.
     Decided(Vec<AgentId>),
-    /// To whoever is there when it is delivered; to one alone where the commander named it.
+    /// To the agents that are present when it is delivered; to one alone where the commander named it.
     Open { to: Option<AgentId> },
 }
 

@@ -233,7 +233,7 @@ pub(in super::super) async fn observations(
     Ok((body, given))
 }
 
-/// A turn to make a large answer; what is written in one piece needs none.
+/// A permit for a large answer; what is written in one piece needs none.
 async fn turn(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
     let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
     Ok(if cells > PIECE_CELLS_MAX { Some(app.large_answer().await?) } else { None })

@@ -219,7 +219,7 @@ struct Pieces {
     _held: (Permit, Reservation),
 }
 
-/// The turn of an export: others have theirs while it waits for its reader.
+/// The permit of an export: it is returned while the export waits for its reader.
 struct Turns {
     limit: FairLimit,
     party: Party,

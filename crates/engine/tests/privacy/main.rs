@@ -1,5 +1,5 @@
 //! An observation depends on nothing that the agent may not know: two games are played in which others do hidden
-//! things differently, and whoever may not know of them sees the same.
+//! things differently, and agents that may not know of them see the same.
 
 #[path = "../common/dice.rs"]
 mod dice;
@@ -60,7 +60,7 @@ fn state(world: &World) -> State {
     }
 }
 
-/// How often two observations were to be the same, and what came of it.
+/// How often two observations were to be the same, and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,
