@@ -72,7 +72,7 @@ impl Used {
         }
     }
 
-    fn give_back(&mut self, group: Option<Group>, bytes: usize) {
+    fn release(&mut self, group: Option<Group>, bytes: usize) {
         self.bytes -= bytes;
         let Some(group) = group else { return };
         let left = self.of(group).saturating_sub(bytes);
@@ -173,7 +173,7 @@ impl Reservation {
         let mut used = self.budget.lock();
         let before = self.bytes.swap(bytes, Ordering::AcqRel);
         used.add(self.group, bytes);
-        used.give_back(self.group, before);
+        used.release(self.group, before);
     }
 
     /// How many bytes it is.
@@ -192,7 +192,7 @@ impl Reservation {
 impl Drop for Reservation {
     fn drop(&mut self) {
         let bytes = *self.bytes.get_mut();
-        self.budget.lock().give_back(self.group, bytes);
+        self.budget.lock().release(self.group, bytes);
     }
 }
 

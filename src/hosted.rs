@@ -77,7 +77,7 @@ pub async fn run(
             loop {
                 let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
                 match select(playing, Box::pin(stop.cancelled())).await {
-                    Either::Left((Err(error), _)) if error.will_pass() && !handle.is_dead() => {
+                    Either::Left((Err(error), _)) if error.is_temporary() && !handle.is_dead() => {
                         tracing::warn!(episode = %id, %error, "hosted seats are not played at the moment; retrying soon");
                         host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;
                     }
@@ -111,7 +111,7 @@ pub enum HostedError {
 
 impl HostedError {
     /// Whether the same will work later: too many others read or wanted heavy work at the moment.
-    fn will_pass(&self) -> bool {
+    fn is_temporary(&self) -> bool {
         match self {
             Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
             Self::Recovery(RecoveryError::Work(error)) | Self::Work(error) => {

@@ -282,7 +282,8 @@ impl Handle {
             .partition(|sent| sent.submission.round >= round);
         let permits_of_now = permits.split(now.iter().map(|sent| sent.agent));
         // What may decide a round does not wait for anything.
-        let late = self.tell(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
+        let late =
+            self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
         if !late.is_empty()
             && let Err(error) = self.journal.keep(Vec::new()).await
         {
@@ -302,12 +303,12 @@ impl Handle {
                 Err(error) => outcomes[sent.place] = Err(error.into()),
             }
         }
-        self.tell(at, batch, &mut outcomes).await;
+        self.send_batch(at, batch, &mut outcomes).await;
         outcomes
     }
 
     /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.
-    async fn tell(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
+    async fn send_batch(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
         if batch.acts.is_empty() {
             return Vec::new();
         }
@@ -992,7 +993,7 @@ impl Actor {
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
                         tracing::error!(episode = %self.id, %error, "a round was not resolved");
-                        self.host.quotas.give_back_bytes(self.key, self.bytes - bytes_before);
+                        self.host.quotas.release_bytes(self.key, self.bytes - bytes_before);
                         self.failed.cancel();
                         then(Err(error));
                         return;
@@ -1032,7 +1033,7 @@ impl Actor {
             if result.is_ok() {
                 after_commit.publish(&host, &publish);
             } else {
-                host.quotas.give_back_bytes(key, bytes);
+                host.quotas.release_bytes(key, bytes);
                 failed.cancel();
             }
             then(result);

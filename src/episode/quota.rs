@@ -105,7 +105,7 @@ pub enum Full {
         /// Whose share it is.
         whose: Whose,
         /// How many are open.
-        held: usize,
+        open: usize,
         /// The share, in percent of the free episodes.
         percent: u32,
     },
@@ -196,11 +196,11 @@ const fn whose(group: Group) -> Whose {
 #[derive(Debug)]
 pub struct Quotas {
     caps: Caps,
-    held: Mutex<Held>,
+    usage: Mutex<Usage>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct Usage {
     unfinished: HashMap<EpisodeKey, Party>,
     by_owner: HashMap<OwnerKey, OfOwner>,
     by_group: HashMap<Group, Share>,
@@ -226,11 +226,11 @@ impl Quotas {
     /// Nothing is used yet.
     #[must_use]
     pub fn new(caps: Caps) -> Self {
-        Self { caps, held: Mutex::default() }
+        Self { caps, usage: Mutex::default() }
     }
 
-    fn held(&self) -> std::sync::MutexGuard<'_, Held> {
-        self.held.lock().expect("nothing panics while it holds this")
+    fn usage(&self) -> std::sync::MutexGuard<'_, Usage> {
+        self.usage.lock().expect("nothing panics while it holds this")
     }
 
     /// Counts a new episode.
@@ -238,34 +238,34 @@ impl Quotas {
     /// # Errors
     /// The cap that was reached.
     pub fn admit(&self, episode: EpisodeKey, party: Party, purpose: Purpose) -> Result<(), Full> {
-        let mut held = self.held();
-        held.check(&self.caps, party, purpose)?;
-        held.begin(episode, party);
+        let mut usage = self.usage();
+        usage.check(&self.caps, party, purpose)?;
+        usage.begin(episode, party);
         Ok(())
     }
 
-    /// Whether there is a place for a new episode now.
+    /// Whether a new episode is admitted now.
     ///
     /// # Errors
     /// The cap that was reached.
     pub fn check(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
-        self.held().check(&self.caps, party, purpose)
+        self.usage().check(&self.caps, party, purpose)
     }
 
     /// Notes an unfinished episode that exists already; doing it again changes nothing.
     pub fn note(&self, episode: EpisodeKey, party: Party) {
-        self.held().begin(episode, party);
+        self.usage().begin(episode, party);
     }
 
     /// Notes that an episode has ended, or was not created after all.
     pub fn release(&self, episode: EpisodeKey) {
-        self.held().end(episode);
+        self.usage().end(episode);
     }
 
     /// How many episodes have not ended.
     #[must_use]
     pub fn unfinished(&self) -> usize {
-        self.held().unfinished.len()
+        self.usage().unfinished.len()
     }
 
     /// Whether an act with so many bytes of text may be kept now for an episode whose acts take `used`.
@@ -286,46 +286,46 @@ impl Quotas {
         if used + more > caps.journal_bytes_per_episode_max {
             return Err(Full::BytesOfEpisode(caps.journal_bytes_per_episode_max));
         }
-        let held = self.held();
-        let Some(party) = held.unfinished.get(&episode) else { return Ok(()) };
-        held.check_bytes(caps, *party, more)?;
-        held.check_rate(caps, *party, now)
+        let usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode) else { return Ok(()) };
+        usage.check_bytes(caps, *party, more)?;
+        usage.check_rate(caps, *party, now)
     }
 
     /// Counts bytes that an act of an episode takes.
     pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
-        let mut held = self.held();
-        let Some(party) = held.unfinished.get(&episode).copied() else { return };
-        held.add_bytes(party, bytes);
+        let mut usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode).copied() else { return };
+        usage.add_bytes(party, bytes);
         if bytes > ACT_BYTES_ALWAYS {
-            held.write(&self.caps, party, bytes, now);
+            usage.write(&self.caps, party, bytes, now);
         }
     }
 
     /// Gives back bytes that were counted for acts which were not kept.
-    pub fn give_back_bytes(&self, episode: EpisodeKey, bytes: u64) {
-        let mut held = self.held();
-        let Some(party) = held.unfinished.get(&episode).copied() else { return };
-        held.give_back_bytes(party, bytes);
+    pub fn release_bytes(&self, episode: EpisodeKey, bytes: u64) {
+        let mut usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode).copied() else { return };
+        usage.release_bytes(party, bytes);
     }
 
     /// Counts bytes that were written earlier with a key.
     pub fn note_bytes(&self, owner: OwnerKey, bytes: u64) {
-        self.held().by_owner.entry(owner).or_default().bytes += bytes;
+        self.usage().by_owner.entry(owner).or_default().bytes += bytes;
     }
 
     /// Counts bytes that were written earlier in a competition.
     pub fn note_competition(&self, competition: CompetitionKey, bytes: u64) {
         let group = Group::Competition(competition);
-        self.held().by_group.entry(group).or_default().bytes += bytes;
+        self.usage().by_group.entry(group).or_default().bytes += bytes;
     }
 
     /// Forgets groups and entrants that hold nothing.
     pub fn tidy(&self, now: Timestamp) {
         let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
-        let mut held = self.held();
-        held.by_entrant.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
-        held.by_group.retain(|group, share| {
+        let mut usage = self.usage();
+        usage.by_entrant.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
+        usage.by_group.retain(|group, share| {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
                 Group::Address(_) => share.bytes > forgotten,
@@ -337,7 +337,7 @@ impl Quotas {
     }
 }
 
-impl Held {
+impl Usage {
     fn check(&self, caps: &Caps, party: Party, purpose: Purpose) -> Result<(), Full> {
         let all = caps.episodes_unfinished_max;
         let reserved = all * caps.episodes_reserved_percent as usize / 100;
@@ -370,22 +370,22 @@ impl Held {
         let most = (free * caps.episodes_of_free_percent_max as usize / 100).max(1);
         let room = self.check_group(caps, party, most)?;
         let Group::Competition(_) = party.group else { return Ok(()) };
-        let held = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
-        // Each place that the competition takes is one fewer that is free, too.
-        if held < room.div_ceil(2) {
+        let open = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
+        // Each episode of the competition is also one fewer that is free.
+        if open < room.div_ceil(2) {
             return Ok(());
         }
         let percent = caps.episodes_of_free_percent_max;
-        Err(Full::EpisodesOfShare { whose: Whose::Entrant, held, percent })
+        Err(Full::EpisodesOfShare { whose: Whose::Entrant, open, percent })
     }
 
     /// How many episodes a group has open less than `most`.
     fn check_group(&self, caps: &Caps, party: Party, most: usize) -> Result<usize, Full> {
-        let held = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
-        match most.checked_sub(held) {
+        let open = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
+        match most.checked_sub(open) {
             None | Some(0) if party.group != Group::Server => {
                 let (whose, percent) = (whose(party.group), caps.episodes_of_free_percent_max);
-                Err(Full::EpisodesOfShare { whose, held, percent })
+                Err(Full::EpisodesOfShare { whose, open, percent })
             }
             room => Ok(room.unwrap_or(0)),
         }
@@ -437,7 +437,7 @@ impl Held {
         self.by_group.entry(party.group).or_default().bytes += bytes;
     }
 
-    fn give_back_bytes(&mut self, party: Party, bytes: u64) {
+    fn release_bytes(&mut self, party: Party, bytes: u64) {
         if let Some(own) = party.owner().and_then(|owner| self.by_owner.get_mut(&owner)) {
             own.bytes = own.bytes.saturating_sub(bytes);
         }
@@ -459,11 +459,11 @@ impl Held {
     }
 
     fn begin(&mut self, episode: EpisodeKey, party: Party) {
-        let std::collections::hash_map::Entry::Vacant(place) = self.unfinished.entry(episode)
+        let std::collections::hash_map::Entry::Vacant(entry) = self.unfinished.entry(episode)
         else {
             return;
         };
-        place.insert(party);
+        entry.insert(party);
         if let Some(owner) = party.owner() {
             self.by_owner.entry(owner).or_default().episodes += 1;
         }
@@ -544,12 +544,12 @@ mod tests {
     }
 
     /// A server in which a party opens episodes until it gets no more.
-    struct Places {
+    struct Opener {
         quotas: Quotas,
         next: i64,
     }
 
-    impl Places {
+    impl Opener {
         fn of(episodes_unfinished_max: usize, episodes_reserved_percent: u32) -> Self {
             let caps = Caps {
                 episodes_unfinished_max,
@@ -591,55 +591,55 @@ mod tests {
     }
 
     #[test]
-    fn groups_share_the_places_and_whoever_comes_new_finds_some() {
-        let mut places = Places::of(1000, 10);
+    fn groups_share_the_episodes_and_a_newcomer_finds_some() {
+        let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 900 places are open to all.
-        assert_eq!(places.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
-        assert_eq!(places.all(Party::of_key(None), usual), 225);
+        // 900 opener are open to all.
+        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
+        assert_eq!(opener.all(Party::of_key(None), usual), 225);
         // However many entrants somebody makes of himself, they have what one competition has.
-        let entrants: Vec<usize> = (0..50).map(|n| places.all(entrant(1, n), usual)).collect();
+        let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
         assert_eq!(entrants.iter().sum::<usize>(), 113, "{entrants:?}");
-        assert_eq!(places.one(entrant(2, 1), usual), Ok(()), "another competition starts");
+        assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
         // Programs of the host share with nobody, and leave the reserve.
-        assert_eq!(places.all(HOST, usual), 111);
-        assert_eq!(places.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
-        assert_eq!(places.all(HOST, Purpose::NextGame), 50);
-        assert_eq!(places.all(OWN, Purpose::Organizer), 50);
+        assert_eq!(opener.all(HOST, usual), 111);
+        assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
+        assert_eq!(opener.all(HOST, Purpose::NextGame), 50);
+        assert_eq!(opener.all(OWN, Purpose::Organizer), 50);
     }
 
     #[test]
-    fn an_entrant_leaves_places_to_others_of_the_same_competition() {
-        let mut places = Places::of(1000, 0);
-        let first = places.all(entrant(1, 1), Purpose::Usual);
-        let second = places.all(entrant(1, 2), Purpose::Usual);
+    fn an_entrant_leaves_episodes_to_others_of_the_same_competition() {
+        let mut opener = Opener::of(1000, 0);
+        let first = opener.all(entrant(1, 1), Purpose::Usual);
+        let second = opener.all(entrant(1, 2), Purpose::Usual);
         assert_eq!((first, second), (250, 125));
-        let share = places.one(entrant(1, 1), Purpose::Usual);
+        let share = opener.one(entrant(1, 1), Purpose::Usual);
         let limit = share.map_err(Full::limit);
         assert_eq!(limit, Err(("episodes_of_free_percent_max", 100)));
     }
 
     #[test]
     fn a_run_without_an_open_game_gets_one_as_long_as_others_have_half() {
-        let mut places = Places::of(100, 10);
-        let taken = places.all(entrant(1, 1), Purpose::Usual);
+        let mut opener = Opener::of(100, 10);
+        let taken = opener.all(entrant(1, 1), Purpose::Usual);
         assert!(taken < 50, "{taken}");
-        assert_eq!(taken + places.all(entrant(1, 2), Purpose::NextGame), 50);
-        assert_eq!(places.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
-        assert_eq!(places.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
+        assert_eq!(taken + opener.all(entrant(1, 2), Purpose::NextGame), 50);
+        assert_eq!(opener.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
+        assert_eq!(opener.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
     }
 
     #[test]
     fn what_has_ended_is_forgotten() {
-        let mut places = Places::of(10, 0);
-        places.one(entrant(1, 1), Purpose::Usual).expect("a place");
-        places.one(Party::of_key(None), Purpose::Usual).expect("a place");
-        for key in 1..=places.next {
-            places.quotas.release(EpisodeKey(key));
+        let mut opener = Opener::of(10, 0);
+        opener.one(entrant(1, 1), Purpose::Usual).expect("a place");
+        opener.one(Party::of_key(None), Purpose::Usual).expect("a place");
+        for key in 1..=opener.next {
+            opener.quotas.release(EpisodeKey(key));
         }
-        places.quotas.tidy(at(0));
-        let held = places.quotas.held();
-        assert_eq!((held.by_group.len(), held.by_entrant.len()), (0, 0));
+        opener.quotas.tidy(at(0));
+        let usage = opener.quotas.usage();
+        assert_eq!((usage.by_group.len(), usage.by_entrant.len()), (0, 0));
     }
 
     #[test]

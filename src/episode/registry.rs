@@ -83,9 +83,9 @@ fn recoveries() -> FairLimit {
 pub struct Creation {
     /// Its public id.
     pub id: EpisodeId,
-    /// Whose it is: the key with which it is created, if any, and with whom its place is shared.
+    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
-    /// What its place is wanted for.
+    /// The purpose for which it counts.
     pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
@@ -403,7 +403,7 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
-    /// Whether there is a place for a new episode now.
+    /// Whether a new episode is admitted now.
     ///
     /// # Errors
     /// The cap that was reached.
@@ -599,7 +599,7 @@ impl Registry {
                 return self.recover_detached(cell, id).await;
             }
             Some((cell, _)) => cell,
-            // Only episodes that exist get a place.
+            // Only episodes that exist get a slot.
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {
                 let mut slots = self.slots();

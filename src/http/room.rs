@@ -63,13 +63,13 @@ impl<T> Holders<T> {
     /// by `key`. None where no holder has more than its share.
     pub(super) fn evict<K: Ord>(
         &mut self,
-        places: usize,
+        most: usize,
         newcomer: Holder,
         key: impl Fn(&T) -> K,
     ) -> Option<T> {
         let holders = self.held.len() + usize::from(!self.held.contains_key(&newcomer));
         // Rounded up, or two clients would close each other's connections by turns.
-        let share = places.div_ceil(holders);
+        let share = most.div_ceil(holders);
         let &(count, holder) = self.by_count.last()?;
         if count <= share {
             return None;
@@ -106,14 +106,14 @@ mod tests {
     }
 
     /// Who loses a connection to a client behind the proxy.
-    fn loser(counts: &[(Holder, u64)], places: usize) -> Option<Holder> {
-        let evicted = holders(counts, |number| number).evict(places, proxy(), |&(_, worth)| worth);
+    fn loser(counts: &[(Holder, u64)], most: usize) -> Option<Holder> {
+        let evicted = holders(counts, |number| number).evict(most, proxy(), |&(_, worth)| worth);
         evicted.map(|(holder, _)| holder)
     }
 
     #[test]
     fn the_largest_holder_above_its_share_loses_a_connection() {
-        for (counts, places, expected) in [
+        for (counts, most, expected) in [
             (&[][..], 10, None),
             (&[(client(1), 10)], 10, Some(client(1))),
             (&[(client(1), 9), (client(2), 1)], 10, Some(client(1))),
@@ -127,7 +127,7 @@ mod tests {
             (&[(client(1), 1), (client(2), 1), (client(3), 1)], 3, None),
             (&[(client(1), 2), (client(2), 1)], 3, Some(client(1))),
         ] {
-            assert_eq!(loser(counts, places), expected, "{counts:?} of {places}");
+            assert_eq!(loser(counts, most), expected, "{counts:?} of {most}");
         }
     }
 

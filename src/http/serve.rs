@@ -223,7 +223,7 @@ struct Connection {
 }
 
 impl Connections {
-    fn give_back(&mut self, network: IpAddr) {
+    fn release(&mut self, network: IpAddr) {
         self.all -= 1;
         if let Some(here) = self.by_network.get_mut(&network) {
             *here -= 1;
@@ -242,7 +242,7 @@ impl Connections {
         let Some(Connection { network, evicted, .. }) = evicted else { return false };
         evicted.cancel();
         self.evictions += 1;
-        self.give_back(network);
+        self.release(network);
         true
     }
 }
@@ -333,7 +333,7 @@ impl Drop for ConnectionPermit {
         let holder = *self.holder.get_mut().expect("nothing panics while it holds this");
         let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
         match open.holders.remove(holder, self.number) {
-            Some(_) => open.give_back(self.network),
+            Some(_) => open.release(self.network),
             None => open.evictions -= 1,
         }
         metrics::gauge!("swarmbench_connections").decrement(1.0);

@@ -44,7 +44,7 @@ const SALT_BYTES: usize = 16;
 pub struct NewRun {
     /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
-    /// What its first place is wanted for.
+    /// The purpose for which its first game counts.
     pub purpose: Purpose,
     /// What is played, and by whom.
     pub definition: Definition,
@@ -123,7 +123,7 @@ struct Shared {
     open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
     /// Of runs without a key that were created since the start and have not ended: with whom they share.
     keyless: Mutex<HashMap<RunKey, Party>>,
-    /// Of runs that wait for a place: the cap that was reached.
+    /// Of runs that wait to open a game: the cap that was reached.
     waiting: Mutex<HashMap<RunKey, Full>>,
 }
 
@@ -232,7 +232,7 @@ impl Runs {
     }
 
     /// Does the next step: opens the next games of the plan, or ends the run when all have ended. It may
-    /// be called at any time, and as often as one likes. Where there is no place for another game the
+    /// be called at any time, and any number of times. If no other game is admitted the
     /// run waits for the next call.
     ///
     /// # Errors
@@ -311,8 +311,8 @@ impl Runs {
         ended.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
     }
 
-    /// Advances all runs that have not ended: after a start, and now and then, as some may wait for a
-    /// place.
+    /// Advances all runs that have not ended: after a start, and now and then, as some may wait to
+    /// open a game.
     ///
     /// # Errors
     /// Where the list of them cannot be read; a run that cannot be advanced is logged.
@@ -372,7 +372,7 @@ impl Runs {
         }
     }
 
-    /// Opens games until there is no place for another; the first is opened for `purpose`.
+    /// Opens games until no other is admitted; the first is opened for `purpose`.
     async fn open(
         &self,
         stored: &StoredRun,
@@ -407,7 +407,7 @@ impl Runs {
             };
             match registry.create(creation).await {
                 Ok(_) => {}
-                // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
+                // The next call may succeed, or end the run, if it has closed this moment.
                 Err(registry::CreateError::Full(full)) => {
                     self.waiting().insert(stored.run, full);
                     break;

@@ -1008,7 +1008,7 @@ impl Checker {
         let (was, most) = match full {
             Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
             Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
-            Full::EpisodesOfShare { held, .. } => (held, usize::MAX),
+            Full::EpisodesOfShare { open, .. } => (open, usize::MAX),
             Full::BytesOfEpisode(_)
             | Full::BytesOfKey(_)
             | Full::BytesOfCompetition(_)

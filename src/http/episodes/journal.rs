@@ -111,7 +111,7 @@ impl JournalReader {
             }
             Position::Before(round) if round < self.stored.rounds => self.begin(round, out).await?,
             Position::Before(_) => Position::End,
-            Position::In(line) => self.go_on(line, out, bytes_max).await?,
+            Position::In(line) => self.resume_line(line, out, bytes_max).await?,
             Position::End => self.end(out, bytes_max).await?,
             Position::Done => return Ok(false),
         };
@@ -132,7 +132,7 @@ impl JournalReader {
     }
 
     /// Writes the next act of a line, or its end.
-    async fn go_on(
+    async fn resume_line(
         &mut self,
         mut line: OpenLine,
         out: &mut String,

@@ -44,7 +44,7 @@ pub(in super::super) async fn stream_run_events(
     let (feed, events) = app.feed().await?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            told = tell(&app, &caller, &id, open_games, &feed) => {
+            told = send_events(&app, &caller, &id, open_games, &feed) => {
                 if let Err(error) = told {
                     tracing::warn!(?error, "events of a run cannot be sent");
                 }
@@ -58,7 +58,7 @@ pub(in super::super) async fn stream_run_events(
 
 /// Tells what every game has become, and what it becomes, until the run is over. Ends early where the reader is
 /// too slow.
-async fn tell(
+async fn send_events(
     app: &App,
     caller: &Caller,
     id: &str,
