@@ -1,4 +1,4 @@
-//! Fair shares: who asks for something scarce, and who gets it next.
+//! Fair scheduling of scarce resources between parties.
 //!
 //! A [`Party`] is a member of a group: an entrant of a competition, the holder of a key, an address. Shares
 //! are equal between groups first and between the members of a group second, so that a competition with a
@@ -109,7 +109,7 @@ pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
     rank.scope(party.scope(future))
 }
 
-/// For whom a task works, and with which rank: for what goes on outside of it, like the body of an answer.
+/// For whom a task works, and with which rank: for work outside of it, like the body of an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     party: Party,

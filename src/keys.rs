@@ -1,4 +1,4 @@
-//! Keys for people: who may create episodes, and who runs the server.
+//! Keys for people, and their roles.
 
 use jiff::Timestamp;
 

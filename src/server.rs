@@ -247,7 +247,7 @@ impl Server {
     }
 }
 
-/// Looks at the clock often enough for it to notice that the process was stopped, and tells of that and
+/// Reads the clock often enough to notice that the process was stopped, and logs that and
 /// of doubts about the time of day once each.
 async fn watch_clock(clock: Arc<dyn Clock>) {
     let mut lost = clock.lost();

@@ -71,7 +71,7 @@ pub fn metrics() -> &'static PrometheusHandle {
             .expect("the buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
-        // Another recorder, of a program that embeds this one, would go on counting.
+        // Another recorder, of a program that embeds this one, would continue counting.
         drop(metrics::set_global_recorder(recorder));
         describe();
         handle

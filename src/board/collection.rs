@@ -118,7 +118,7 @@ pub struct Boards {
     imported: Arc<[Imported]>,
 }
 
-/// What somebody asks of a board; names as they were sent.
+/// The query of a board; names as they were sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Question {
     /// The suite: its name, or its name and digest with an `@` between them. `standard` where it is left out.
@@ -160,7 +160,7 @@ pub struct Ranked {
     pub rows: Vec<Row>,
 }
 
-/// The rules of the game that a board can be asked for.
+/// The rule sets that a board can show.
 const RULES: [&str; 2] = ["paper", "reference"];
 
 /// How many suites a refusal names.
@@ -217,7 +217,7 @@ impl Boards {
         self.homes.len()
     }
 
-    /// The board that is asked for, in order.
+    /// The requested board, in order.
     ///
     /// # Errors
     /// Where there is no such board, task, order or choice.

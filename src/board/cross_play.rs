@@ -1,4 +1,4 @@
-//! Cross-play: which models did how well together, in games whose seats belonged to different holders.
+//! Cross-play: the results of pairs of models, in games whose seats belonged to different holders.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Boards: who did how well in a suite. Pure: games that have ended go in, ranked rows come out.
+//! Boards: the results of a suite, ranked. Pure: games that have ended go in, ranked rows come out.
 //!
 //! - [`result`]: what a run is worth, task by task.
 //! - [`rank`]: runs of the same player make a row; rows are put in order.

@@ -1,4 +1,4 @@
-//! What a run is worth: of every task the mean and the deviation over its seeds, and the sum of the means.
+//! The result of a run: of every task the mean and the deviation over its seeds, and the sum of the means.
 
 use std::collections::BTreeMap;
 

@@ -172,7 +172,7 @@ fn progress(bar: &ProgressBar) -> Progress {
     })
 }
 
-/// How many connections may be held, by the limits of both processes and what was asked for.
+/// How many connections may be open, by the limits of both processes and the options.
 fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize {
     let own = crate::host::raise_open_files().map_or(usize::MAX, |files| {
         usize::try_from(files.saturating_sub(FILES_RESERVED)).unwrap_or(usize::MAX)

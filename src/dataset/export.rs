@@ -1,4 +1,4 @@
-//! Writing: stored episodes, played again one after the other, one round at a time.
+//! Writing: stored episodes, replayed one after the other, one round at a time.
 //!
 //! An export reads a few rounds at once and keeps one episode's world in memory, however many there are; the
 //! texts of acts are read part by part.
@@ -127,7 +127,7 @@ impl<'a> Export<'a> {
     /// others.
     ///
     /// # Errors
-    /// Where the store cannot be read, or has not the one episode that is asked for.
+    /// Where the store cannot be read, or does not have the requested episode.
     pub fn select(
         store: &'a Store,
         selection: &Selection,
@@ -546,7 +546,7 @@ impl<'a> Entries<'a> {
     }
 }
 
-/// Every element stands on a line of its own.
+/// Every element is on a line of its own.
 fn separate(out: &mut impl Write, is_empty: &mut bool) -> io::Result<()> {
     out.write_all(if std::mem::take(is_empty) { b"\n" } else { b",\n" })
 }

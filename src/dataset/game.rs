@@ -1,4 +1,4 @@
-//! A stored episode, played again round by round.
+//! A stored episode, replayed round by round.
 
 use std::sync::Arc;
 

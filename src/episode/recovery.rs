@@ -138,7 +138,7 @@ fn broken(stored: &StoredEpisode, problem: String) -> RecoveryError {
     RecoveryError::Broken { episode: stored.id.to_string(), problem }
 }
 
-/// An episode on its way from its layout to where it stands.
+/// An episode during its replay from the layout.
 struct Track {
     world: Arc<World>,
     keyframes: Keyframes,

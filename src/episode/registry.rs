@@ -1,4 +1,4 @@
-//! All episodes of a server: creates them, finds them, takes them up from the journal on first use,
+//! All episodes of a server: creates them, finds them, recovers them from the journal on first use,
 //! and evicts idle ones.
 
 use std::collections::HashMap;
@@ -213,7 +213,7 @@ impl Slot {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
     }
 
-    /// Whether nobody holds the episode, or has asked for it for so long.
+    /// Whether the episode has no handles and no requests for so long.
     fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
         !self.is_held() && after(self.used_at, stays) <= now
     }
@@ -317,7 +317,7 @@ impl Registry {
         Err(refused)
     }
 
-    /// Evicts idle episodes of a group, or of all, those that nobody has asked for the longest first, until there
+    /// Evicts idle episodes of a group, or of all, the longest unused first, until there
     /// is room for `bytes` and an eighth of the budget more: so that not every request looks for them.
     fn evict_idle(&self, bytes: usize, group: Option<Group>) {
         let budget = &self.host.budget;

@@ -1,4 +1,4 @@
-//! States of earlier rounds: played again from a kept state, once for all who ask for the same at a time.
+//! States of earlier rounds: replayed from a cached state, once for concurrent requests.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -21,7 +21,7 @@ use crate::work::Cancelled;
 /// Bytes of cached states.
 const RECENT_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
-/// States that were asked for lately, as far as room is made for them from the beginning.
+/// The initial capacity of the cache of states.
 const RECENT_EXPECTED: usize = 256;
 
 /// Rounds that are read and played at once.

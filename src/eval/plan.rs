@@ -24,7 +24,7 @@ pub const ALL: &str = "all";
 const FORMAT: u32 = 1;
 
 /// How long a run waits to be gone on with, in seconds: 90 days. By default a game is given up after a day without
-/// an act, and whoever waits for a budget waits longer.
+/// an act, and requests wait longer for a budget.
 const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
 
 /// Characters of a model's name on boards; a server takes no more. Found out by the last of several models it would be late.
@@ -205,7 +205,7 @@ impl Planned {
         data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
     }
 
-    /// How the run is asked for, with so many games open at a time.
+    /// The request that creates the run, with this many games open at a time.
     #[must_use]
     pub fn request(&self, parallel: u32) -> RunRequest {
         let Suite { name, tasks, seeds, rules, settings } = &self.suite;
@@ -463,7 +463,7 @@ fn multiply(axes: &Axes) -> Vec<(Suite, Option<f64>, Option<f64>)> {
     by(all, axes.top_p.as_ref(), |one, value| one.2 = Some(value))
 }
 
-/// The suite of these tasks and seeds, under a name that follows from what it is: whoever plays the same is on the same
+/// The suite of these tasks and seeds, under a name that follows from what it is: runs of the same suite are on the same
 /// board. A built-in one has its own name.
 fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
@@ -561,7 +561,7 @@ impl Problems {
         Some(TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect())
     }
 
-    /// The players, each once. Whoever is named has to play every task that was asked for; of `all`, each plays what it
+    /// The players, each once. A named one has to play every requested task; of `all`, each plays what it
     /// knows.
     fn players(&mut self, experiment: &Experiment, asked: Option<&[TaskName]>) -> Vec<PlayerPlan> {
         let seed = experiment.player_seed.unwrap_or(1);

@@ -154,7 +154,7 @@ impl Report {
         if self.has_models() {
             let share = row.acts.invalid_share;
             cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
-            // Not every endpoint tells what it took.
+            // Not every endpoint reports usage.
             let tokens = [row.acts.prompt_tokens, row.acts.completion_tokens];
             let is_told = tokens != [0, 0];
             cells.extend(tokens.map(|count| if is_told { short(count) } else { "–".to_owned() }));

@@ -6,7 +6,7 @@ use crate::players::client::ClientError;
 /// Why not everything was played.
 #[derive(Debug, thiserror::Error)]
 pub enum StopReason {
-    /// Somebody asked for it.
+    /// It was interrupted.
     #[error("stopped")]
     Requested,
     /// The token budget of this call is spent.

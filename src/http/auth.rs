@@ -1,4 +1,4 @@
-//! Who asks, and what they may.
+//! Authentication and permissions.
 //!
 //! A caller with a token of an episode's seats, or the key with which it was created, is told apart
 //! from everybody else here, and only here: handlers ask `Caller`.

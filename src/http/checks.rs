@@ -1,4 +1,4 @@
-//! What is asked for, checked field by field: all that is wrong is named at once.
+//! Validation of requests, field by field: all errors are reported at once.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Who is at the other end of a connection, and how much they ask for.
+//! The client of a connection: its address, its rate limits and its requests in flight.
 //!
 //! An address counts against the rate limit; whether a request comes from a program on this machine
 //! decides what a server without keys lets it do.

@@ -1,4 +1,4 @@
-//! Requests, read strictly: whatever is wrong gets an error that names it.
+//! Requests, read strictly: every error is reported by name.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! How the server does: health, readiness, metrics.
+//! Health, readiness, metrics.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;

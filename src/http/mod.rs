@@ -308,7 +308,7 @@ impl App {
     }
 
     /// A permit for a large answer, held until it is made. Then its parts on the async threads are
-    /// few at a time, whatever is asked for.
+    /// few at a time.
     async fn large_answer(&self) -> Result<Permit, ApiError> {
         let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {

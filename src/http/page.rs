@@ -1,4 +1,4 @@
-//! Pages of lists: as many items as were asked for, or as many as fit into one answer.
+//! Pages of lists: as many items as were requested, or as many as fit into one answer.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -100,5 +100,5 @@ impl Page {
     }
 }
 
-/// Bytes of what stands after the items.
+/// Bytes after the items.
 pub(super) const CURSOR_BYTES_MAX: usize = 64;

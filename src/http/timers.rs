@@ -1,4 +1,4 @@
-//! The clocks of a connection: for the head of a request, between requests, and for taking an answer.
+//! The timeouts of a connection: for the head of a request, between requests, and for reading an answer.
 //!
 //! hyper's own timer cannot tell a slow head from an idle connection, and has none for writing. So the
 //! stream notes what is read and written, the service notes when a request is there and when its

@@ -1,4 +1,4 @@
-//! Games that were read from files of the public data format: kept beside journals, and never played again
+//! Games that were read from files of the public data format: stored beside journals, and never replayed
 //! by the rules.
 
 use jiff::Timestamp;

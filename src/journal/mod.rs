@@ -1,4 +1,4 @@
-//! The journal: what is stored of an episode, and all that is needed to play it again.
+//! The journal: all that is stored of an episode, enough to replay it.
 //!
 //! An episode is its journal: the opening (configuration, rules, prompt template), every round's
 //! acts with the digest of the state after them, and the end, in a chain of hashes. States, scores

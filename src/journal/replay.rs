@@ -1,4 +1,4 @@
-//! Playing a journal again.
+//! Replays of journals.
 
 use std::io::BufRead;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What all models of one evaluation may use together.
+//! The limits that all models of one evaluation share.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,4 +1,4 @@
-//! Answers in a file: a recorded conversation is played again without the endpoint, and an interrupted run pays for no
+//! Answers in a file: a recorded conversation is replayed without the endpoint, and an interrupted run pays for no
 //! answer twice.
 //!
 //! A cassette is a text file of JSON lines. The first says what it is. A *voice* is a model, given by the body of

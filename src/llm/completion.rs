@@ -1,4 +1,4 @@
-//! What an endpoint's body says: an answer, or why there is none.
+//! Parses the body of an endpoint: an answer, or an error.
 //!
 //! Endpoints that call themselves compatible differ in much, so this reads with good will: a content may be a text, a
 //! list of parts or missing; errors come in half a dozen shapes; some come with status 200.
@@ -241,7 +241,7 @@ pub(super) fn refusal(body: &[u8]) -> Refusal {
     }
 }
 
-/// The error that a body tells of, if it does.
+/// The error in a body, if any.
 pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     let body = body.as_array().and_then(|list| list.first()).unwrap_or(body);
     let error = match &body["error"] {

@@ -1,4 +1,4 @@
-//! The key of an endpoint, which nobody gets to see.
+//! The key of an endpoint, which is never shown.
 
 use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};

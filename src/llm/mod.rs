@@ -48,11 +48,11 @@ use spent::Counters;
 
 use crate::clock::{after, millis};
 
-/// How many times an address is tried again where nobody has ever answered: it may be wrong, and whoever mistyped it is
+/// How many times an address is tried again where no request was ever answered: it may be wrong, and a user who mistyped it is
 /// not to wait for minutes.
 const NOBODY_RETRIES: u32 = 2;
 
-/// What a model is asked.
+/// A question to a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
     /// The game, by a name that is the same whenever it is played: a cassette finds answers by it.
@@ -113,10 +113,10 @@ impl Model {
         &self.0.endpoint.settings.model
     }
 
-    /// Asks. Dropping the future gives the question up; an answer that had come is on the cassette by then.
+    /// Sends a request. Dropping the future cancels it; an answer that has arrived is on the cassette by then.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are told to everybody who
+    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are returned to everybody who
     /// asks this model later, without asking the endpoint.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let inner = &*self.0;

@@ -1,4 +1,4 @@
-//! Why no more questions are asked, and what to do about it.
+//! Why requests to an endpoint stop, and what to do about it.
 
 use std::path::PathBuf;
 

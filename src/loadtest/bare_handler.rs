@@ -1,4 +1,4 @@
-//! The least that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
+//! The minimum that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
 //!
 //! It runs in a process of its own, like the server that it is compared with, so both share the machine with the
 //! client in the same way, and both tell at `/metrics` how long they had the processors.

@@ -287,7 +287,7 @@ impl Client {
         self.ask(Method::POST, "/swarm/act", |call| call.bearer_auth(token).json(&body)).await
     }
 
-    /// Makes a key for somebody. It is not asked for again: a second try would make a second key.
+    /// Creates a key. It is not retried: a second attempt would create a second key.
     ///
     /// # Errors
     /// See [`Client::create_episode`].
@@ -332,7 +332,7 @@ impl Client {
         self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
     }
 
-    /// Makes something. It is not asked for again: a second try would make a second one.
+    /// Sends a creation. It is not retried: a second attempt would create a second one.
     ///
     /// # Errors
     /// See [`Client::create_episode`].

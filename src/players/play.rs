@@ -238,7 +238,7 @@ impl Game {
 
     /// Shows all players what they saw so far, the open round included: some may have acted in it.
     fn remember(&mut self, journal: &[u8]) {
-        // A broken journal is told by `verify`; what was read of it was seen.
+        // A broken journal is reported by `verify`; the part that was read was seen.
         drop(verify_seen(journal, None, Solver::Flow, |world| {
             for agent in world.agents().filter(|&agent| world.is_alive(agent)) {
                 if let Some(player) = self.player(agent) {

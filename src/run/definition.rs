@@ -101,7 +101,7 @@ impl Definition {
         })
     }
 
-    /// What its episodes tell of who plays: the declared sampling, and what else was told.
+    /// The `agent_meta` of its episodes: the declared sampling and further declarations.
     fn agent_meta(&self) -> Map<String, Value> {
         let mut meta = self.meta.clone();
         for (name, value) in [("temperature", self.temperature), ("top_p", self.top_p)] {

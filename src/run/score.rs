@@ -1,4 +1,4 @@
-//! What a run came to so far: means over seeds, their deviations, and the total. Boards, which rank runs that
+//! The result of a run so far: means over seeds, their deviations, and the total. Boards, which rank runs that
 //! are over, have their own way to the same numbers.
 
 use super::suite::Suite;

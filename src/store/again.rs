@@ -1,4 +1,4 @@
-//! An episode of the database, played again: its lines are read as they are needed, so that memory does not grow with
+//! Replays an episode of the database: its lines are read as they are needed, so that memory does not grow with
 //! the journal.
 
 use std::io::Read;

@@ -1,4 +1,4 @@
-//! Whether a database is whole: its pages, what its rows refer to, every journal, and all that follows from journals.
+//! The integrity check of a database: its pages, what its rows refer to, every journal, and all that follows from journals.
 //!
 //! It only reads, also beside a server: each episode is read in a transaction of its own, so that the server's log does
 //! not grow meanwhile. What cannot be read is damage, and the check continues after it. Memory does not grow with the
@@ -487,7 +487,7 @@ async fn episodes(
     }
 }
 
-/// Checks an episode as it is at one moment; tells how many rounds it has.
+/// Checks an episode as it is at one moment; returns how many rounds it has.
 async fn in_one_view(
     database: &mut SqliteConnection,
     key: EpisodeKey,
@@ -552,7 +552,7 @@ async fn rounds(
     Ok(if count == next { Ok(count) } else { Err(format!("it has {count} of {next} rounds")) })
 }
 
-/// What stands beside the records so that lists can be filtered.
+/// The columns beside the records by which lists are filtered.
 fn columns(
     row: &SqliteRow,
     opening: &Opening,

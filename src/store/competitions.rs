@@ -185,7 +185,7 @@ impl Store {
         declared: Declared,
     ) -> Result<Vec<StoredEntrant>, JournalError> {
         let mut query = select_entrants(declared);
-        // Whoever is one of many is found by the key.
+        // One of several entrants is found by the key.
         query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
         query.push_bind(competition.0);
         if let Some(owner) = owner {

@@ -49,7 +49,7 @@ pub enum Readable {
     Nothing,
 }
 
-/// How much of an episode is asked for.
+/// Which part of an episode is read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Detail {
     /// What is shown of it.
@@ -58,7 +58,7 @@ enum Detail {
     All,
 }
 
-/// The end record. A large one is told without its open acts, and its text is not read for that: they are among
+/// The end record. A large one is returned without its open acts, and its text is not read for that: they are among
 /// the acts of the episode.
 const END: &str = "
     CASE WHEN octet_length(e.ending) > 65536

@@ -1,4 +1,4 @@
-//! Making the table `results` again from the journals.
+//! Rebuilds the table `results` from the journals.
 
 use std::path::{Path, PathBuf};
 

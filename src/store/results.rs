@@ -1,4 +1,4 @@
-//! The table `results`, and what else boards are made of.
+//! The table `results`, and the other sources of boards.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,10 +15,10 @@ use crate::journal::{Entry, EpisodeKey, JournalError, RunKey, Tally};
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;
 
-/// Changes that are kept apart; where nobody asked for so long, everything is read again.
+/// Changes that are queued; beyond them everything is read again.
 const CHANGES_MAX: usize = 4096;
 
-/// Notes what an episode came to, in the transaction that holds its end.
+/// Writes the result of an episode, in the transaction of its end.
 pub(super) async fn add(
     connection: &mut SqliteConnection,
     episode: EpisodeKey,
@@ -112,7 +112,7 @@ impl Changes {
                 | Entry::AddInvitations { .. }
                 | Entry::Audit(_) => continue,
             }
-            // After what it tells of.
+            // After what it refers to.
             self.revision.fetch_add(1, Ordering::AcqRel);
         }
     }
@@ -305,7 +305,7 @@ impl Store {
     }
 
     /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
-    /// numbers; few at a time, and the number after which to go on. None are left where there is no number.
+    /// numbers; few at a time, and the number after which to continue; none at the end.
     ///
     /// # Errors
     /// Where the database cannot be read.

@@ -1,4 +1,4 @@
-//! What tokens stand for: the table `tokens`, and keys.
+//! The rights of tokens: the table `tokens`, and keys.
 
 use std::sync::Arc;
 

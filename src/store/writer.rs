@@ -106,8 +106,8 @@ impl WriterState {
         self.backlog_bytes.load(Ordering::Relaxed)
     }
 
-    /// Takes jobs of an episode again. To be called when its old actor has ended, all that it handed
-    /// over was answered, and before anybody goes on with what is on the disk.
+    /// Accepts jobs of an episode again. To be called when its old actor has ended, all that it handed
+    /// over was answered, and before anybody continues with what is on the disk.
     pub fn recovered(&self, episode: EpisodeKey) {
         self.broken().remove(&episode);
     }

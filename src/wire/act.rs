@@ -137,7 +137,7 @@ pub struct Receipt {
     pub waiting_for: u32,
 }
 
-/// A receipt and, where it was asked for, what comes next.
+/// A receipt and, if requested, the next observation.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct ActResponse {
     /// The receipt.

@@ -1,4 +1,4 @@
-//! Episodes: how they are asked for, and how they are shown.
+//! Episodes: requests and responses.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};

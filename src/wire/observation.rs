@@ -75,7 +75,7 @@ pub struct Moment {
     pub remaining_ms: Option<u64>,
     /// What is left of the seat's bank; it is part of that, and used last. Null without a clock.
     pub bank_ms: Option<u64>,
-    /// The text for a language model; only where it was asked for.
+    /// The text for a language model; only if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Runs: how they are asked for, and how they are shown.
+//! Runs: requests and responses.
 
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};

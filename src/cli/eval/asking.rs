@@ -1,4 +1,4 @@
-//! How models are asked.
+//! The options for requests to models.
 
 use std::path::PathBuf;
 use std::sync::Arc;

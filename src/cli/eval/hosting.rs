@@ -1,4 +1,4 @@
-//! Where an evaluation is played: on a server of its own, or on one that runs.
+//! The server of an evaluation: a temporary one, or one that runs already.
 
 use std::path::PathBuf;
 
@@ -91,7 +91,7 @@ pub(super) struct Hosted {
 
 impl Hosted {
     async fn open(db: PathBuf) -> anyhow::Result<Self> {
-        // Nobody else reads the log of this server, and a disk that is full is told nowhere else.
+        // Nobody else reads the log of this server, and a full disk is reported nowhere else.
         start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
             Err(error @ StartError::Open(OpenError::InUse(_))) => {

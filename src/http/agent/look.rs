@@ -1,4 +1,4 @@
-//! What seats see, written as JSON: a little of it where it is asked for, all else off the async threads.
+//! Observations as JSON: small ones are written on the async threads, all others off them.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Boards: who did how well in a suite, and who did how well together.
+//! Boards: leaderboards and cross-play.
 
 pub(super) mod cross_play;
 pub(super) mod leaderboard;

@@ -75,7 +75,7 @@ pub(in super::super) async fn create_competition(
     Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
     let mut problems = Problems::default();
     let clocks = request.clocks.unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Competitions: created and looked after by organizers, entered and played by entrants, watched by everybody.
+//! Competitions: created and managed by organizers, entered and played by entrants, watched by everybody.
 
 pub(super) mod attempts;
 pub(super) mod board;

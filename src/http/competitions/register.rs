@@ -182,7 +182,7 @@ async fn register(
     Ok(with_tokens(StatusCode::CREATED, body))
 }
 
-/// The invitation that a code stands for, where one is needed.
+/// The invitation of a code, where one is needed.
 async fn invitation(
     app: &App,
     competition: &StoredCompetition,

@@ -165,7 +165,7 @@ fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
     answer::created(&format!("/api/v1/episodes/{}", handle.id), body)
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let mut problems = Problems::default();
     let defaults = Settings::default();

@@ -67,7 +67,7 @@ impl App {
         self.episode(&stored.id).await
     }
 
-    /// What is stored of an episode of which the caller may know. Nothing is taken up for somebody
+    /// What is stored of an episode of which the caller may know. Nothing is recovered for somebody
     /// who may not read it, or who wants to know no more.
     pub(super) async fn known(
         &self,

@@ -189,7 +189,7 @@ fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body
     Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
 
-/// What is asked for, checked.
+/// The query, validated.
 async fn selection(
     app: &App,
     caller: &Caller,

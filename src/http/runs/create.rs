@@ -107,7 +107,7 @@ async fn create_or_repeat(
     }
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     let limits = &app.limits;
     let mut problems = Problems::default();

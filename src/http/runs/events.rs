@@ -56,7 +56,7 @@ pub(in super::super) async fn stream_run_events(
     Ok(events)
 }
 
-/// Tells what every game has become, and what it becomes, until the run is over. Ends early where the reader is
+/// Sends the state of every game, and its changes, until the run is over. Ends early where the reader is
 /// too slow.
 async fn send_events(
     app: &App,
