@@ -11,7 +11,7 @@ use tracing::{Instrument as _, Span};
 use crate::fair;
 
 /// Runs a part of a request in a task of its own, whose log lines have the request's id as well.
-/// It shares what is scarce as the request does.
+/// It has the party and rank of the request.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
     tokio::spawn(fair::inherit(work).in_current_span())
 }

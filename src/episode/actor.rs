@@ -680,7 +680,7 @@ struct Actor {
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
-    /// What is to be kept before what is performed next.
+    /// Entries to be recorded before those of the next effects.
     ahead: Vec<Entry>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     keyframes: Arc<Mutex<Keyframes>>,
@@ -785,7 +785,7 @@ impl Actor {
         }
     }
 
-    /// Tells the barrier what happens, and when.
+    /// Passes an event with its time to the barrier.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
@@ -960,7 +960,7 @@ impl Actor {
         .await;
     }
 
-    /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is
+    /// Performs effects of what came at `at`: queues all entries as one job; `then` is
     /// called once it, and all that was queued before, is durable and published.
     async fn perform(
         &mut self,

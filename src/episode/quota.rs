@@ -446,7 +446,7 @@ impl Usage {
         }
     }
 
-    /// Counts a large act against what may be written a second.
+    /// Counts a large act against the rate limit of writes.
     fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
         let group = &mut self.by_group.entry(party.group).or_default().bucket;
         if let Group::Competition(_) = party.group {

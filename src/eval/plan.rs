@@ -14,7 +14,7 @@ use crate::run::definition::digest_of_template;
 use crate::run::suite::{Suite, SuiteSettings};
 use crate::wire::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 
-/// The name under which a run keeps what tells it from others, in its `agent_meta`.
+/// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";
 
 /// As a player's name: all of them.

@@ -52,7 +52,7 @@ pub(super) enum Caller {
     Key(Key),
 }
 
-/// What decides who may do what with an episode, or with a run.
+/// What the permissions of an episode, or of a run, depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subject<'a> {
     /// None where it is a run.
@@ -272,7 +272,7 @@ impl Caller {
         }
     }
 
-    /// Whose a new episode is and what its place is wanted for, where the caller may create one.
+    /// The owner and purpose of a new episode, if the caller may create one.
     pub(super) fn creator(&self, app: &App, client: Client) -> Result<(Party, Purpose), ApiError> {
         let detail = "a token of an episode cannot create another; send a key, or no token on a server without keys";
         let party = match self.player(app, detail)? {

@@ -65,7 +65,7 @@ struct ByBytes;
 
 impl<T: Weighted> Weighter<String, Arc<Cached<T>>> for ByBytes {
     fn weight(&self, question: &String, made: &Arc<Cached<T>>) -> u64 {
-        // Headers and what the cache itself needs.
+        // Headers and the overhead of the cache.
         const AROUND: usize = 512;
         (question.len() + made.what.bytes() + AROUND) as u64
     }

@@ -95,7 +95,7 @@ pub(super) fn read<T: Named>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
 
-/// Finds out what is wrong with a body that was refused.
+/// Finds the errors of a body that was refused.
 fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     let value = match serde_json::from_slice::<serde_json::Value>(bytes) {
         Ok(value) => value,

@@ -157,7 +157,7 @@ async fn connection(
     let mut stopping = false;
     loop {
         tokio::select! {
-            // The clocks come after what moves them.
+            // The timers are polled after the I/O that moves them.
             biased;
             served = served.as_mut() => {
                 if let Err(error) = served {

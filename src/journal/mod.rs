@@ -322,7 +322,7 @@ impl Tally {
             }
         }
         let usage = record.usage.unwrap_or_default();
-        // Players tell what they like; a sum that is too large is as good as any.
+        // Players may report any numbers; a sum that overflows saturates.
         let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
         add(&mut self.prompt_tokens, usage.prompt_tokens);
         add(&mut self.completion_tokens, usage.completion_tokens);

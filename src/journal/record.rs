@@ -410,7 +410,7 @@ impl Frame {
 mod tests {
     use super::*;
 
-    /// What no new episode may be is what old journals hold, and they are played to their end.
+    /// Settings that no new episode may have are in old journals, and these are played to their end.
     #[test]
     fn a_journal_of_settings_that_are_too_large_for_a_new_episode_is_read() {
         let settings = Settings {

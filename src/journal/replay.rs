@@ -29,7 +29,7 @@ pub enum Fault {
         /// What is wrong with it.
         problem: String,
     },
-    /// The whole is not what was promised.
+    /// The file as a whole is not the expected one.
     #[error("{0}")]
     Whole(String),
 }

@@ -107,7 +107,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the server did what was asked.
+    /// Whether the request succeeded.
     #[must_use]
     pub const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)

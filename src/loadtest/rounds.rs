@@ -102,7 +102,7 @@ pub struct Seat {
     token: String,
 }
 
-/// When a seat was told what, in one round.
+/// The times of a seat's messages in one round.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     sent: Instant,

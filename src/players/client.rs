@@ -16,7 +16,7 @@ use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
 use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
-/// How long one request may take beyond what it asked to wait.
+/// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A request failed.
@@ -80,7 +80,7 @@ impl ClientError {
     }
 }
 
-/// What a server said that does not do what was asked.
+/// The error response of a server.
 fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
     if let Ok(problem) = serde_json::from_slice(body) {
         ClientError::Refused { url, status, problem: Box::new(problem) }

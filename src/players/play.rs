@@ -236,7 +236,7 @@ impl Game {
         self.players.get_mut(&agent)
     }
 
-    /// Shows all players what they saw so far, the open round included: some may have acted in it.
+    /// Replays all earlier observations to the players, the open round included: some may have acted in it.
     fn remember(&mut self, journal: &[u8]) {
         // A broken journal is reported by `verify`; the part that was read was seen.
         drop(verify_seen(journal, None, Solver::Flow, |world| {

@@ -150,7 +150,7 @@ pub struct BoardRun {
     pub id: String,
     /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
     pub owner: Option<BoardOwner>,
-    /// Whether an organizer answers for what it declares.
+    /// Whether an organizer vouches for its declaration.
     pub vouched: bool,
     /// The suite's name.
     pub suite: String,

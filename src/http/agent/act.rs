@@ -114,7 +114,7 @@ pub(in super::super) fn receipt(episode: &EpisodeId, receipt: lockstep::Receipt)
     }
 }
 
-/// Checks an act and makes of it what the barrier takes.
+/// Validates an act and makes a submission of it.
 pub(in super::super) fn submission(
     request: ActRequest,
     config: &Config,

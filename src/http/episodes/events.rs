@@ -38,7 +38,7 @@ pub(in super::super) struct EventsParams {
     after: Option<u32>,
 }
 
-/// How long a reader may take for what is pending before it is dropped.
+/// How long a reader may leave events pending before it is dropped.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Listen to resolved rounds (Server-Sent Events).

@@ -135,7 +135,7 @@ impl App {
     }
 }
 
-/// What decides who may do what with a stored episode.
+/// What the permissions of a stored episode depend on.
 fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
     let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
     Subject {

@@ -38,7 +38,7 @@ impl Known {
         Ok(Self { stored, definition, visibility })
     }
 
-    /// What decides who may do what with it.
+    /// What its permissions depend on.
     fn subject(&self) -> Subject<'_> {
         Subject {
             id: None,
