@@ -5,7 +5,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use swarmbench_engine::{Config, Settings, Spectacle, TaskName};
+use swarmbench_engine::{Config, Settings, SpectatorView, TaskName};
 use swarmbench_players::default_for;
 use swarmbench_players::game::Game;
 
@@ -16,18 +16,18 @@ fn main() {
     let task = TaskName::Transport;
     let config = Config::check(&Settings::standard(task, 27)).expect("the standard setting");
     let mut game = Game::new(Arc::new(config), default_for(task), 1);
-    let mut moments = vec![game.world().spectacle()];
+    let mut moments = vec![game.world().spectator_view()];
     while !game.world().is_over() {
         let acts = game.decide();
         game.step(&acts);
-        moments.push(game.world().spectacle());
+        moments.push(game.world().spectator_view());
     }
     let last = moments.len() - 1;
     let shown = [0, last / 3, 2 * last / 3, last].map(|round| &moments[round]);
     print!("{}", picture(&shown));
 }
 
-fn picture(moments: &[&Spectacle]) -> String {
+fn picture(moments: &[&SpectatorView]) -> String {
     let side = 10 * CELL;
     let width = moments.len() * (side + GAP) + GAP;
     let height = side + 2 * GAP + 16;
@@ -54,7 +54,7 @@ fn picture(moments: &[&Spectacle]) -> String {
     svg
 }
 
-fn draw(svg: &mut String, moment: &Spectacle) {
+fn draw(svg: &mut String, moment: &SpectatorView) {
     for (i, row) in moment.grid.iter().enumerate() {
         for (j, symbol) in row.chars().enumerate() {
             let color = match symbol {

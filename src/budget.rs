@@ -1,11 +1,11 @@
 //! The memory that all worlds and all answers may take together: `memory_bytes_max`.
 //!
-//! Whoever makes something large reserves its bytes first and gives them back by dropping the [`Reservation`].
+//! Before something large is made its bytes are reserved, and returned by dropping the [`Reservation`].
 //! What is small always passes, so that running games finish however full the server is.
 //!
-//! Memory for games is shared between groups as places are ([`episode::quota`](crate::episode::quota)): a group gets more as
+//! Memory for games is shared between groups as unfinished episodes are ([`episode::quota`](crate::episode::quota)): a group gets more as
 //! long as it then has no more than is free (`memory_of_free_percent_max`). So one group alone gets half, two get a
-//! third each, and whoever comes new finds some. The first game of a group always gets what is free.
+//! third each, and a newcomer finds some. The first game of a group always gets what is free.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,13 +20,11 @@ pub const SMALL_BYTES: usize = 64 * 1024;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoMemory {
     /// The budget is used up.
-    #[error(
-        "all worlds and answers together may take {0} bytes of memory, and no more of that is free"
-    )]
+    #[error("the memory limit of all worlds and answers, {0} bytes, is reached")]
     All(usize),
     /// The group has its share.
     #[error(
-        "the games of a competition, a key or an address may take as much memory as is free; these take {used} bytes already"
+        "these games have their share of the memory, {used} bytes: a competition, a key or an address may use as much as is free"
     )]
     Share {
         /// The bytes that the group has.
@@ -74,7 +72,7 @@ impl Used {
         }
     }
 
-    fn give_back(&mut self, group: Option<Group>, bytes: usize) {
+    fn release(&mut self, group: Option<Group>, bytes: usize) {
         self.bytes -= bytes;
         let Some(group) = group else { return };
         let left = self.of(group).saturating_sub(bytes);
@@ -175,7 +173,7 @@ impl Reservation {
         let mut used = self.budget.lock();
         let before = self.bytes.swap(bytes, Ordering::AcqRel);
         used.add(self.group, bytes);
-        used.give_back(self.group, before);
+        used.release(self.group, before);
     }
 
     /// How many bytes it is.
@@ -194,7 +192,7 @@ impl Reservation {
 impl Drop for Reservation {
     fn drop(&mut self) {
         let bytes = *self.bytes.get_mut();
-        self.budget.lock().give_back(self.group, bytes);
+        self.budget.lock().release(self.group, bytes);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Fair shares: who asks for something scarce, and who gets it next.
+//! Fair scheduling of scarce resources between parties.
 //!
 //! A [`Party`] is a member of a group: an entrant of a competition, the holder of a key, an address. Shares
 //! are equal between groups first and between the members of a group second, so that a competition with a
@@ -73,7 +73,7 @@ impl Party {
 
     /// Makes this the party of the rest of the request, once more is known about the caller.
     pub fn refine(self) {
-        // Outside of a request nobody asks.
+        // Outside of a request there is no caller.
         let _ = CURRENT.try_with(|current| current.set(self));
     }
 }
@@ -109,7 +109,7 @@ pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
     rank.scope(party.scope(future))
 }
 
-/// For whom a task works, and with which rank: for what goes on outside of it, like the body of an answer.
+/// For whom a task works, and with which rank: for work outside of it, like the body of an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     party: Party,
@@ -437,7 +437,7 @@ impl<T> FairQueue<T> {
         Ok(())
     }
 
-    /// Adds a request to the queue of its party, also where too many wait: whoever adds it bounds how many
+    /// Adds a request to the queue of its party, also where too many wait: the caller bounds how many
     /// of its kind there are.
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });

@@ -1,4 +1,4 @@
-//! What the host has to give beside time and randomness: room on a disk, memory, and open files; and
+//! Resources of the host besides time and randomness: free space on a disk, memory, and open files; and
 //! which addresses are its own.
 
 use std::net::IpAddr;
@@ -27,7 +27,7 @@ pub fn memory_bytes() -> Option<usize> {
     let read = |path: &Path| std::fs::read_to_string(path).ok();
     let machine = read(Path::new("/proc/meminfo")).and_then(|text| total_memory(&text));
     let own_group = read(Path::new("/proc/self/cgroup")).and_then(|text| group_path(&text));
-    // In a container its own group stands at the root.
+    // In a container its own group is at the root.
     let groups = Path::new("/sys/fs/cgroup");
     let own_group = groups.join(own_group.unwrap_or_default());
     let own_groups = own_group.ancestors().take_while(|path| path.starts_with(groups));

@@ -44,7 +44,7 @@ pub(crate) fn dated_id(prefix: &str, now: Timestamp, entropy: &dyn Entropy) -> S
     format!("{prefix}{}", uuid.simple())
 }
 
-/// What a token stands for; told by its prefix.
+/// The kind of a token, recognized by its prefix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TokenKind {
     /// One agent of one episode.
@@ -53,7 +53,7 @@ pub enum TokenKind {
     Swarm,
     /// A person.
     Key,
-    /// Whoever is invited to a competition; good for nothing else.
+    /// An invitation to a competition; valid for nothing else.
     Invitation,
 }
 

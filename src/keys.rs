@@ -1,4 +1,4 @@
-//! Keys for people: who may create episodes, and who runs the server.
+//! Keys for people, and their roles.
 
 use jiff::Timestamp;
 
@@ -14,7 +14,7 @@ pub struct OwnerKey(pub i64);
 /// What the holder of a key may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Role {
-    /// Start attempts in a competition and see what came of them; nothing else.
+    /// Start attempts in a competition and see their results; nothing else.
     Entrant,
     /// Create episodes, and do with them what their creator may.
     Member,
@@ -96,7 +96,7 @@ impl Key {
         self.revoked_at.is_none() && self.expires_at.is_none_or(|at| now < at)
     }
 
-    /// How it stands: `good`, `expired` or `revoked`.
+    /// Its status: `good`, `expired` or `revoked`.
     #[must_use]
     pub fn state(&self, now: Timestamp) -> &'static str {
         match (self.revoked_at, self.is_good(now)) {

@@ -5,8 +5,8 @@
 //!
 //! - [`http`]: a request comes in; the only place that names axum. [`wire`] has the shapes of its JSON.
 //! - [`episode`]: the barrier, the actor that steps the engine, and what readers share.
-//! - [`journal`]: what is kept of an episode, and how it is played again.
-//! - [`store`]: where it is kept; the only place that names sqlx.
+//! - [`journal`]: the records of an episode, and how it is replayed.
+//! - [`store`]: the database; the only place that names sqlx.
 //! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that nobody knows before the end.
 //! - [`prompt`]: observations as text for language models.
 //! - [`server`]: all of the above, started and stopped.
@@ -25,7 +25,7 @@ pub mod episode;
 pub mod eval;
 pub mod fair;
 pub mod host;
-pub mod house;
+pub mod hosted;
 pub mod http;
 pub mod ids;
 pub mod journal;

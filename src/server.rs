@@ -19,7 +19,7 @@ use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
 use crate::fair::Party;
 use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
-use crate::house;
+use crate::hosted;
 use crate::http::auth::Access;
 use crate::http::limits::Limits;
 use crate::http::{App, Foundation, router, serve::serve};
@@ -29,10 +29,10 @@ use crate::store::{OpenError, Store};
 use crate::telemetry;
 use crate::work::Workers;
 
-/// How long the server waits before it tries again to take up what was running before a restart.
-const TAKE_UP_PAUSE: Duration = Duration::from_secs(1);
+/// How long the server waits before it retries to recover what was running before a restart.
+const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
 
-/// How often the server looks after what nobody asks for.
+/// How often idle episodes, waiting runs and caches are swept.
 const SWEEP: Duration = Duration::from_mins(1);
 
 /// What a server is made of; the defaults are the host's own.
@@ -62,7 +62,7 @@ impl Default for Parts {
     }
 }
 
-/// Open files that are not connections: the database, whoever is refused a place, and some in reserve.
+/// Open files that are not connections: the database, refused connections, and some in reserve.
 const FILES_RESERVED: u64 = 256;
 
 /// Lets this process open as many files as the host allows, and takes no more connections than fit.
@@ -219,14 +219,14 @@ impl Server {
         let Self { app, limits } = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
-            let playing = house::run(hosted, app.registry.host().clone(), stop.clone());
+            let playing = hosted::run(hosted, app.registry.host().clone(), stop.clone());
             app.workers.spawn_in_background(Box::pin(playing)).unwrap_or_else(|playing| {
                 drop(tokio::spawn(playing));
             });
         }
         let clock = tokio::spawn(watch_clock(Arc::clone(&app.clock)));
-        let recovery = tokio::spawn(take_up(app.clone()));
-        let runs = tokio::spawn(look_after_runs(app.clone()));
+        let recovery = tokio::spawn(recover_with_retries(app.clone()));
+        let runs = tokio::spawn(advance_runs(app.clone()));
         let competitions = tokio::spawn(close_competitions(app.clone()));
         let sweeper = tokio::spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
@@ -247,7 +247,7 @@ impl Server {
     }
 }
 
-/// Looks at the clock often enough for it to notice that the process was stopped, and tells of that and
+/// Reads the clock often enough to notice that the process was stopped, and logs that and
 /// of doubts about the time of day once each.
 async fn watch_clock(clock: Arc<dyn Clock>) {
     let mut lost = clock.lost();
@@ -272,44 +272,44 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
     }
 }
 
-/// Takes up what was running before a restart.
-async fn take_up(app: App) {
-    while let Err(error) = take_up_all(&app).await {
-        tracing::error!(%error, "unfinished episodes and runs cannot be taken up; trying again");
-        app.clock.sleep_until(after(app.clock.now(), TAKE_UP_PAUSE)).await;
+/// Recovers what was running before a restart.
+async fn recover_with_retries(app: App) {
+    while let Err(error) = recover_all(&app).await {
+        tracing::error!(%error, "unfinished episodes and runs cannot be recovered; trying again");
+        app.clock.sleep_until(after(app.clock.now(), RECOVERY_RETRY_PAUSE)).await;
     }
     app.ready.store(true, Ordering::Release);
     app.read_boards().await;
 }
 
-async fn take_up_all(app: &App) -> Result<(), JournalError> {
-    let episodes = app.registry.take_up_unfinished().await?;
+async fn recover_all(app: &App) -> Result<(), JournalError> {
+    let episodes = app.registry.recover_unfinished().await?;
     let runs = app.runs.advance_all().await?;
     if episodes + runs > 0 {
-        tracing::info!(episodes, runs, "unfinished episodes and runs were taken up");
+        tracing::info!(episodes, runs, "unfinished episodes and runs were recovered");
     }
     Ok(())
 }
 
-/// Has runs go on whenever one of their games has ended.
-async fn look_after_runs(app: App) {
+/// Advances a run whenever one of its games has ended.
+async fn advance_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
-        app.runs.look_after(ended).await;
+        app.runs.advance_ended(ended).await;
     }
 }
 
 /// Closes competitions when their time is over.
 async fn close_competitions(app: App) {
-    closing::look_after(&app.store, &app.runs, &*app.clock).await;
+    closing::run(&app.store, &app.runs, &*app.clock).await;
 }
 
-/// Looks after episodes that are not in memory and runs that wait for a place, and lets go of what
-/// nobody asks for.
+/// Advances episodes that are not in memory and runs that wait for a permit, and evicts what is
+/// unused.
 async fn sweep(app: App) {
     loop {
-        app.registry.look_after_idle().await;
+        app.registry.sweep_idle().await;
         if let Err(error) = app.runs.advance_all().await {
-            tracing::error!(%error, "runs cannot be looked after");
+            tracing::error!(%error, "runs cannot be advanced");
         }
         app.tidy();
         // Where something is wrong that is logged, and the writer finds it with its next commit.

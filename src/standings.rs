@@ -6,7 +6,7 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 use tokio::sync::Mutex;
 
-use crate::board::collection::{BoardId, BoardSuite, Boards, Imported, OverRun, ToldSettings};
+use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported, KnownSettings};
 use crate::board::cross_play::{MixedGame, Model, Setting};
 use crate::board::result::RunResult;
 use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
@@ -23,20 +23,20 @@ const RULES: [&str; 2] = ["paper", "reference"];
 /// Finished games of several holders.
 pub type MixedGames = BTreeMap<EpisodeKey, Arc<MixedGame>>;
 
-/// The boards of a database. One alone may keep those of a running server, as it is told once what has changed.
+/// The boards of a database. A running server has exactly one, as every change is reported once.
 #[derive(Debug)]
 pub struct Standings {
     store: Store,
-    kept: Mutex<Kept>,
+    cached: Mutex<CachedBoards>,
 }
 
 #[derive(Debug, Default)]
-struct Kept {
+struct CachedBoards {
     /// What has changed and is not read again yet.
     changes: Vec<Change>,
-    /// None until somebody asks.
+    /// None until the first request.
     boards: Option<Arc<Boards>>,
-    /// None until somebody asks.
+    /// None until the first request.
     mixed: Option<Arc<MixedGames>>,
 }
 
@@ -44,7 +44,7 @@ impl Standings {
     /// The boards of this database. Nothing is read yet.
     #[must_use]
     pub fn new(store: Store) -> Self {
-        Self { store, kept: Mutex::default() }
+        Self { store, cached: Mutex::default() }
     }
 
     /// All boards, with everything that is durable now.
@@ -52,9 +52,9 @@ impl Standings {
     /// # Errors
     /// Where the database cannot be read.
     pub async fn boards(&self) -> Result<Arc<Boards>, JournalError> {
-        let mut kept = self.kept.lock().await;
-        self.catch_up(&mut kept).await?;
-        if let Some(boards) = &kept.boards {
+        let mut cached = self.cached.lock().await;
+        self.catch_up(&mut cached).await?;
+        if let Some(boards) = &cached.boards {
             return Ok(Arc::clone(boards));
         }
         let mut boards = Boards::new(built_in());
@@ -69,7 +69,7 @@ impl Standings {
         }
         boards.set_imported(self.imported().await?);
         let boards = Arc::new(boards);
-        kept.boards = Some(Arc::clone(&boards));
+        cached.boards = Some(Arc::clone(&boards));
         Ok(boards)
     }
 
@@ -78,9 +78,9 @@ impl Standings {
     /// # Errors
     /// Where the database cannot be read.
     pub async fn mixed(&self) -> Result<Arc<MixedGames>, JournalError> {
-        let mut kept = self.kept.lock().await;
-        self.catch_up(&mut kept).await?;
-        if let Some(mixed) = &kept.mixed {
+        let mut cached = self.cached.lock().await;
+        self.catch_up(&mut cached).await?;
+        if let Some(mixed) = &cached.mixed {
             return Ok(Arc::clone(mixed));
         }
         let mut mixed = MixedGames::new();
@@ -96,39 +96,39 @@ impl Standings {
             last = next;
         }
         let mixed = Arc::new(mixed);
-        kept.mixed = Some(Arc::clone(&mixed));
+        cached.mixed = Some(Arc::clone(&mixed));
         Ok(mixed)
     }
 
-    /// Reads again what has changed. Whoever waits for this may go at any moment: a change is forgotten only once
+    /// Reads again what has changed. The caller may be dropped at any moment: a change is forgotten only once
     /// it is seen to.
-    async fn catch_up(&self, kept: &mut Kept) -> Result<(), JournalError> {
+    async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), JournalError> {
         match self.store.writer().changes().take() {
-            Some(changes) => kept.changes.extend(changes),
-            None => *kept = Kept::default(),
+            Some(changes) => cached.changes.extend(changes),
+            None => *cached = CachedBoards::default(),
         }
-        if kept.boards.is_none() && kept.mixed.is_none() {
+        if cached.boards.is_none() && cached.mixed.is_none() {
             // Whatever is read from now on has it.
-            kept.changes.clear();
+            cached.changes.clear();
         }
-        while let Some(&change) = kept.changes.last() {
+        while let Some(&change) = cached.changes.last() {
             match change {
-                Change::Run(run) => self.read_run(kept, run).await?,
+                Change::Run(run) => self.read_run(cached, run).await?,
                 Change::Imports => {
                     // All of them come at once, mostly.
-                    kept.changes.retain(|change| *change != Change::Imports);
-                    kept.changes.push(Change::Imports);
+                    cached.changes.retain(|change| *change != Change::Imports);
+                    cached.changes.push(Change::Imports);
                     let games = self.imported().await?;
-                    if let Some(boards) = &mut kept.boards {
+                    if let Some(boards) = &mut cached.boards {
                         Arc::make_mut(boards).set_imported(games);
                     }
                 }
                 Change::Episode(episode) => match self.store.run_of(episode).await? {
-                    Some(run) => self.read_run(kept, run).await?,
-                    None => self.read_mixed(kept, episode).await?,
+                    Some(run) => self.read_run(cached, run).await?,
+                    None => self.read_mixed(cached, episode).await?,
                 },
             }
-            kept.changes.pop();
+            cached.changes.pop();
         }
         Ok(())
     }
@@ -137,8 +137,8 @@ impl Standings {
         Ok(self.store.imported_games().await?.into_iter().filter_map(imported).collect())
     }
 
-    async fn read_run(&self, kept: &mut Kept, run: RunKey) -> Result<(), JournalError> {
-        let Some(boards) = &mut kept.boards else { return Ok(()) };
+    async fn read_run(&self, cached: &mut CachedBoards, run: RunKey) -> Result<(), JournalError> {
+        let Some(boards) = &mut cached.boards else { return Ok(()) };
         let found = self.store.run_on_boards(run).await?.map(over).transpose()?;
         let boards = Arc::make_mut(boards);
         match found {
@@ -148,8 +148,12 @@ impl Standings {
         Ok(())
     }
 
-    async fn read_mixed(&self, kept: &mut Kept, episode: EpisodeKey) -> Result<(), JournalError> {
-        let Some(mixed) = &mut kept.mixed else { return Ok(()) };
+    async fn read_mixed(
+        &self,
+        cached: &mut CachedBoards,
+        episode: EpisodeKey,
+    ) -> Result<(), JournalError> {
+        let Some(mixed) = &mut cached.mixed else { return Ok(()) };
         let found = self.store.mixed_game(episode).await?.map(mixed_game).transpose()?;
         let mixed = Arc::make_mut(mixed);
         match found {
@@ -180,7 +184,7 @@ fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
     BoardSuite {
         tasks: suite.tasks.iter().filter_map(|name| TaskName::parse(name)).collect(),
         plan,
-        settings: ToldSettings {
+        settings: KnownSettings {
             num_agents: settings.num_agents,
             max_round: settings.max_round,
             width: settings.width,
@@ -202,7 +206,7 @@ fn imported(game: ImportedGame) -> Option<Imported> {
         slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed },
         model: game.model,
         score: game.score,
-        settings: ToldSettings {
+        settings: KnownSettings {
             num_agents: settings.num_agents.into(),
             max_round: settings.max_round.into(),
             width: settings.width.into(),
@@ -218,7 +222,7 @@ fn imported(game: ImportedGame) -> Option<Imported> {
 }
 
 /// A stored run as a board takes it.
-fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
+fn over(stored: BoardRun) -> Result<FinishedRun, JournalError> {
     let broken = |problem: String| {
         JournalError(format!("the run {} cannot be read: {problem}", stored.id).into())
     };
@@ -237,7 +241,7 @@ fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
                 score: game.score,
                 answers: game.acts,
                 invalid: game.invalid,
-                clock_outs: game.clock_outs,
+                timeouts: game.timeouts,
                 voided: game.voided,
             })
         })
@@ -269,7 +273,7 @@ fn over(stored: BoardRun) -> Result<OverRun, JournalError> {
     let suite = suite(&definition.suite, plan);
     let rules = definition.suite.rules;
     let board = BoardId { suite: stored.suite, rules, digest: stored.digest };
-    Ok(OverRun { key: stored.run.0, board, suite, result })
+    Ok(FinishedRun { key: stored.run.0, board, suite, result })
 }
 
 /// A stored game of several holders as cross-play takes it.

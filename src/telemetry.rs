@@ -11,7 +11,7 @@ use tracing::{Instrument as _, Span};
 use crate::fair;
 
 /// Runs a part of a request in a task of its own, whose log lines have the request's id as well.
-/// It shares what is scarce as the request does.
+/// It has the party and rank of the request.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
     tokio::spawn(fair::inherit(work).in_current_span())
 }
@@ -71,7 +71,7 @@ pub fn metrics() -> &'static PrometheusHandle {
             .expect("the buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
-        // Another recorder, of a program that embeds this one, would go on counting.
+        // Another recorder, of a program that embeds this one, would continue counting.
         drop(metrics::set_global_recorder(recorder));
         describe();
         handle

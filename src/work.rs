@@ -37,11 +37,11 @@ pub const JOBS_WAITING_PER_GROUP_MAX: usize = 1024;
 pub enum WorkError {
     /// As many jobs wait as may.
     #[error(
-        "as much heavy work waits as may, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
+        "the queue of heavy work is full, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
     )]
     Busy,
     /// It panicked, or the workers have stopped.
-    #[error("the work broke off")]
+    #[error("the work was interrupted")]
     BrokeOff,
 }
 
@@ -52,7 +52,7 @@ impl Cancelled<'_> {
     /// Somebody waits for sure.
     pub const NEVER: Cancelled<'static> = Cancelled(&|| false);
 
-    /// Whether nobody waits any more: work that goes on is wasted.
+    /// Whether the caller is gone: further work is wasted.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         (self.0)()
@@ -87,7 +87,7 @@ impl<T: Send, F: FnOnce(&Cancelled<'_>) -> T + Send> Job for Task<T, F> {
             let is_closed = || done.is_closed();
             catch_unwind(AssertUnwindSafe(|| work(&Cancelled(&is_closed))))
         };
-        // The panic was logged where it happened; dropping the sender tells whoever waits.
+        // The panic was logged where it happened; dropping the sender wakes the waiter.
         if let Ok(result) = result {
             drop(done.send(result));
         }
@@ -213,7 +213,7 @@ impl Workers {
         Self(Some(Arc::new(Owner { shared, threads, background })))
     }
 
-    /// No threads: all work is done at once, where it is asked for. Then what comes of it does not depend on
+    /// No threads: all work is done at once by its caller. Then its result does not depend on
     /// the host, for tests that have to go the same way again.
     #[must_use]
     pub const fn inline() -> Self {
@@ -271,7 +271,7 @@ impl Workers {
         result.await.map_err(|_| WorkError::BrokeOff)
     }
 
-    /// Runs a future on async threads of low priority. It is dropped where it stands once its caller is.
+    /// Runs a future on async threads of low priority. It is dropped when its caller is.
     ///
     /// # Errors
     /// Where the threads have stopped.

@@ -24,7 +24,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
         &["clock", "competition", "fair", "ids", "journal", "keys", "migrations", "names"],
     ),
     ("episode", &["budget", "clock", "fair", "ids", "journal", "keys", "telemetry", "work"]),
-    ("house", &["clock", "episode", "fair", "journal", "work"]),
+    ("hosted", &["clock", "episode", "fair", "journal", "work"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
     ("prompt", &["wire"]),
     ("dataset", &["ids", "journal", "prompt", "store", "wire"]),
@@ -37,7 +37,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "ids",
             "journal",
             "keys",
@@ -59,7 +59,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "ids",
             "journal",
             "keys",
@@ -82,7 +82,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
             "episode",
             "fair",
             "host",
-            "house",
+            "hosted",
             "http",
             "journal",
             "run",
@@ -137,7 +137,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("secrecy", &["llm"]),
     ("backon", &["llm", "players"]),
     ("clap", &["cli", "keys", "telemetry"]),
-    ("swarmbench_players", &["players", "house", "eval", "cli"]),
+    ("swarmbench_players", &["players", "hosted", "eval", "cli"]),
     ("indicatif", &["cli"]),
     ("zip", &["dataset"]),
     ("parquet", &["dataset"]),
@@ -310,7 +310,7 @@ fn every_limit_that_is_named_is_in_the_table() {
         .filter(|name| !protocol.contains(&format!("`{name}`")))
         .map(|name| format!("docs/protocol.md has no `{name}`"))
         .collect();
-    for module in ["fair", "work", "store", "episode", "house", "run", "http"] {
+    for module in ["fair", "work", "store", "episode", "hosted", "run", "http"] {
         let code = code(module);
         for name in limits_named_in(&code) {
             if !known.contains(name) {

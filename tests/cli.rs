@@ -196,13 +196,13 @@ fn keys_are_made_where_the_server_is_stopped_and_by_organizers() {
         .output()
         .expect("the binary runs");
     let log = text(&log.stdout);
-    let deed = |line: &str| {
-        let deed: Value = serde_json::from_str(line).expect("JSON");
-        (deed["who"] == "local", deed["action"].as_str().expect("a text").to_owned())
+    let entry = |line: &str| {
+        let entry: Value = serde_json::from_str(line).expect("JSON");
+        (entry["who"] == "local", entry["action"].as_str().expect("a text").to_owned())
     };
-    let deeds: Vec<_> = log.lines().map(deed).collect();
+    let audit: Vec<_> = log.lines().map(entry).collect();
     let [revoke, create] = ["key.revoke", "key.create"].map(str::to_owned);
-    assert_eq!(deeds, [(false, revoke), (false, create.clone()), (true, create)]);
+    assert_eq!(audit, [(false, revoke), (false, create.clone()), (true, create)]);
 
     let play = |key: &str| {
         Command::new(env!("CARGO_BIN_EXE_swarmbench"))
@@ -305,7 +305,7 @@ async fn a_run_is_played_and_one_that_was_left_is_played_to_its_end() {
     assert!(!wrong.status.success() && text(&wrong.stderr).contains("standard, quick"));
 }
 
-/// Whoever reads logs, errors, pages or the database finds no token in them.
+/// Logs, errors, pages and the database contain no token.
 #[tokio::test]
 async fn tokens_are_shown_once_and_nowhere_else() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -224,7 +224,7 @@ fn record(agent: AgentId) -> ActRecord {
     }
 }
 
-/// What became of one act.
+/// The outcome of one act.
 async fn act(handle: &Handle, agent: u16, round: u32) -> Option<Receipt> {
     let submission = Submission { round, record: record(AgentId(agent)) };
     handle.submit(vec![(AgentId(agent), submission)]).await.pop()?.ok()
@@ -238,7 +238,7 @@ async fn an_actor_that_panics_is_replaced_from_the_journal() {
     bench.journal.panics.store(true, Ordering::Relaxed);
     let mut published = handle.follow();
     assert_eq!(act(&handle, 1, 0).await, None, "what was not kept is not acknowledged");
-    // Whoever waits for the next state notices that nothing is published any more.
+    // A waiter for the next state notices that nothing is published any more.
     published.mark_unchanged();
     assert!(published.changed().await.is_err());
     let again = tokio::time::timeout(PATIENCE, async {
@@ -264,14 +264,14 @@ async fn an_episode_that_cannot_be_read_delays_no_other() {
         bench.create(id, spec(|_| {}), Purpose::Usual, 1).await.expect("created");
     }
     bench.clock.advance(Duration::from_mins(6));
-    bench.registry.let_go();
+    bench.registry.evict_unused();
     assert_eq!(bench.registry.in_memory(), 0);
     // The sweep looks after the oldest first.
     let [stuck, other] = ["ep_1", "ep_2"].map(|id| EpisodeId::from_text(id.to_owned()));
     *bench.journal.stuck.lock().expect("no panic") = Some(stuck);
     bench.clock.advance(Duration::from_mins(20));
     let registry = bench.registry.clone();
-    let sweep = tokio::spawn(async move { registry.look_after_idle().await });
+    let sweep = tokio::spawn(async move { registry.sweep_idle().await });
     let ended = tokio::time::timeout(PATIENCE, async {
         while bench
             .journal
@@ -303,7 +303,7 @@ async fn a_group_leaves_memory_to_others_and_what_runs_is_taken_up_whatever_is_f
     // Also where the server is started again with less.
     let small = Budget::new(1 << 20, 100);
     let again = registry(&bench.journal, &bench.clock, 1000, Arc::clone(&small));
-    again.take_up_unfinished().await.expect("they are listed");
+    again.recover_unfinished().await.expect("they are listed");
     assert_eq!(again.in_memory(), games);
     assert!(small.used() > small.most());
 }

@@ -31,13 +31,13 @@ pub struct BoardSuite {
     /// Its games.
     pub plan: Vec<Slot>,
     /// The settings of all of them, but for clocks.
-    pub settings: ToldSettings,
+    pub settings: KnownSettings,
 }
 
-/// Settings of games, as far as they are told.
+/// Settings of games, as far as they are known.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct ToldSettings {
+pub struct KnownSettings {
     pub num_agents: i64,
     pub max_round: i64,
     pub width: i64,
@@ -50,8 +50,8 @@ pub struct ToldSettings {
     pub max_delay: Option<i64>,
 }
 
-impl ToldSettings {
-    /// Whether nothing that both tell is different.
+impl KnownSettings {
+    /// Whether all that both know is equal.
     fn agrees(&self, other: &Self) -> bool {
         fn same<T: PartialEq>(one: Option<&T>, other: Option<&T>) -> bool {
             one.zip(other).is_none_or(|(one, other)| one == other)
@@ -76,7 +76,7 @@ pub struct Imported {
     /// Its score.
     pub score: f64,
     /// Its settings, as far as the files tell them.
-    pub settings: ToldSettings,
+    pub settings: KnownSettings,
 }
 
 /// Runs that may be compared.
@@ -88,12 +88,12 @@ struct Board {
     is_built_in: bool,
 }
 
-/// A run that is over, as a board takes it.
+/// A run that has ended, as boards use it.
 #[derive(Clone, Debug)]
-pub struct OverRun {
+pub struct FinishedRun {
     /// Its number in the database.
     pub key: i64,
-    /// The board on which it stands.
+    /// The board that lists it.
     pub board: BoardId,
     /// What is played there.
     pub suite: BoardSuite,
@@ -118,7 +118,7 @@ pub struct Boards {
     imported: Arc<[Imported]>,
 }
 
-/// What somebody asks of a board; names as they were sent.
+/// The query of a board; names as they were sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Question {
     /// The suite: its name, or its name and digest with an `@` between them. `standard` where it is left out.
@@ -160,7 +160,7 @@ pub struct Ranked {
     pub rows: Vec<Row>,
 }
 
-/// The rules of the game that a board can be asked for.
+/// The rule sets that a board can show.
 const RULES: [&str; 2] = ["paper", "reference"];
 
 /// How many suites a refusal names.
@@ -182,8 +182,8 @@ impl Boards {
     }
 
     /// Puts a run in its place, instead of what stood there of it.
-    pub fn insert(&mut self, run: OverRun) {
-        let OverRun { key, board: id, suite, result } = run;
+    pub fn insert(&mut self, run: FinishedRun) {
+        let FinishedRun { key, board: id, suite, result } = run;
         self.remove(key);
         let (row, run) = (result.row, result.run.id.as_str().into());
         let board = self.by_id.entry(id.clone()).or_default();
@@ -217,7 +217,7 @@ impl Boards {
         self.homes.len()
     }
 
-    /// The board that is asked for, in order.
+    /// The requested board, in order.
     ///
     /// # Errors
     /// Where there is no such board, task, order or choice.
@@ -242,7 +242,7 @@ impl Boards {
             })?,
         };
         let has_reference = id.suite == reference::SUITE && board.is_built_in;
-        // Whoever did not play what is shown has nothing to show.
+        // Players without games in the selection are left out.
         let shows =
             |row: &&reference::Reference| tasks.iter().any(|task| row.task(*task).is_some());
         let references =
@@ -282,7 +282,7 @@ impl Boards {
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
         let exact = || of_rules().find(|(id, _)| format!("{}@{}", id.suite, id.digest) == asked);
-        // Whoever gives a suite of their own such a name takes no board from anybody.
+        // A custom suite of that name does not replace a built-in board.
         let built_in = named.iter().find(|(_, board)| board.is_built_in);
         match (built_in, &named[..]) {
             (Some((id, board)), _) | (None, [(id, board)]) => Ok((id, board)),
@@ -369,11 +369,11 @@ mod tests {
 
     fn boards() -> Boards {
         let plan = slots(&TaskName::ALL, &[27, 42]);
-        let settings = ToldSettings {
+        let settings = KnownSettings {
             num_agents: 12,
             memory: Some(5),
             rules: Some("paper".to_owned()),
-            ..ToldSettings::default()
+            ..KnownSettings::default()
         };
         let suite = BoardSuite { tasks: TaskName::ALL.to_vec(), plan, settings };
         let standard = |rules: &str| {
@@ -384,12 +384,12 @@ mod tests {
         Boards::new([standard("paper"), standard("reference")])
     }
 
-    fn over(key: i64, board: BoardId, score: f64) -> OverRun {
+    fn over(key: i64, board: BoardId, score: f64) -> FinishedRun {
         let slot = Slot { task: TaskName::Pursuit, seed: 1 };
         let games = [game(slot.task, slot.seed, score)];
         let result = RunResult::new(run(&key.to_string(), "finished", key), &[slot], &games, true);
         let suite = BoardSuite { tasks: vec![TaskName::Pursuit], ..BoardSuite::default() };
-        OverRun { key, board, suite, result }
+        FinishedRun { key, board, suite, result }
     }
 
     fn asked(suite: &str) -> Question {
@@ -478,15 +478,15 @@ mod tests {
     #[test]
     fn games_from_files_are_shown_where_they_are_asked_for_and_fit() {
         let mut boards = boards();
-        let game = |model: &str, task, seed, score, settings: &ToldSettings| Imported {
+        let game = |model: &str, task, seed, score, settings: &KnownSettings| Imported {
             model: model.to_owned(),
             slot: Slot { task, seed },
             score,
             settings: settings.clone(),
         };
-        let told = ToldSettings { num_agents: 12, ..ToldSettings::default() };
-        let other = ToldSettings { memory: Some(3), ..told.clone() };
-        let reference = ToldSettings { rules: Some("reference".to_owned()), ..told.clone() };
+        let told = KnownSettings { num_agents: 12, ..KnownSettings::default() };
+        let other = KnownSettings { memory: Some(3), ..told.clone() };
+        let reference = KnownSettings { rules: Some("reference".to_owned()), ..told.clone() };
         boards.set_imported(vec![
             game("a", TaskName::Pursuit, 27, 4.0, &told),
             // The same game twice: the mean of both.

@@ -1,4 +1,4 @@
-//! Cross-play: which models did how well together, in games whose seats belonged to different holders.
+//! Cross-play: the results of pairs of models, in games whose seats belonged to different holders.
 
 use std::collections::BTreeMap;
 
@@ -72,7 +72,7 @@ pub fn pairs<'a>(games: impl IntoIterator<Item = &'a MixedGame>) -> Vec<Pair> {
         for (place, one) in game.models.iter().enumerate() {
             for other in &game.models[place + 1..] {
                 if one.owner.is_some() && one.owner == other.owner {
-                    // Whoever holds the seats of both plays with itself.
+                    // A holder of the seats of both plays with itself.
                     continue;
                 }
                 let mut names = [one.name.as_str(), other.name.as_str()];

@@ -1,4 +1,4 @@
-//! How sure the order of two rows is: a bootstrap over the seeds that both played.
+//! Confidence intervals of differences between rows: a bootstrap over the seeds that both played.
 
 use quick_cache::sync::Cache;
 use rand_chacha::ChaCha8Rng;

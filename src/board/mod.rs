@@ -1,4 +1,4 @@
-//! Boards: who did how well in a suite. Pure: games that have ended go in, ranked rows come out.
+//! Boards: the results of a suite, ranked. Pure: games that have ended go in, ranked rows come out.
 //!
 //! - [`result`]: what a run is worth, task by task.
 //! - [`rank`]: runs of the same player make a row; rows are put in order.
@@ -6,7 +6,7 @@
 //! - [`collection`]: all boards of a database.
 //! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //!
-//! The same games give the same rows to the last bit, in whatever order they come. Every convention is told in
+//! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
 //! `docs/boards.md`.
 
 pub mod collection;
@@ -149,10 +149,10 @@ pub struct Game {
     pub score: f64,
     /// Answers that players gave, valid or not.
     pub answers: u64,
-    /// Answers that were none.
+    /// Invalid answers.
     pub invalid: u64,
-    /// Moves for which the clock ran out.
-    pub clock_outs: u64,
-    /// Whether the host broke it, so that it does not count.
+    /// Moves that timed out.
+    pub timeouts: u64,
+    /// Whether it was voided, so that it does not count.
     pub voided: bool,
 }

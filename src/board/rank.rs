@@ -298,7 +298,7 @@ pub(super) mod tests {
             score,
             answers: 10,
             invalid: 1,
-            clock_outs: 2,
+            timeouts: 2,
             voided: false,
         }
     }
@@ -392,7 +392,7 @@ pub(super) mod tests {
         let above = ["gemini-2.0-flash", "o4-mini", "claude-3.7-sonnet"];
         assert_eq!(names, [&above[..], &["a model", "gpt-4.1"]].concat());
         assert_eq!(rows[3].rank, Some(4));
-        // Who played but some of the tasks has no total, and stands below, without a rank.
+        // A player of some of the tasks only has no total, and is listed below, without a rank.
         assert_eq!(rows.len(), 1 + 29);
         assert!(rows[14..].iter().all(|row| row.rank.is_none() && row.value.is_none()));
         // By one task they have one.
@@ -471,7 +471,7 @@ pub(super) mod tests {
                 let sum: f64 = means.map(|mean| mean.expect("a mean")).sum();
                 prop_assert!((sum - value).abs() < 1e-9);
             }
-            // Who has no value stands below all who have one.
+            // Rows without a value come last.
             let ranked: Vec<bool> = rows.iter().map(|row| row.rank.is_some()).collect();
             prop_assert!(ranked.is_sorted_by(|a, b| a >= b));
         }
@@ -483,7 +483,7 @@ pub(super) mod tests {
             for pick in [Pick::Last, Pick::Mean] {
                 for row in rank(&runs, [], &view(pick)) {
                     let same = best.iter().find(|best| best.id() == row.id()).expect("the same players");
-                    // Where the host broke games, the mean may be one of other seeds than the best.
+                    // Where games were voided, the mean may be of other seeds than the best.
                     let comparable = runs.iter().filter(|run| run.row == row.id()).all(|run| {
                         run.tasks.iter().all(|task| task.planned == 3)
                     });

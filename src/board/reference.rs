@@ -57,7 +57,7 @@ pub struct Numbers {
     pub mean: f64,
     /// The standard deviation.
     pub deviation: f64,
-    /// How many games were played, where it is told.
+    /// How many games were played, if known.
     pub games: Option<u32>,
 }
 

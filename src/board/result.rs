@@ -1,4 +1,4 @@
-//! What a run is worth: of every task the mean and the deviation over its seeds, and the sum of the means.
+//! The result of a run: of every task the mean and the deviation over its seeds, and the sum of the means.
 
 use std::collections::BTreeMap;
 
@@ -46,21 +46,21 @@ pub struct TaskResult {
     pub mean_and_deviation: Option<(f64, f64)>,
     /// Games that were played and count.
     pub games: u32,
-    /// Games that were to be played, without those that the host broke.
+    /// Planned games, without voided ones.
     pub planned: u32,
-    /// Games that the host broke.
+    /// Voided games.
     pub voided: u32,
     /// Answers that players gave in the games that count.
     pub answers: u64,
-    /// Those of them that were none.
+    /// The invalid ones among them.
     pub invalid: u64,
-    /// Moves for which the clock ran out.
-    pub clock_outs: u64,
+    /// Moves that timed out.
+    pub timeouts: u64,
 }
 
 impl RunResult {
     /// What a run is worth. Once it is over, a planned game that was not played counts as 0: doing nothing scores
-    /// about that, and otherwise it would pay to abort a run that goes badly. A game that the host broke does
+    /// about that, and otherwise it would pay to abort a run that goes badly. A voided game does
     /// not count, unless it was played again.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
@@ -169,7 +169,7 @@ impl TaskResult {
             voided: 0,
             answers: 0,
             invalid: 0,
-            clock_outs: 0,
+            timeouts: 0,
         }
     }
 
@@ -189,7 +189,7 @@ impl TaskResult {
                 self.games += 1;
                 self.answers += game.answers;
                 self.invalid += game.invalid;
-                self.clock_outs += game.clock_outs;
+                self.timeouts += game.timeouts;
                 self.scores.push((seed, game.score));
             }
             None => {
@@ -215,7 +215,7 @@ impl TaskResult {
             all.voided += one.voided;
             all.answers += one.answers;
             all.invalid += one.invalid;
-            all.clock_outs += one.clock_outs;
+            all.timeouts += one.timeouts;
             for &(seed, score) in &one.scores {
                 seeds.entry(seed).or_default().push(score);
             }

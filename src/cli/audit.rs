@@ -16,7 +16,7 @@ pub(super) struct Args {
     /// An organizer's key.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// How many, the newest first.
+    /// The maximum number of entries, newest first.
     #[arg(long, default_value_t = 50)]
     limit: usize,
     /// As JSON Lines.
@@ -38,12 +38,12 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         query.extend(cursor.as_deref().map(|cursor| ("cursor", cursor)));
         let page: AuditLog = client.get_with("/api/v1/audit", &query).await?;
         left -= page.items.len().min(left);
-        for deed in page.items {
+        for audit_entry in page.items {
             if args.json {
-                println!("{}", serde_json::to_string(&deed)?);
+                println!("{}", serde_json::to_string(&audit_entry)?);
             }
-            let (at, detail) = (deed.at.to_string(), deed.detail.to_string());
-            shown.add_row([at, deed.who, deed.action, deed.subject, detail]);
+            let (at, detail) = (audit_entry.at.to_string(), audit_entry.detail.to_string());
+            shown.add_row([at, audit_entry.who, audit_entry.action, audit_entry.subject, detail]);
         }
         cursor = page.next_cursor;
         if cursor.is_none() {

@@ -16,17 +16,17 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Drop what boards are made of, and make it again from the journals.
+    /// Drop the results that boards show, and rebuild them from the journals.
     #[command(
         after_help = "The server has to be stopped. Either all is made again or nothing is changed. With --replay \
         every episode of the boards is also played again, and every hash, digest, act and score is compared, which \
         takes longer."
     )]
     Rebuild {
-        /// The database, as long as no server runs on it.
+        /// The database file, while no server uses it.
         #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
         db: PathBuf,
-        /// Also play every episode again.
+        /// Also replay every episode.
         #[arg(long)]
         replay: bool,
     },

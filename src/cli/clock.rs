@@ -18,7 +18,7 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Confirm that the clock of the server's host is right, where the time of day is in doubt.
+    /// Confirm that the clock of the server's host is right, when the server doubts its time of day.
     Confirm {
         /// The address of the server.
         #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]

@@ -58,15 +58,15 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make invitation codes, each good for one entrant; they are shown this once.
+    /// Create invitation codes, one for each entrant. They are shown only once.
     Codes {
         /// The competition's id.
         id: String,
-        /// For whom each code is: nobody but organizers sees that.
+        /// A label for each code, visible to organizers only.
         #[arg(required = true)]
         labels: Vec<String>,
     },
-    /// Enter a competition, and show the key for it, this once. Who has a key already enters with that.
+    /// Enter a competition, and show the new key for it, only once. If you have a key, enter with that.
     Enter {
         /// The competition's id.
         id: String,
@@ -93,14 +93,14 @@ enum Command {
     Attempt {
         /// The competition's id.
         id: String,
-        /// Whose attempt it is, where the key has several entrants.
+        /// The entrant, if the key has several.
         #[arg(long)]
         entrant: Option<String>,
-        /// Its number; the next one that is open where it is left out.
+        /// Its number; default: the next one that is open.
         #[arg(long)]
         attempt: Option<u32>,
     },
-    /// Show your own attempts and what they came to; an organizer sees all.
+    /// Show your own attempts and their results; an organizer sees all.
     Attempts {
         /// The competition's id.
         id: String,
@@ -114,38 +114,38 @@ enum Command {
     Disqualify {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// Why; everybody sees it.
+        /// The reason, visible to everybody.
         #[arg(long)]
         reason: String,
     },
-    /// Let an entrant leave: it stays on the board without a rank.
+    /// Withdraw an entrant: it stays on the board without a rank.
     Withdraw {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// Why; everybody sees it.
+        /// The reason, visible to everybody.
         #[arg(long)]
         reason: Option<String>,
     },
-    /// Take an entrant back that was withdrawn or disqualified.
+    /// Readmit an entrant that was withdrawn or disqualified.
     Readmit {
         #[command(flatten)]
         entrant: EntrantOf,
     },
-    /// Answer for it that the model that an entrant declared is the one that plays.
+    /// Vouch that the model that an entrant declared is the one that plays.
     Vouch {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// Take it back.
+        /// Withdraw this confirmation.
         #[arg(long)]
         not: bool,
     },
-    /// Say that the host broke an attempt: it does not count, and may be started again on the same seeds.
+    /// Void an attempt that failed because of the server: it does not count, and may be repeated on the same seeds.
     Void {
         /// The competition's id.
         id: String,
         /// The id of the attempt's run, from the board or the entrant.
         run: String,
-        /// What happened; everybody sees it.
+        /// What happened, visible to everybody.
         #[arg(long)]
         reason: String,
     },
@@ -160,7 +160,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Write all of a competition to the standard output: what `swarmbench verify --competition` checks.
+    /// Export all of a competition to the standard output, for `swarmbench verify --competition`.
     Export {
         /// The competition's id.
         id: String,

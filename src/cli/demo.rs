@@ -17,16 +17,16 @@ use crate::wire::episode::EpisodeRequest;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// The database; a fresh one in the directory for temporary files where it is left out.
+    /// The database file; default: a new one in the directory for temporary files.
     #[arg(long)]
     db: Option<PathBuf>,
-    /// The port on 127.0.0.1; a free one where it is left out.
+    /// The port on 127.0.0.1; default: any free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
     /// The seed of all five layouts.
     #[arg(long, default_value_t = 27)]
     seed: i64,
-    /// Stop when the scores are shown, instead of going on serving.
+    /// Exit when the scores are shown, instead of serving until Ctrl-C.
     #[arg(long)]
     exit: bool,
 }
@@ -46,7 +46,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let base = format!("http://{}", listener.local_addr()?);
     let (stop, stopped) = oneshot::channel::<()>();
     let serving = tokio::spawn(server.run(listener, async {
-        // Whoever holds the other end lets go of it when it is done.
+        // The other end is dropped when it is done.
         drop(stopped.await);
     }));
     println!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
@@ -58,7 +58,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         println!("The data lies in {}", db.display());
         println!("{}", how_to_join(&base));
         if !args.exit {
-            println!("The server goes on until Ctrl-C.");
+            println!("The server runs until Ctrl-C.");
             super::asked_to_stop().await;
         }
     }

@@ -28,18 +28,18 @@ use crate::store::episodes::{Filter, Readable};
     swarmbench export games.zip --server http://127.0.0.1:8080"
 )]
 pub(super) struct Args {
-    /// The folder to make, or the archive to write where it ends in .zip; it must not exist.
+    /// The folder to create, or the archive if the name ends in .zip; it must not exist.
     to: PathBuf,
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// Download an archive from this server instead: all that your key may read.
+    /// Download an archive from this server instead, of all that your key may read.
     #[arg(long, conflicts_with_all = ["imported", "format"])]
     server: Option<String>,
     /// Your key, for `--server`.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// What is written.
+    /// The format.
     #[arg(long, value_enum, default_value = "dataset")]
     format: Format,
     /// Only episodes of this run.
@@ -51,14 +51,14 @@ pub(super) struct Args {
     /// Only episodes of this model.
     #[arg(long)]
     model: Option<String>,
-    /// Only episodes with this status: waiting, running, finished, aborted or abandoned. All that have
-    /// ended where it is left out.
+    /// Only episodes with this status: waiting, running, finished, aborted or abandoned. Default: all that have
+    /// ended.
     #[arg(long, value_parser = status)]
     status: Option<Status>,
     /// Only this episode.
     #[arg(long)]
     episode: Option<String>,
-    /// Games that were imported, in place of episodes of this server.
+    /// Imported games instead of episodes of this server.
     #[arg(long, conflicts_with_all = ["run", "status", "episode", "format"])]
     imported: bool,
 }
@@ -177,7 +177,7 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
     Ok(exported)
 }
 
-/// What is left of an earlier attempt is somebody's to look at.
+/// Leftovers of an earlier attempt are not overwritten.
 fn unmade(path: &Path) -> String {
     let path = path.display();
     format!("{path} cannot be made; if it is left of an export that broke off, remove it")
@@ -187,7 +187,7 @@ fn create(path: &Path) -> anyhow::Result<File> {
     File::create_new(path).with_context(|| unmade(path))
 }
 
-/// Takes the archive of a server.
+/// Downloads the archive of a server.
 async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<()> {
     let mut client = Client::new(server)?;
     if let Some(key) = args.key.clone() {

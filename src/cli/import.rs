@@ -22,7 +22,7 @@ use crate::store::{OpenError, Store};
 pub(super) struct Args {
     /// The folder, or the zip archive.
     from: PathBuf,
-    /// The database, as long as no server runs on it.
+    /// The database file, while no server uses it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
 }

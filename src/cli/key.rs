@@ -32,39 +32,39 @@ pub(super) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Make a key and show it, this once.
+    /// Create a key. It is shown only once.
     Create {
-        /// Whose it is.
+        /// The name of its holder.
         #[arg(long)]
         name: String,
-        /// What its holder may do.
+        /// The role of its holder.
         #[arg(long, value_enum, default_value = "member")]
         role: Role,
-        /// When it ends: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Never where it
-        /// is left out.
+        /// Its expiry, if any: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: it never
+        /// expires.
         #[arg(long, value_parser = expiry)]
         expires: Option<Timestamp>,
         #[command(flatten)]
-        place: Place,
+        keys: KeyStore,
     },
-    /// List all keys that were ever made.
+    /// List all keys, revoked and expired ones included.
     List {
         #[command(flatten)]
-        place: Place,
+        keys: KeyStore,
     },
-    /// Revoke a key: it opens nothing any more. Episodes that were created with it go on.
+    /// Revoke a key: it is no longer accepted. Episodes that were created with it continue.
     Revoke {
         /// The key's id, from `swarmbench key list`.
         id: String,
         #[command(flatten)]
-        place: Place,
+        keys: KeyStore,
     },
 }
 
-/// Where the keys are: in a database that no server uses, or behind a server.
+/// Where the keys are stored: in a database that no server uses, or on a running server.
 #[derive(Debug, clap::Args)]
-struct Place {
-    /// The database, as long as no server runs on it.
+struct KeyStore {
+    /// The database file, while no server uses it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
     /// The address of the running server; needs an organizer's key.
@@ -92,8 +92,8 @@ fn expiry(text: &str) -> Result<Timestamp, String> {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
-        Command::Create { name, role, expires, place } => {
-            let (key, secret) = match place.open().await? {
+        Command::Create { name, role, expires, keys } => {
+            let (key, secret) = match keys.open().await? {
                 Opened::Server(client) => {
                     let role = Some(role.name().to_owned());
                     let created =
@@ -106,9 +106,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                         .map_err(|problem| anyhow!("the name {problem}"))?;
                     let shown = KeySummary::of(&key, now);
                     let detail = json!({ "name": key.name, "role": key.role.name() });
-                    let deed = deed("key.create", &key.id, detail);
+                    let audit_entry = audit_entry("key.create", &key.id, detail);
                     let row = KeyRow { key, hash: token.hash() };
-                    store.keep(vec![Entry::AddKey(Box::new(row)), deed]).await?;
+                    store.keep(vec![Entry::AddKey(Box::new(row)), audit_entry]).await?;
                     store.close().await;
                     (shown, token.reveal().to_owned())
                 }
@@ -123,8 +123,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                 secret.chars().take(10).collect::<String>()
             );
         }
-        Command::List { place } => {
-            let keys = match place.open().await? {
+        Command::List { keys } => {
+            let keys = match keys.open().await? {
                 Opened::Server(client) => client.keys().await?.items,
                 Opened::Database(store) => {
                     let now = SystemClock.now();
@@ -149,8 +149,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             }
             println!("{table}");
         }
-        Command::Revoke { id, place } => {
-            let key = match place.open().await? {
+        Command::Revoke { id, keys } => {
+            let key = match keys.open().await? {
                 Opened::Server(client) => client.revoke_key(&id).await?,
                 Opened::Database(store) => {
                     let now = SystemClock.now();
@@ -162,7 +162,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     };
                     if find().await?.revoked_at.is_none() {
                         let revoke = Entry::RevokeKey { id: id.clone(), at: now };
-                        store.keep(vec![revoke, deed("key.revoke", &id, json!({}))]).await?;
+                        store.keep(vec![revoke, audit_entry("key.revoke", &id, json!({}))]).await?;
                     }
                     let key = find().await?;
                     store.close().await;
@@ -176,7 +176,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 /// What is done on the server's own machine, for the audit log.
-fn deed(action: &'static str, subject: &str, detail: serde_json::Value) -> Entry {
+fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -> Entry {
     Entry::Audit(Box::new(AuditRow {
         at: SystemClock.now(),
         who: "local".to_owned(),
@@ -191,7 +191,7 @@ enum Opened {
     Database(Store),
 }
 
-impl Place {
+impl KeyStore {
     async fn open(self) -> anyhow::Result<Opened> {
         let Self { db, server, key } = self;
         if let Some(server) = server {

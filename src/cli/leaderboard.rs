@@ -15,7 +15,7 @@ use crate::standings::Standings;
 use crate::store::{OpenError, Store};
 use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, Table as _, TaskScore};
 
-/// Columns of a terminal from which on a row also says how sure its place is, and what went wrong.
+/// The width of a terminal from which rows also show confidence intervals and failures.
 const WIDE: u16 = 132;
 
 #[derive(Debug, clap::Args)]
@@ -28,7 +28,7 @@ const WIDE: u16 = 132;
 )]
 pub(super) struct Args {
     #[command(flatten)]
-    place: Place,
+    source: Source,
     /// The suite: its name, or name@digest where several have that name (standard).
     #[arg(long)]
     suite: Option<String>,
@@ -41,16 +41,16 @@ pub(super) struct Args {
     /// Rank by `total`, or by the mean of a task (total).
     #[arg(long)]
     sort: Option<String>,
-    /// Which run of a player makes its row: best, last or mean (best).
+    /// How the runs of a player become one row: best, last or mean (best).
     #[arg(long)]
     pick: Option<String>,
-    /// Leave out the rows of the paper.
+    /// Hide the results of the paper.
     #[arg(long)]
     no_reference: bool,
-    /// Also show games that were read from files, for which nobody vouches.
+    /// Also show imported games, which this server cannot verify.
     #[arg(long)]
     imported: bool,
-    /// Write comma-separated values, with everything that the server tells.
+    /// Write CSV, with all columns.
     #[arg(long)]
     csv: bool,
 }
@@ -59,28 +59,28 @@ pub(super) struct Args {
 #[command(after_help = "Example:\n  swarmbench cross-play --task Foraging --csv > cross-play.csv")]
 pub(super) struct CrossPlayArgs {
     #[command(flatten)]
-    place: Place,
+    source: Source,
     /// Games of this task only.
     #[arg(long, value_parser = super::play::task)]
     task: Option<TaskName>,
     /// Games of this rule set only: paper or reference.
     #[arg(long, value_parser = ["paper", "reference"])]
     rules: Option<String>,
-    /// Write comma-separated values.
+    /// Write CSV.
     #[arg(long)]
     csv: bool,
 }
 
-/// Where the results are: behind a server, or in a database that no server uses.
+/// Where the results are: on a running server, or in a database that no server uses.
 #[derive(Debug, clap::Args)]
-struct Place {
+struct Source {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
-    /// Your key, where the server is private.
+    /// Your key, if the server is private.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// Instead of a server: a database, as long as no server runs on it.
+    /// Instead of a server: a database file that no server uses.
     #[arg(long)]
     db: Option<PathBuf>,
 }
@@ -90,7 +90,7 @@ enum Opened {
     Database(Store),
 }
 
-impl Place {
+impl Source {
     async fn open(self) -> anyhow::Result<Opened> {
         let Some(db) = self.db else {
             let client = Client::new(&self.server)?;
@@ -111,9 +111,9 @@ impl Place {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { place, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
+    let Args { source, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
     let question = Question { suite, rules, task, sort, pick, no_reference, imported };
-    let board = match place.open().await? {
+    let board = match source.open().await? {
         Opened::Server(client) => client.leaderboard(&question).await?,
         Opened::Database(store) => {
             let boards = Standings::new(store.clone()).boards().await?;
@@ -131,8 +131,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
-    let CrossPlayArgs { place, task, rules, csv } = args;
-    let found = match place.open().await? {
+    let CrossPlayArgs { source, task, rules, csv } = args;
+    let found = match source.open().await? {
         Opened::Server(client) => {
             client.cross_play(task.map(TaskName::name), rules.as_deref()).await?
         }
@@ -167,7 +167,7 @@ fn show(board: &Leaderboard) {
     println!("? nobody vouches for this name   * a row of the paper");
     println!("declared, enforced: whether each seat decided for itself");
     if width < WIDE {
-        println!("{WIDE} columns, or --csv, also show how sure a place is and what went wrong");
+        println!("{WIDE} columns, or --csv, also show confidence intervals and failures");
     }
 }
 
@@ -220,7 +220,7 @@ pub(super) fn short(task: &str) -> &str {
     if task == TaskName::Synchronization.name() { "Synchr." } else { task }
 }
 
-/// Who a row is, and what is to be known of its run.
+/// The player of a row, and remarks about its run.
 fn player(row: &BoardRow) -> String {
     let mark = match (row.reference, row.vouched) {
         (true, _) => " *",

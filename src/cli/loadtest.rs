@@ -17,7 +17,7 @@ use crate::loadtest::latencies::Spread;
 use crate::loadtest::metrics::Metrics;
 use crate::loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
 
-/// Files that are open beside connections: the terminal, the runtime, the database of the bare writer.
+/// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
 
 #[derive(Debug, clap::Args)]
@@ -26,25 +26,25 @@ const FILES_RESERVED: u64 = 100;
     database, and takes all of the processors that it can get."
 )]
 pub(super) struct Args {
-    /// What to test; where nothing is named: obs, acts and play.
+    /// The scenarios; default: obs, acts and play.
     #[arg(value_enum)]
     scenarios: Vec<Scenario>,
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
-    /// A key that may create episodes, where the server asks for one.
+    /// A key that may create episodes, if the server needs one.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
-    /// Print all that was measured as JSON instead of tables.
+    /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
     /// obs, acts: how long server and bare program run in turn, in seconds.
     #[arg(long, default_value_t = 3.0, value_parser = seconds)]
     turn: f64,
-    /// obs, acts: how many turns each has.
+    /// obs, acts: how many turns each gets.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     turns: u16,
-    /// obs: connections, on each of which one request follows the other.
+    /// obs: connections, each with one request at a time.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(1..))]
     connections: u16,
     /// acts: how many episodes of 12 seats at once, two lines for each: the more there are, the larger are the groups.
@@ -58,7 +58,7 @@ pub(super) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "32,128,512,2048,8192",
           value_parser = clap::value_parser!(u16).range(1..))]
     episodes: Vec<u16>,
-    /// play: rounds of each episode; where it is left out, fewer the more episodes there are (4 to 100).
+    /// play: rounds of each episode; default: 4 to 100, fewer for more episodes.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     rounds: Option<u32>,
     /// polls: requests that wait at once.
@@ -70,13 +70,13 @@ pub(super) struct Args {
     /// slow: clients that send a byte now and then, or nothing, or read nothing.
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u16).range(1..))]
     slow_connections: u16,
-    /// slow: how long they are watched, in seconds; honest clients play alone as long before.
+    /// slow: the duration in seconds; before it honest clients play alone for as long.
     #[arg(long, default_value_t = 30.0, value_parser = seconds)]
     slow_time: f64,
-    /// Connections at once at most, whatever is asked for.
+    /// The maximum number of concurrent connections.
     #[arg(long, default_value_t = 15_000, value_parser = clap::value_parser!(u16).range(64..))]
     connections_max: u16,
-    /// Be the bare handler of another load test: what this program starts for `obs`.
+    /// Internal: run as the bare handler of another load test (`obs`).
     #[arg(long, hide = true)]
     bare_handler: bool,
 }
@@ -84,15 +84,15 @@ pub(super) struct Args {
 /// What can be tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Scenario {
-    /// Looks a second, against a bare handler that sends the same bytes.
+    /// Observations per second, compared with a bare handler that sends the same bytes.
     Obs,
-    /// Durable acts a second, against a bare writer that commits groups of the same size.
+    /// Durable acts per second, compared with a bare writer that commits groups of the same size.
     Acts,
     /// A grid of games, played to the end.
     Play,
-    /// Many requests that wait.
+    /// Many long polls.
     Polls,
-    /// Slow clients beside honest ones.
+    /// Slow clients next to honest ones.
     Slow,
     /// All of these.
     All,
@@ -105,7 +105,7 @@ fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "must be from 0.01 to 3600".to_owned())
 }
 
-/// All that was measured.
+/// All measurements.
 #[derive(Debug, Default, Serialize)]
 struct Report {
     server: String,
@@ -172,7 +172,7 @@ fn progress(bar: &ProgressBar) -> Progress {
     })
 }
 
-/// How many connections may be held, by the limits of both processes and what was asked for.
+/// How many connections may be open, by the limits of both processes and the options.
 fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize {
     let own = crate::host::raise_open_files().map_or(usize::MAX, |files| {
         usize::try_from(files.saturating_sub(FILES_RESERVED)).unwrap_or(usize::MAX)

@@ -44,13 +44,13 @@ enum Command {
     Demo(demo::Args),
     /// Run the server.
     Serve(serve::Args),
-    /// Make, list and revoke the keys of people.
+    /// Create, list and revoke keys.
     Key(key::Args),
-    /// Create competitions, look after them, and publish what came of them.
+    /// Create and manage competitions, and publish their results.
     Competition(Box<competition::Args>),
-    /// Show what organizers did.
+    /// Show the audit log: what organizers did.
     Audit(audit::Args),
-    /// Confirm the clock of a server whose time of day is in doubt.
+    /// Confirm the clock of a server that doubts its time of day.
     Clock(clock::Args),
     /// Create an episode, or a run of a whole suite, on a server and play it with built-in players.
     Play(play::Args),
@@ -58,23 +58,23 @@ enum Command {
     Eval(Box<eval::Args>),
     /// Play a journal file, all of a competition, or all of a database again and check every hash, digest, act and score.
     Verify(verify::Args),
-    /// Show who did how well in a suite.
+    /// Show the leaderboard of a suite.
     Leaderboard(leaderboard::Args),
-    /// Show which models did how well together.
+    /// Show how well models play together.
     CrossPlay(leaderboard::CrossPlayArgs),
-    /// Make what boards are made of again.
+    /// Rebuild the results that boards show from the journals.
     Board(board::Args),
-    /// Copy the database of a server, which may go on meanwhile.
+    /// Copy the database of a server, also while the server runs.
     Backup(backup::Args),
-    /// Write episodes in the data format of the public toolkit, or as tables.
+    /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
-    /// Read games in the data format of the public toolkit.
+    /// Import games in the data format of the public toolkit.
     Import(import::Args),
-    /// Load a server of your own, and compare it with what is possible at best.
+    /// Load test your own server, and compare it with minimal programs on the same machine.
     Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
-    /// Ask a server whether it lives; fails if it does not.
+    /// Check that a server is alive; fails if it is not.
     Healthcheck(healthcheck::Args),
 }
 
@@ -105,7 +105,7 @@ pub fn main() -> ExitCode {
     told(result.map(|()| ExitCode::SUCCESS))
 }
 
-/// The code with which the process ends; an error is told.
+/// The exit code of the process; prints the error, if any.
 fn told(result: anyhow::Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");

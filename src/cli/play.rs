@@ -25,7 +25,7 @@ pub(super) struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
-    /// Your key, where the server asks for one.
+    /// Your key, if the server needs one.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
     key: Option<String>,
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
@@ -43,10 +43,10 @@ pub(super) struct Args {
     /// With --suite: how many games are open at a time (4).
     #[arg(long, requires = "suite")]
     parallel: Option<u32>,
-    /// What stands for who plays; built-in/PLAYER where it is left out.
+    /// The name of the model to record; default: built-in/PLAYER.
     #[arg(long, conflicts_with = "run")]
     model: Option<String>,
-    /// The seed of the layout; drawn at random where it is left out.
+    /// The seed of the layout; random by default.
     #[arg(long)]
     seed: Option<i64>,
     /// The built-in player for every seat.
@@ -70,7 +70,7 @@ pub(super) struct Args {
     /// Rows and columns of an agent's window (5).
     #[arg(long)]
     view_size: Option<i64>,
-    /// After how many rounds the episode ends (100).
+    /// The maximum number of rounds of the episode (100).
     #[arg(long)]
     max_round: Option<i64>,
 }
@@ -91,7 +91,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if let Some(key) = args.key.clone() {
         client = client.with_key(key);
     }
-    // Once a game goes on, a server that is away for a moment is waited for; here it is not.
+    // During a game requests are retried while the server is away; here they are not.
     client.health().await?;
     match args.task {
         Some(task) => play_episode(&client, args, task).await,
@@ -122,7 +122,7 @@ async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Re
     Ok(())
 }
 
-/// Plays a run, or what is left of one, and shows what it came to.
+/// Plays a run, or the rest of one, and shows its result.
 async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     let name = args.player.as_deref();
     let (run, token) = match args.run {
@@ -213,7 +213,7 @@ impl RunBars {
     }
 }
 
-/// What a run came to as a table.
+/// The result of a run as a table.
 fn results(run: &RunDetail) -> Table {
     let mut table = table(&["task", "mean ± deviation", "games"]);
     for task in &run.run.tasks {
@@ -228,7 +228,7 @@ fn results(run: &RunDetail) -> Table {
     table
 }
 
-/// The player of this name, or the one that a task has of its own.
+/// The player of this name, or the default of a task.
 pub(super) fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'static BuiltIn> {
     match name {
         None => Ok(default_for(task)),

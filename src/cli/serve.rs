@@ -13,42 +13,42 @@ use crate::telemetry::{LogFormat, start_logs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Where to listen.
+    /// The address and port to listen on.
     #[arg(long, env = "SWARMBENCH_ADDR", default_value = "127.0.0.1:8080")]
     addr: SocketAddr,
-    /// The database; created where there is none. One server owns it at a time.
+    /// The database file; created if it does not exist. Only one server at a time can use it.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// As long as there are no keys, let everyone who can reach the server create, watch and abort
+    /// While no keys exist, let everyone who can reach the server create, watch and abort
     /// episodes, not only programs on this machine.
     #[arg(long, env = "SWARMBENCH_OPEN", value_parser = clap::builder::FalseyValueParser::new())]
     open: bool,
-    /// Show nothing to anyone who has neither a key nor a token of the episode, not even what has ended.
+    /// Private server: without a key or a token of the episode nothing can be read, not even episodes that have ended.
     #[arg(long, env = "SWARMBENCH_PRIVATE", value_parser = clap::builder::FalseyValueParser::new())]
     private: bool,
-    /// A proxy, by address or network (10.0.0.0/8), that says truly in X-Forwarded-For whom it forwards.
+    /// A trusted proxy, by address or network (10.0.0.0/8): its X-Forwarded-For header is believed.
     #[arg(long, env = "SWARMBENCH_TRUSTED_PROXY", value_delimiter = ',', value_name = "NETWORK", value_parser = network)]
     trusted_proxy: Vec<IpNet>,
-    /// Requests a second from one address, on average; 0 for any number. This machine's own are not limited.
+    /// Rate limit: requests per second from one address, on average; 0 for no limit. This machine itself is not limited.
     #[arg(long, env = "SWARMBENCH_ADDRESS_REQUESTS_PER_S", default_value_t = Limits::default().address_requests_per_s_max)]
     address_requests_per_s: u32,
-    /// Requests a second with one key and the tokens of its episodes; 0 for any number.
+    /// Rate limit: requests per second with one key and the tokens of its episodes; 0 for no limit.
     #[arg(long, env = "SWARMBENCH_KEY_REQUESTS_PER_S", default_value_t = Limits::default().key_requests_per_s_max)]
     key_requests_per_s: u32,
-    /// Entries in competitions an hour from one address without an invitation; 0 for any number. This machine's own are not limited.
+    /// Rate limit: entries in competitions per hour from one address without an invitation; 0 for no limit. This machine itself is not limited.
     #[arg(long, env = "SWARMBENCH_ENTRIES_PER_ADDRESS_H", default_value_t = Limits::default().entries_per_address_h_max)]
     entries_per_address_h: u32,
-    /// Episodes of one key that may be unfinished at a time.
+    /// Unfinished episodes that one key may have at a time.
     #[arg(long, env = "SWARMBENCH_EPISODES_PER_KEY", default_value_t = Limits::default().episodes_per_key_max)]
     episodes_per_key: usize,
     /// Bytes that the acts of all episodes of one key may take.
     #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
     journal_bytes_per_key: u64,
-    /// Memory that all worlds and answers may take together, such as 6GiB; half of what the machine, or the control
-    /// group, has where it is left out. The process needs some more.
+    /// Memory limit of all worlds and answers together, such as 6GiB. Default: half of the memory of the machine or the
+    /// control group. The process needs some more.
     #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
     memory_max: Option<usize>,
-    /// How logs are written; `RUST_LOG` says which.
+    /// The log format; `RUST_LOG` sets the log level.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
 }
@@ -71,7 +71,7 @@ fn bytes(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "a number of bytes, at least 16MiB, such as 6GiB or 512MiB".to_owned())
 }
 
-/// With less than this nothing could be played.
+/// With less nothing could be played.
 const MEMORY_LEAST: usize = 16 << 20;
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -104,9 +104,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         );
     }
     if args.open && server.has_keys() {
-        tracing::warn!(
-            "--open changes nothing: there are keys, so whoever creates episodes shows one"
-        );
+        tracing::warn!("--open has no effect: there are keys, so creating an episode needs one");
     }
     let listener = listen(args.addr)
         .with_context(|| format!("cannot listen on {}; is another server there?", args.addr))?;

@@ -32,8 +32,8 @@ pub(super) struct Args {
     /// the settings of its place, play all games again, and recompute the board.
     #[arg(long)]
     competition: bool,
-    /// The head of the journal's chain, as the server shows it for a finished episode; or that of the export, as the
-    /// organizer published it. Without it a file only proves to be consistent, with it to be that one.
+    /// The expected head of the hash chain: of the journal, as the server shows it for a finished episode, or of the
+    /// export, as the organizer published it. Without it only consistency is checked, not that it is this file.
     #[arg(long)]
     head: Option<String>,
     /// The commitment that was published before the competition was played, in hexadecimal.

@@ -1,4 +1,4 @@
-//! Whether the time of day can be relied on.
+//! Detects that the time of day is in doubt.
 //!
 //! The server keeps the time of day by a steady clock, one that nobody sets. The host's own is only
 //! compared with it: small differences are followed slowly, and after a jump neither is believed.

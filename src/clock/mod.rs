@@ -1,7 +1,7 @@
 //! Time and randomness, the two things that a server takes from its host, as arguments.
 //!
 //! A server goes by two times (ADR 8). The *running time* is for all that takes time:
-//! rounds, waits, timeouts. It is never set, and stands still while the process does. The *time of
+//! rounds, waits, timeouts. It is never set, and stops while the process is stopped. The *time of
 //! day* is for what is written down and for what happens at a moment that was announced; nothing that
 //! cannot be undone happens because of it while it is in [`Doubt`]. Both begin at the same moment, so
 //! a running time is a timestamp, too: [`Clock::to_wall`] and [`Clock::running_at`] lead from one to the
@@ -45,7 +45,7 @@ pub trait Clock: Send + Sync + 'static {
         wall
     }
 
-    /// A time that only goes on, also while the process is stopped.
+    /// A monotonic time that runs also while the process is stopped.
     fn steady(&self) -> Timestamp {
         self.now()
     }
@@ -186,7 +186,7 @@ impl Clock for ServerClock {
     }
 }
 
-/// A clock that moves only when it is told to: for tests, which never sleep.
+/// A clock that moves only on command: for tests, which never sleep.
 #[derive(Debug)]
 pub struct ManualClock {
     now: watch::Sender<Timestamp>,
@@ -204,7 +204,7 @@ struct ManualHost {
 }
 
 impl ManualClock {
-    /// A clock that stands at `start`.
+    /// A clock at `start`.
     #[must_use]
     pub fn new(start: Timestamp) -> Self {
         let start = to_millisecond(start);
@@ -213,7 +213,7 @@ impl ManualClock {
         Self { now: watch::Sender::new(start), host: Mutex::new(host) }
     }
 
-    /// Moves the clock forward and wakes whoever waited for that.
+    /// Moves the clock forward and wakes the tasks that waited for that.
     pub fn advance(&self, by: Duration) {
         self.now.send_modify(|now| *now = after(*now, by));
     }

@@ -1,4 +1,4 @@
-//! The running time: it stands still while the process does.
+//! The running time: it stops while the process is stopped.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ pub const BEAT: Duration = Duration::from_millis(50);
 /// Where nobody looked for longer than this, the process did not run: it was stopped, or the machine was.
 const STOPPED_MIN: Duration = Duration::from_millis(500);
 
-/// For how long the running time stands still after that: what came in meanwhile is read first.
+/// For how long the running time stays stopped after that: requests that arrived meanwhile are read first.
 const CATCH_UP: Duration = Duration::from_millis(250);
 
-/// The running time, made of a monotonic time that goes on while the process is stopped.
+/// The running time, derived from a monotonic time that runs while the process is stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Running {
     /// The monotonic time that is counted.

@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 const PAUSE_MAX: Duration = Duration::from_mins(1);
 
 /// Looks after competitions that have closed, for ever.
-pub async fn look_after(store: &Store, runs: &Runs, clock: &dyn Clock) {
+pub async fn run(store: &Store, runs: &Runs, clock: &dyn Clock) {
     let mut failed = Failed::default();
     loop {
         if clock.doubt().is_none() {
@@ -42,7 +42,7 @@ struct Failure {
     again_at: Timestamp,
 }
 
-/// Closes each competition by itself: one that cannot be closed keeps no other open. Returns those that
+/// Closes each competition by itself: one that cannot be closed does not delay others. Returns those that
 /// could not be closed.
 async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Failed) -> Failed {
     let closing = match store.closing_competitions(clock.wall()).await {
@@ -69,7 +69,7 @@ async fn close_all(store: &Store, runs: &Runs, clock: &dyn Clock, mut before: Fa
     failed
 }
 
-/// Notes that a competition could not be closed; the log is told where the reason is another than before.
+/// Notes that a competition could not be closed; it is logged if the reason is another than before.
 fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Failure {
     metrics::counter!("swarmbench_closing_failures_total").increment(1);
     if last.as_ref().is_none_or(|last| last.error != error) {
@@ -93,8 +93,8 @@ async fn close(
             runs.advance(attempt.run).await?;
         }
     }
-    // Whoever began to start an attempt in time has started it.
-    let _closed = runs.while_nobody_enters().await;
+    // Attempts whose start began in time have been started.
+    let _closed = runs.block_entries().await;
     reveal_if_over(store, clock, &competition).await
 }
 

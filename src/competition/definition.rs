@@ -72,7 +72,7 @@ pub struct Definition {
 pub enum Admission {
     /// Anybody.
     Anybody,
-    /// Whoever has an invitation code.
+    /// Holders of an invitation code.
     Codes,
 }
 
@@ -100,7 +100,7 @@ pub struct Window {
     pub closes_at: Timestamp,
 }
 
-/// Which attempt of an entrant counts, of those that are over and that the host did not break.
+/// Which attempt of an entrant counts, of those that are over and were not voided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Counts {

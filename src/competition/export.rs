@@ -74,7 +74,7 @@ pub struct Attempt {
     pub created_at: Timestamp,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it does not count, where the host broke it. Then its games are left out.
+    /// Why it was voided, if it was. Then its games are left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voided: Option<String>,
     /// The games that have ended, in the order of the plan.
@@ -89,7 +89,7 @@ pub struct Game {
     pub slot: u32,
     /// The id of its episode.
     pub episode: String,
-    /// Why it does not count, where the host broke it. Then its journal is left out.
+    /// Why it was voided, if it was. Then its journal is left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voided: Option<String>,
 }

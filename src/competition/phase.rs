@@ -5,7 +5,7 @@ use jiff::Timestamp;
 
 use super::definition::{BoardRule, Definition};
 
-/// Where a competition stands.
+/// The phase of a competition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// It has not opened.
@@ -66,7 +66,7 @@ pub enum NotNow {
 }
 
 /// Which attempt is started now: the one that is asked for, or else the first that was not started and is open.
-/// `used` are those that were started and that the host did not break.
+/// `used` are those that were started and were not voided.
 ///
 /// # Errors
 /// Why none is.

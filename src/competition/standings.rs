@@ -1,6 +1,6 @@
 //! Which attempt of each entrant counts, and who is ahead.
 //!
-//! Attempts count once they are over, however they ended; one that the host broke does not. What an attempt is
+//! Attempts count once they are over, however they ended; a voided one does not. What an attempt is
 //! worth, and when two totals are the same, is decided in [`crate::board`].
 
 use std::collections::{HashMap, HashSet};
@@ -30,7 +30,7 @@ pub struct Attempt {
     pub status: String,
     /// Whether it, and every game of it, has ended.
     pub is_over: bool,
-    /// Whether the host broke all of it.
+    /// Whether all of it was voided.
     pub voided: bool,
     /// When it was started.
     pub created_at: Timestamp,
@@ -62,15 +62,15 @@ pub struct Row {
     pub total: Option<f64>,
     /// Answers that players gave in the games that count.
     pub answers: u64,
-    /// Those of them that were none.
+    /// The invalid ones among them.
     pub invalid: u64,
-    /// Moves for which the clock ran out.
-    pub clock_outs: u64,
-    /// Games of the attempt that the host broke.
+    /// Moves that timed out.
+    pub timeouts: u64,
+    /// Voided games of the attempt.
     pub voided_games: u32,
-    /// Attempts that are over and that the host did not break.
+    /// Attempts that are over and were not voided.
     pub attempts: u32,
-    /// Attempts that the host broke.
+    /// Voided attempts.
     pub voided_attempts: u32,
     /// `declared` or `enforced`; none under centralized control.
     pub decentralization: Option<String>,
@@ -88,9 +88,9 @@ pub struct TaskRow {
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: u32,
-    /// Games that were to be played, without those that the host broke.
+    /// Planned games, without voided ones.
     pub planned: u32,
-    /// Games that the host broke.
+    /// Voided games.
     pub voided: u32,
 }
 
@@ -217,7 +217,7 @@ fn row(
         total: shown.and_then(|shown| shown.total(tasks)),
         answers: sum(|task| task.answers),
         invalid: sum(|task| task.invalid),
-        clock_outs: sum(|task| task.clock_outs),
+        timeouts: sum(|task| task.timeouts),
         voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
         attempts: count(&|attempt| attempt.is_over && !attempt.voided),
         voided_attempts: count(&|attempt| attempt.voided),
@@ -263,7 +263,7 @@ mod tests {
             score,
             answers: 10,
             invalid: 1,
-            clock_outs: 2,
+            timeouts: 2,
             voided: false,
         };
         Attempt {
@@ -345,7 +345,7 @@ mod tests {
         let running = Attempt { is_over: false, ..attempt("a", 2, 30, 9.0) };
         let rows = standings(&definition(), &entrants, &[abandoned.clone(), voided, running]);
         assert_eq!((rows[0].total, rows[0].attempts, rows[0].voided_attempts), (Some(2.0), 1, 1));
-        // A single game that the host broke is left out of its mean.
+        // A single voided game is left out of its mean.
         abandoned.games[0].voided = true;
         let rows = standings(&definition(), &entrants, &[abandoned]);
         assert_eq!((rows[0].total, rows[0].voided_games), (Some(0.0), 1));

@@ -39,7 +39,7 @@ pub enum Fault {
         /// What is wrong.
         problem: String,
     },
-    /// The whole is not what was promised.
+    /// The file as a whole is not the expected one.
     #[error("{0}")]
     Whole(String),
 }
@@ -72,7 +72,7 @@ pub struct Expected {
     pub head: Option<Head>,
 }
 
-/// Checks the file of a competition; `progress` is told how many lines were read.
+/// Checks the file of a competition; `progress` is called with how many lines were read.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -308,36 +308,36 @@ impl Checker {
     fn attempt<R: BufRead, P: FnMut(usize)>(
         &mut self,
         reader: &mut Reader<R, P>,
-        told: &export::Attempt,
+        published: &export::Attempt,
         solver: Solver,
     ) -> Result<(), Fault> {
-        let place = format!("attempt {} of {}", told.attempt, told.entrant);
+        let place = format!("attempt {} of {}", published.attempt, published.entrant);
         reader.place.clone_from(&place);
-        let (window, run) = self.place(told).map_err(|what| reader.wrong(what))?;
+        let (window, run) = self.place(published).map_err(|what| reader.wrong(what))?;
         let plan = run.suite.plan();
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
             seed: game.seed,
         });
         let mut attempt = Attempt {
-            entrant: told.entrant.clone(),
-            number: told.attempt,
-            run: told.run.clone(),
-            status: told.status.clone(),
-            is_over: told.status != "running",
-            voided: told.voided.is_some(),
-            created_at: told.created_at,
-            ended_at: told.ended_at,
+            entrant: published.entrant.clone(),
+            number: published.attempt,
+            run: published.run.clone(),
+            status: published.status.clone(),
+            is_over: published.status != "running",
+            voided: published.voided.is_some(),
+            created_at: published.created_at,
+            ended_at: published.ended_at,
             plan: slots.collect(),
             games: Vec::new(),
         };
-        for game in &told.games {
+        for game in &published.games {
             let planned = plan.get(game.slot as usize);
             let planned = planned.ok_or_else(|| reader.wrong("it has a game too many"))?;
             let slot = attempt.plan[game.slot as usize];
             if game.voided.is_some() {
                 let none =
-                    Game { slot, score: 0.0, answers: 0, invalid: 0, clock_outs: 0, voided: true };
+                    Game { slot, score: 0.0, answers: 0, invalid: 0, timeouts: 0, voided: true };
                 attempt.games.push(none);
                 continue;
             }
@@ -356,8 +356,8 @@ impl Checker {
             }
             let head = Head::parse(&header.head).ok_or_else(|| reader.wrong("its head is none"))?;
             let played = reader.journal(header.lines, head, solver)?;
-            let asked = Asked { told, game, run: &run, window, planned };
-            Self::check_game(&asked, &played).map_err(|what| reader.wrong(what))?;
+            let check = GameCheck { published, game, run: &run, window, planned };
+            Self::check_game(&check, &played).map_err(|what| reader.wrong(what))?;
             self.episodes += 1;
             self.rounds += u64::from(played.rounds);
             attempt.games.push(Game {
@@ -365,7 +365,7 @@ impl Checker {
                 score: played.score,
                 answers: played.tally.acts,
                 invalid: played.tally.invalid,
-                clock_outs: played.tally.clock_outs,
+                timeouts: played.tally.timeouts,
                 voided: false,
             });
         }
@@ -375,38 +375,41 @@ impl Checker {
     }
 
     /// When an attempt may be played, and what.
-    fn place(&self, told: &export::Attempt) -> Result<(Window, Run), String> {
+    fn place(&self, published: &export::Attempt) -> Result<(Window, Run), String> {
         let definition = self.definition();
-        let entrant = self.entrants.iter().find(|entrant| entrant.id == told.entrant);
+        let entrant = self.entrants.iter().find(|entrant| entrant.id == published.entrant);
         let entrant = entrant.ok_or("there is no such entrant")?;
-        let window = definition.window(told.attempt);
+        let window = definition.window(published.attempt);
         let window = window.ok_or("the competition has fewer attempts")?;
         let same = |other: &&Attempt| {
-            other.entrant == told.entrant && other.number == told.attempt && !other.voided
+            other.entrant == published.entrant && other.number == published.attempt && !other.voided
         };
-        if told.voided.is_none() && self.attempts.iter().any(|other| same(&other)) {
+        if published.voided.is_none() && self.attempts.iter().any(|other| same(&other)) {
             return Err("it was played twice".to_owned());
         }
-        if self.attempts.iter().any(|other| other.run == told.run) {
-            return Err(format!("its run {} is there twice", told.run));
+        if self.attempts.iter().any(|other| other.run == published.run) {
+            return Err(format!("its run {} is there twice", published.run));
         }
         let from = window.opens_at.max(entrant.registered_at);
-        check_time("it was started", told.created_at, from, window.closes_at)?;
-        let seeds = self.sealed.of_attempt(told.attempt, definition.seeds);
+        check_time("it was started", published.created_at, from, window.closes_at)?;
+        let seeds = self.sealed.of_attempt(published.attempt, definition.seeds);
         let id = &self.competition.id;
-        let run = definition.run(id, &entrant.declaration, told.attempt, seeds);
+        let run = definition.run(id, &entrant.declaration, published.attempt, seeds);
         Ok((window, run.ok_or("the competition has fewer attempts")?))
     }
 
     /// Checks that a game that plays again is the one that belongs in its place.
-    fn check_game(asked: &Asked<'_>, played: &Played) -> Result<(), String> {
-        let Asked { told, game, run, window, planned } = *asked;
+    fn check_game(check: &GameCheck<'_>, played: &Played) -> Result<(), String> {
+        let GameCheck { published, game, run, window, planned } = *check;
         let opening = &played.opening;
         if opening.episode != game.episode {
             return Err(format!("its journal is that of {}", opening.episode));
         }
-        if opening.run.as_ref() != Some(&told.run) {
-            return Err(format!("it belongs to {:?}, not to the run {}", opening.run, told.run));
+        if opening.run.as_ref() != Some(&published.run) {
+            return Err(format!(
+                "it belongs to {:?}, not to the run {}",
+                opening.run, published.run
+            ));
         }
         if opening.config.seed != planned.seed {
             return Err(format!(
@@ -414,7 +417,7 @@ impl Checker {
                 opening.config.seed, planned.seed
             ));
         }
-        let expected = run.spec(&told.run, planned, None)?;
+        let expected = run.spec(&published.run, planned, None)?;
         differs("setting", &opening.config, &expected.recorded())?;
         if opening.agent_meta != expected.agent_meta {
             return Err("it tells other things of who plays than the entrant declared".to_owned());
@@ -423,7 +426,7 @@ impl Checker {
         if expected.custom_template && opening.prompt_template != *expected.prompt_template {
             return Err("it has another prompt template than the entrant declared".to_owned());
         }
-        check_time("it was created", opening.created_at, told.created_at, window.closes_at)?;
+        check_time("it was created", opening.created_at, published.created_at, window.closes_at)?;
         if played.end.is_none() {
             return Err("its journal has no end".to_owned());
         }
@@ -431,22 +434,22 @@ impl Checker {
     }
 
     /// The board as it follows from what was played.
-    fn board(&self, told: Vec<Row>) -> Result<Vec<Row>, String> {
+    fn board(&self, published: Vec<Row>) -> Result<Vec<Row>, String> {
         let rows = standings(self.definition(), &self.entrants, &self.attempts);
-        for (place, (told, row)) in (1..).zip(told.iter().zip(&rows)) {
-            differs(&format!("row {place}:"), told, row)?;
+        for (place, (published, row)) in (1..).zip(published.iter().zip(&rows)) {
+            differs(&format!("row {place}:"), published, row)?;
         }
-        if told.len() != rows.len() {
-            return Err(format!("it has {} rows, recomputed {}", told.len(), rows.len()));
+        if published.len() != rows.len() {
+            return Err(format!("it has {} rows, recomputed {}", published.len(), rows.len()));
         }
-        Ok(told)
+        Ok(published)
     }
 }
 
 /// A game, and what its place demands.
 #[derive(Clone, Copy)]
-struct Asked<'a> {
-    told: &'a export::Attempt,
+struct GameCheck<'a> {
+    published: &'a export::Attempt,
     game: &'a export::Game,
     run: &'a Run,
     window: Window,
@@ -461,18 +464,18 @@ fn check_time(what: &str, at: Timestamp, from: Timestamp, before: Timestamp) -> 
 }
 
 /// Names the first field in which two things differ.
-fn differs<T: serde::Serialize>(what: &str, told: &T, expected: &T) -> Result<(), String> {
+fn differs<T: serde::Serialize>(what: &str, published: &T, expected: &T) -> Result<(), String> {
     let fields = |of: &T| match serde_json::to_value(of) {
         Ok(Value::Object(fields)) => fields,
         _ => serde_json::Map::new(),
     };
-    let (told, expected) = (fields(told), fields(expected));
-    for name in told.keys().chain(expected.keys()) {
-        let (told, expected) = (told.get(name), expected.get(name));
-        if told != expected {
+    let (published, expected) = (fields(published), fields(expected));
+    for name in published.keys().chain(expected.keys()) {
+        let (published, expected) = (published.get(name), expected.get(name));
+        if published != expected {
             let show = |value: Option<&Value>| value.map_or("missing".to_owned(), Value::to_string);
-            let (told, expected) = (show(told), show(expected));
-            return Err(format!("{what} {name} is {told}, and should be {expected}"));
+            let (published, expected) = (show(published), show(expected));
+            return Err(format!("{what} {name} is {published}, and should be {expected}"));
         }
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! How much is read of files that anybody may have written.
+//! Limits for reading untrusted files.
 
 use std::cell::Cell;
 use std::io::{self, Read};

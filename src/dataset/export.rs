@@ -1,8 +1,8 @@
-//! Writing: stored episodes, played again one after the other, one round at a time.
+//! Writing: stored episodes, replayed one after the other, one round at a time.
 //!
 //! An export reads a few rounds at once and keeps one episode's world in memory, however many there are; the
 //! texts of acts are read part by part.
-//! It works on a thread of its own: it computes, it reads the store, and it waits for whoever takes what
+//! It works on a thread of its own: it computes, it reads the store, and it waits for the reader of what
 //! it writes.
 
 use std::collections::HashSet;
@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::columns::Table;
 use super::files::Files;
 use super::format::{self, AgentRow, GameRow, META, Meta};
-use super::game::{Game, Given, Turn};
+use super::game::{Game, GameAct, Turn};
 use super::imported;
 use super::tables::{self, Cell, Column, Named};
 use crate::ids::EpisodeId;
@@ -104,7 +104,7 @@ pub struct Exported {
     pub episodes: u64,
     /// Rounds that were resolved.
     pub rounds: u64,
-    /// Acts that were given in them.
+    /// Acts that were sent in them.
     pub acts: u64,
     /// Episodes that are left out, as they do not play again, with the reason.
     pub broken: Vec<(String, String)>,
@@ -122,12 +122,12 @@ pub struct Export<'a> {
 }
 
 impl<'a> Export<'a> {
-    /// Selects what there is now. `may` says of each episode whether it may be told; `progress` is told how
+    /// Selects what there is now. `may` says of each episode whether it may be exported; `progress` is called with how
     /// many episodes of how many are written; `stop` ends it early. Not to be called on a thread that serves
     /// others.
     ///
     /// # Errors
-    /// Where the store cannot be read, or has not the one episode that is asked for.
+    /// Where the store cannot be read, or does not have the requested episode.
     pub fn select(
         store: &'a Store,
         selection: &Selection,
@@ -138,7 +138,7 @@ impl<'a> Export<'a> {
         let runtime = Handle::current();
         let Selection { filter, episode } = selection;
         let wanted = |stored: &StoredEpisode| {
-            // What the host broke counts nowhere: whoever wants it asks for that episode.
+            // A voided episode counts nowhere: it is exported only when it is named.
             let counts = stored.void_reason.is_none() || episode.is_some();
             (filter.status.is_some() || stored.ended_at.is_some()) && counts && may(stored)
         };
@@ -247,8 +247,8 @@ impl<'a> Export<'a> {
                 add(tables::round(&game, None, began_at))?;
             }
             match table {
-                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, given| {
-                    add(tables::act(game, turn, given))
+                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, act| {
+                    add(tables::act(game, turn, act))
                 })?,
                 TableName::Rounds => self.play(&stored, &mut game, |game, turn| {
                     add(tables::round(game, Some(turn), began_at))
@@ -318,17 +318,17 @@ impl<'a> Export<'a> {
         &self,
         stored: &StoredEpisode,
         game: &mut Game,
-        mut each: impl FnMut(&Game, &Turn, &Given) -> Result<(), ExportError>,
+        mut each: impl FnMut(&Game, &Turn, &GameAct) -> Result<(), ExportError>,
     ) -> Result<(), ExportError> {
         let mut texts = ActReader::new(self.store.clone(), stored.episode, stored.rounds);
         self.play(stored, game, |game, turn| {
-            for given in &turn.acts {
+            for act in &turn.acts {
                 check(&self.stop)?;
                 let text = self.runtime.block_on(texts.next_of(turn.round, ACTS_BYTES))?;
                 let text = text.ok_or_else(|| changed(stored, "an act is missing"))?;
                 let record = serde_json::from_str(&text);
                 let record = record.map_err(|error| changed(stored, &error.to_string()))?;
-                each(game, turn, &given.with(record))?;
+                each(game, turn, &act.with(record))?;
             }
             Ok(())
         })
@@ -546,7 +546,7 @@ impl<'a> Entries<'a> {
     }
 }
 
-/// Every element stands on a line of its own.
+/// Every element is on a line of its own.
 fn separate(out: &mut impl Write, is_empty: &mut bool) -> io::Result<()> {
     out.write_all(if std::mem::take(is_empty) { b"\n" } else { b",\n" })
 }

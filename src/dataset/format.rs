@@ -50,7 +50,7 @@ pub struct Meta {
     pub seed: u64,
     /// Rows and columns of an agent's window.
     pub view_size: u32,
-    /// What else is told. An export tells `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, and
+    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, and
     /// `run` where there is one.
     #[serde(flatten)]
     pub rest: Map<String, Value>,

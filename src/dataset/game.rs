@@ -1,4 +1,4 @@
-//! A stored episode, played again round by round.
+//! A stored episode, replayed round by round.
 
 use std::sync::Arc;
 
@@ -33,13 +33,13 @@ pub struct Turn {
     /// The state in which it was decided.
     pub before: World,
     /// What was decided, in order of the agents' numbers.
-    pub acts: Vec<Given>,
+    pub acts: Vec<GameAct>,
     /// When it was resolved.
     pub at: Timestamp,
 }
 
 /// An act of a round.
-pub struct Given {
+pub struct GameAct {
     /// Whose.
     pub agent: AgentId,
     /// When it came.
@@ -52,7 +52,7 @@ pub struct Given {
     pub tokens: Option<u64>,
 }
 
-impl Given {
+impl GameAct {
     /// The same act with all of its record.
     #[must_use]
     pub fn with(&self, record: ActRecord) -> Self {
@@ -107,14 +107,14 @@ impl Game {
         }
         let from: Vec<AgentState> = before.agent_states().collect();
         let to: Vec<AgentState> = self.world.agent_states().collect();
-        let given = round.acts.into_iter().map(|act| {
+        let acts = round.acts.into_iter().map(|act| {
             let own = act.agent.index();
             let told = act.record.usage.and_then(|usage| usage.completion_tokens);
             if let Some(told) = told {
                 let tokens = &mut self.tokens[own];
                 *tokens = Some(tokens.unwrap_or(0).saturating_add(told));
             }
-            Given {
+            GameAct {
                 took_effect: took_effect(acts[own].action, &from[own], &to[own]),
                 tokens: self.tokens[own],
                 agent: act.agent,
@@ -122,7 +122,7 @@ impl Game {
                 record: act.record,
             }
         });
-        Ok(Turn { round: round.round, acts: given.collect(), before, at: round.at })
+        Ok(Turn { round: round.round, acts: acts.collect(), before, at: round.at })
     }
 
     /// The settings, as the index has them.
@@ -177,7 +177,7 @@ impl Game {
     }
 
     fn row(&self, at: Timestamp, messages: Vec<Said>) -> GameRow {
-        let seen = self.world.spectacle();
+        let seen = self.world.spectator_view();
         let at_of = |agent: &AgentState| AgentAt {
             id: agent.agent.to_string(),
             x: agent.at.j,
@@ -196,7 +196,7 @@ impl Game {
 
     /// What an agent did in a round that was just played, with what it was shown.
     #[must_use]
-    pub fn act(&self, turn: &Turn, act: &Given) -> AgentRow {
+    pub fn act(&self, turn: &Turn, act: &GameAct) -> AgentRow {
         let seen = turn.before.observe(act.agent);
         let record = &act.record;
         let latency = record.usage.and_then(|usage| usage.latency_ms);
@@ -255,7 +255,7 @@ fn seconds(at: Timestamp) -> f64 {
 /// food.
 #[must_use]
 pub fn grid(world: &World) -> Vec<Vec<String>> {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let mut grid: Vec<Vec<String>> =
         seen.grid.iter().map(|row| row.chars().map(String::from).collect()).collect();
     for agent in seen.agents.iter().filter(|agent| agent.alive) {

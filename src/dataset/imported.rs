@@ -243,7 +243,7 @@ fn settings(meta: &Meta) -> ImportSettings {
     }
 }
 
-/// One name for whoever plays.
+/// One name for the player.
 fn model(value: &Value) -> Result<String, String> {
     let name = match value {
         Value::String(name) => name.clone(),

@@ -1,7 +1,7 @@
 //! Reading: a folder or an archive with any number of batches, one game at a time.
 //!
 //! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never
-//! becomes a path. Whatever is wrong with a file is told by the name of the file, and the others are read.
+//! becomes a path. A problem with a file is reported with the name of the file, and the others are read.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -22,7 +22,7 @@ use crate::journal::ImportRow;
 /// What is wrong with most of what is no run id.
 const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spaces and parentheses";
 
-/// Bytes that are asked for at once.
+/// Bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
 /// What is wrong with a file.
@@ -322,7 +322,7 @@ struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// Reads one game, and tells what is wrong with its files.
+    /// Reads one game, and reports what is wrong with its files.
     fn game(
         &self,
         place: &mut Place,
@@ -371,7 +371,7 @@ impl Reading<'_> {
         self.json(place, number, Elements { add, kind: std::marker::PhantomData })
     }
 
-    /// Reads an index. What stands before a place at which it breaks off is in `runs` all the same.
+    /// Reads an index. If it is truncated, `runs` has what comes before.
     fn index(
         &self,
         place: &mut Place,

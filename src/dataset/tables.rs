@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 
-use super::game::{Game, Given, Turn, grid};
+use super::game::{Game, GameAct, Turn, grid};
 use crate::journal::record::Source;
 
 /// What a column holds.
@@ -133,9 +133,9 @@ fn head(game: &Game) -> Vec<Cell> {
 
 /// An act of a round that was just played.
 #[must_use]
-pub fn act(game: &Game, turn: &Turn, given: &Given) -> Vec<Cell> {
-    let record = &given.record;
-    let at = turn.before.agent_states().nth(given.agent.index()).map(|state| state.at);
+pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
+    let record = &act.record;
+    let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
     let place = |n: Option<i32>| n.map_or(Cell::Missing, whole);
     let usage = record.usage.unwrap_or_default();
     let source = match record.source {
@@ -145,13 +145,13 @@ pub fn act(game: &Game, turn: &Turn, given: &Given) -> Vec<Cell> {
     let mut cells = head(game);
     cells.extend([
         whole(turn.round),
-        whole(given.agent.0),
-        Cell::Time(given.at),
+        whole(act.agent.0),
+        Cell::Time(act.at),
         Cell::Text(source.to_owned()),
         place(at.map(|at| at.i)),
         place(at.map(|at| at.j)),
         text(record.action.as_ref()),
-        Cell::Flag(given.took_effect),
+        Cell::Flag(act.took_effect),
         Cell::Flag(record.valid),
         text(record.message.as_ref()),
         text(record.to.as_ref()),
@@ -169,7 +169,7 @@ pub fn act(game: &Game, turn: &Turn, given: &Given) -> Vec<Cell> {
 #[must_use]
 pub fn round(game: &Game, turn: Option<&Turn>, began_at: Timestamp) -> Vec<Cell> {
     let (config, world) = (&game.opening.config, game.world());
-    let count = |wanted: &dyn Fn(&Given) -> bool| {
+    let count = |wanted: &dyn Fn(&GameAct) -> bool| {
         turn.map_or(Cell::Missing, |turn| whole(turn.acts.iter().filter(|act| wanted(act)).count()))
     };
     let grid: Vec<String> = grid(world).into_iter().map(|row| row.concat()).collect();

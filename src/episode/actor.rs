@@ -2,7 +2,7 @@
 //!
 //! Only the actor steps the engine. What an event leads to goes to the journal in one piece: an act,
 //! and with the last act of a round the resolved round and perhaps the end. The commit that holds it
-//! publishes the new state and then sends the receipts, so whoever has a receipt finds the state that
+//! publishes the new state and then sends the receipts, so a client with a receipt finds the state that
 //! goes with it, and nothing is shown or acknowledged that could be lost.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
@@ -16,12 +16,12 @@ use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Effect, Event, Given, Lockstep, Receipt, Refusal, Submission};
+use super::in_flight::{InFlightLimit, InFlightPermits, SEAT_ACTS_WAITING_MAX};
+use super::lockstep::{Effect, Event, Lockstep, Receipt, RecordedAct, Refusal, Submission};
 use super::memory;
-use super::places::{self, Places, SEAT_ACTS_WAITING_MAX};
 use super::quota::Quotas;
 use super::replay::Replays;
-use super::seating::{Seating, Taken, Wanted};
+use super::seating::{SeatTaken, Seating, Wanted};
 use super::spec::{Spec, Visibility};
 use super::{Ending, Snapshot, Status};
 use crate::budget::{Budget, Reservation};
@@ -57,9 +57,9 @@ pub enum ActError {
     #[error(transparent)]
     Refused(#[from] Refusal),
     /// Too many acts of the same seat wait already.
-    #[error("as many acts of this seat wait for an answer as may, {SEAT_ACTS_WAITING_MAX}")]
+    #[error("the maximum of {SEAT_ACTS_WAITING_MAX} acts of this seat already wait for an answer")]
     Busy,
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
@@ -71,14 +71,14 @@ pub type Outcomes = Vec<Result<Receipt, ActError>>;
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum StartError {
     /// It cannot begin yet.
-    #[error("{0} of its seats are open still")]
+    #[error("{0} of its seats are still open")]
     SeatsOpen(u16),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-/// Seats that somebody asks for.
+/// A claim of seats.
 #[derive(Clone, Debug)]
 pub struct Claim {
     /// Who; the number and the time are not known yet.
@@ -93,7 +93,7 @@ pub struct Claim {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// Seats that somebody got.
+/// The result of a claim.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claimed {
     /// The number of the claim in its episode.
@@ -102,34 +102,34 @@ pub struct Claimed {
     pub agents: Vec<AgentId>,
 }
 
-/// Why a claim was not taken.
+/// Why a claim was refused.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ClaimError {
     /// The seats have holders, or there never were open ones.
     #[error(transparent)]
-    Taken(#[from] Taken),
+    SeatTaken(#[from] SeatTaken),
     /// The episode has ended.
     #[error("the episode has ended")]
     Over,
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
 enum Message {
-    Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Told)>> },
+    Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Reply)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
-    Abort { deeds: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
 }
 
-/// Acts on their way to the actor, with the places that they take.
+/// Acts on their way to the actor, with their permits.
 struct Batch {
     acts: Vec<Sent>,
-    places: places::Taken,
+    permits: InFlightPermits,
 }
 
-/// An act on its way.
+/// An act in flight.
 struct Sent {
     /// Its place among the acts of the call.
     place: usize,
@@ -141,23 +141,23 @@ struct Sent {
 /// What a seat did in a round that is over.
 #[expect(clippy::large_enum_variant, reason = "an act that comes with it is larger still")]
 enum Earlier {
-    /// Nobody has looked.
+    /// Not looked up yet.
     Unknown,
-    /// This, if anything.
-    Found(Option<Given>),
+    /// The result of the lookup.
+    Found(Option<RecordedAct>),
 }
 
-/// What became of an act.
+/// The reply to an act.
 #[expect(clippy::large_enum_variant, reason = "nearly all are outcomes")]
-enum Told {
+enum Reply {
     Outcome(Result<Receipt, ActError>),
-    /// Its round is over: somebody has to look what the seat did then. The actor does not, as all
+    /// Its round is over: the caller has to look up what the seat did then. The actor does not, as all
     /// others would wait for it.
     Late(Sent),
 }
 
-/// A message and when it came: its wait in the mailbox takes no player's time.
-type Letter = (Timestamp, Message);
+/// A message with its arrival time: its wait in the mailbox costs no player time.
+type Envelope = (Timestamp, Message);
 
 /// Starts a task that runs on its own.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
@@ -165,23 +165,23 @@ pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 /// What all actors of a server share.
 #[derive(Clone)]
 pub struct Host {
-    /// Where entries are kept.
+    /// Where entries are stored.
     pub journal: Arc<dyn Journal>,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// What runs the actors.
     pub spawn: Spawn,
-    /// What everybody holds.
+    /// Per-owner quotas.
     pub quotas: Arc<Quotas>,
     /// The memory that worlds and answers may take together.
     pub budget: Arc<Budget>,
     /// What does heavy work.
     pub workers: Workers,
-    /// States of earlier rounds that are being made again.
+    /// Replays of earlier rounds.
     pub replays: Arc<Replays>,
-    /// Told of every run of which an episode has ended, durably.
+    /// Notified of every run of which an episode has ended, durably.
     pub ended: mpsc::UnboundedSender<RunKey>,
-    /// Told of every episode that is taken up and of which the server may play seats.
+    /// Notified of every recovered episode of which the server may play seats.
     pub hosted: mpsc::UnboundedSender<Handle>,
 }
 
@@ -226,13 +226,13 @@ pub struct Running {
     pub created_at: Timestamp,
     clock: Arc<dyn Clock>,
     journal: Arc<dyn Journal>,
-    mailbox: mpsc::UnboundedSender<Letter>,
-    /// What bounds the acts in the mailbox.
-    places: Arc<Places>,
-    /// What bounds everything else in it.
+    mailbox: mpsc::UnboundedSender<Envelope>,
+    /// Bounds the acts in the mailbox.
+    in_flight: Arc<InFlightLimit>,
+    /// Bounds everything else in it.
     commands: Semaphore,
-    /// Whoever looks up acts of rounds that are over: one at a time in each episode, so that others
-    /// who read the database find it free.
+    /// Serializes the lookups of acts of rounds that are over, so that one episode does not occupy all
+    /// connections to the database.
     lookups: tokio::sync::Mutex<()>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     published: watch::Receiver<Arc<Snapshot>>,
@@ -270,7 +270,7 @@ impl Handle {
         let at = self.clock.now();
         let round = self.snapshot().world.round();
         let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
-        let (mut places, refused) = self.places.take(acts.iter().map(|(agent, _)| *agent));
+        let (mut permits, refused) = self.in_flight.take(acts.iter().map(|(agent, _)| *agent));
         let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
             .filter(|(_, (agent, _))| !refused.contains(agent))
             .map(|(place, (agent, submission))| Sent {
@@ -280,9 +280,10 @@ impl Handle {
                 earlier: Earlier::Unknown,
             })
             .partition(|sent| sent.submission.round >= round);
-        let places_of_now = places.split(now.iter().map(|sent| sent.agent));
+        let permits_of_now = permits.split(now.iter().map(|sent| sent.agent));
         // What may decide a round does not wait for anything.
-        let late = self.tell(at, Batch { acts: now, places: places_of_now }, &mut outcomes).await;
+        let late =
+            self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
         if !late.is_empty()
             && let Err(error) = self.journal.keep(Vec::new()).await
         {
@@ -292,7 +293,7 @@ impl Handle {
             }
             return outcomes;
         }
-        let mut batch = Batch { acts: Vec::new(), places };
+        let mut batch = Batch { acts: Vec::new(), permits };
         for mut sent in past.into_iter().chain(late) {
             match self.earlier(&sent).await {
                 Ok(earlier) => {
@@ -302,12 +303,12 @@ impl Handle {
                 Err(error) => outcomes[sent.place] = Err(error.into()),
             }
         }
-        self.tell(at, batch, &mut outcomes).await;
+        self.send_batch(at, batch, &mut outcomes).await;
         outcomes
     }
 
     /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.
-    async fn tell(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
+    async fn send_batch(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
         if batch.acts.is_empty() {
             return Vec::new();
         }
@@ -324,18 +325,18 @@ impl Handle {
         let mut late = Vec::new();
         for (place, told) in told {
             match told {
-                Told::Outcome(outcome) => outcomes[place] = outcome,
-                Told::Late(sent) => late.push(sent),
+                Reply::Outcome(outcome) => outcomes[place] = outcome,
+                Reply::Late(sent) => late.push(sent),
             }
         }
         late
     }
 
     /// What a seat did in a round that is over and durable.
-    async fn earlier(&self, sent: &Sent) -> Result<Option<Given>, JournalError> {
+    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, JournalError> {
         let _turn = self.lookups.lock().await;
         let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
-        Ok(act.map(|act| Given { record: act.record, waiting_for: act.waiting_for }))
+        Ok(act.map(|act| RecordedAct { record: act.record, waiting_for: act.waiting_for }))
     }
 
     /// Claims open seats; they are durable when this returns. With the last open seat the episode
@@ -367,8 +368,8 @@ impl Handle {
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn abort_with(&self, deeds: Vec<Entry>) -> Result<(), JournalError> {
-        self.command(|reply| Message::Abort { deeds, reply }).await
+    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
+        self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
 
     async fn command<T, E: From<JournalError>>(
@@ -393,7 +394,7 @@ impl Handle {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }
 
-    /// When the episode ends unless somebody asks for something.
+    /// When the episode ends unless there is a request.
     pub(super) fn ends_at(&self) -> Timestamp {
         Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
     }
@@ -480,7 +481,7 @@ impl Keyframes {
     /// States, however small they are.
     const COUNT_MAX: usize = 1024;
 
-    /// Starts with the layout, which is kept whatever it takes.
+    /// Starts with the layout, which is always kept.
     pub(super) fn new(layout: Arc<World>) -> Self {
         let stride = Self::STRIDE_MICROS / step_micros(layout.config());
         let stride = u32::try_from(stride.clamp(1, Self::STRIDE_MAX)).expect("at most STRIDE_MAX");
@@ -515,7 +516,7 @@ impl Keyframes {
 }
 
 /// An episode that is about to run.
-pub(super) struct Fresh {
+pub(super) struct EpisodeInit {
     pub(super) id: EpisodeId,
     pub(super) key: EpisodeKey,
     pub(super) owner: Option<OwnerKey>,
@@ -539,79 +540,79 @@ pub(super) struct Fresh {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, mut fresh: Fresh, memory: Reservation) -> Handle {
-    note_time_of_day(&mut fresh.lockstep, &fresh.spec, &*host.clock);
+pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> Handle {
+    note_time_of_day(&mut init.lockstep, &init.spec, &*host.clock);
     let (mailbox, messages) = mpsc::unbounded_channel();
-    match fresh.lockstep.outcome() {
-        None => host.quotas.note(fresh.key, Party::of_key(fresh.owner)),
+    match init.lockstep.outcome() {
+        None => host.quotas.note(init.key, Party::of_key(init.owner)),
         // It may have been counted from a list that was older than its end.
-        Some(_) => host.quotas.release(fresh.key),
+        Some(_) => host.quotas.release(init.key),
     }
     let memory = Arc::new(memory);
     let weight = Arc::downgrade(&memory);
-    let kept = fresh.keyframes.bytes();
-    let keyframes = Arc::new(Mutex::new(fresh.keyframes));
-    let ends_at = ends_at(&fresh.lockstep, &*host.clock).as_millisecond();
+    let kept = init.keyframes.bytes();
+    let keyframes = Arc::new(Mutex::new(init.keyframes));
+    let ends_at = ends_at(&init.lockstep, &*host.clock).as_millisecond();
     let ends_at = Arc::new(AtomicI64::new(ends_at));
-    let snapshot = snapshot(&fresh.lockstep, &fresh.world, fresh.head);
-    snapshot.set_opened(fresh.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
+    let snapshot = snapshot(&init.lockstep, &init.world, init.head);
+    snapshot.set_opened(init.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
     let gone = CancellationToken::new();
     let hosted = Arc::new(OnceLock::new());
-    if let Some(seating) = fresh.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
+    if let Some(seating) = init.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
         hosted.get_or_init(|| seating.hosted());
     }
-    memory.resize(memory::of_episode(&fresh.world, kept, hosted_max(&hosted, &fresh.spec)));
+    memory.resize(memory::of_episode(&init.world, kept, hosted_max(&hosted, &init.spec)));
     let handle = Handle(Arc::new(Running {
-        id: fresh.id.clone(),
-        key: fresh.key,
-        owner: fresh.owner,
-        run: fresh.run,
-        party: fresh.party,
-        spec: Arc::clone(&fresh.spec),
-        created_at: fresh.created_at,
+        id: init.id.clone(),
+        key: init.key,
+        owner: init.owner,
+        run: init.run,
+        party: init.party,
+        spec: Arc::clone(&init.spec),
+        created_at: init.created_at,
         clock: Arc::clone(&host.clock),
         journal: Arc::clone(&host.journal),
         mailbox,
-        places: Places::new(fresh.spec.config.num_agents()),
+        in_flight: InFlightLimit::new(init.spec.config.num_agents()),
         commands: Semaphore::new(COMMANDS_WAITING_MAX),
         lookups: tokio::sync::Mutex::new(()),
         published,
         keyframes: Arc::clone(&keyframes),
         ends_at: Arc::clone(&ends_at),
-        times: Arc::clone(&fresh.times),
+        times: Arc::clone(&init.times),
         hosted: Arc::clone(&hosted),
         memory,
         gone: gone.clone(),
     }));
-    if fresh.spec.may_be_hosted() && !latest.status.is_over() {
-        // Where nobody plays for the server, nobody is told.
+    if init.spec.may_be_hosted() && !latest.status.is_over() {
+        // The receiver is gone if hosted seats are not played.
         _ = host.hosted.send(handle.clone());
     }
-    let has_clients = !fresh.spec.is_all_hosted();
+    let has_clients = !init.spec.is_all_hosted();
     let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
     let actor = Actor {
         host,
-        id: fresh.id,
-        key: fresh.key,
-        run: fresh.run,
-        party: fresh.party,
-        spec: fresh.spec,
-        world: fresh.world,
-        head: fresh.head,
-        lockstep: fresh.lockstep,
-        newest_at: fresh.newest_at,
+        id: init.id,
+        key: init.key,
+        run: init.run,
+        party: init.party,
+        spec: init.spec,
+        world: init.world,
+        head: init.head,
+        lockstep: init.lockstep,
+        newest_at: init.newest_at,
         newest_running: Timestamp::MIN,
-        bytes: fresh.bytes,
-        tally: fresh.tally,
-        seating: fresh.seating,
+        bytes: init.bytes,
+        tally: init.tally,
+        seating: init.seating,
         ahead: Vec::new(),
         hosted,
         keyframes,
         memory: weight,
         ends_at,
-        times: fresh.times,
+        times: init.times,
         publish,
         latest,
         failed: CancellationToken::new(),
@@ -639,7 +640,7 @@ fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
     lockstep.note_time_of_day(closes_at, is_in_doubt);
 }
 
-/// When the episode ends unless somebody asks for something, or when that is to be looked at again.
+/// When the episode ends unless there is a request, or when that has to be checked again.
 fn ends_at(lockstep: &Lockstep, clock: &dyn Clock) -> Timestamp {
     if lockstep.is_held() { after(clock.now(), LOOKS_AGAIN_AFTER) } else { lockstep.ends_at() }
 }
@@ -679,7 +680,7 @@ struct Actor {
     bytes: u64,
     tally: Tally,
     seating: Option<Seating>,
-    /// What is to be kept before what is performed next.
+    /// Entries to be recorded before those of the next effects.
     ahead: Vec<Entry>,
     hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     keyframes: Arc<Mutex<Keyframes>>,
@@ -696,10 +697,10 @@ struct Actor {
 }
 
 impl Actor {
-    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Letter>) {
+    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Envelope>) {
         let mut published = self.publish.subscribe();
         let failed = self.failed.clone();
-        self.take_up().await;
+        self.resume().await;
         loop {
             note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
             let wake = self.wakes_at();
@@ -731,7 +732,7 @@ impl Actor {
         }
     }
 
-    /// When something is next to be done though nobody asks.
+    /// When the next timer of the episode expires.
     fn wakes_at(&self) -> Option<Timestamp> {
         let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
         let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
@@ -784,7 +785,7 @@ impl Actor {
         }
     }
 
-    /// Tells the barrier what happens, and when.
+    /// Passes an event with its time to the barrier.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
         note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
@@ -792,15 +793,15 @@ impl Actor {
         effects
     }
 
-    /// Tells others when the episode ends unless somebody asks for something.
+    /// Publishes when the episode ends unless there is a request.
     fn note_end(&self) {
         let ends_at = ends_at(&self.lockstep, &*self.host.clock);
         self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
     }
 
-    /// What is due before the first event: a layout that is solved already, or a round whose acts
-    /// were all kept before a restart.
-    async fn take_up(&mut self) {
+    /// Resumes before the first event: ends a layout that is solved already, or resolves a round whose
+    /// acts were all stored before a restart.
+    async fn resume(&mut self) {
         let now = self.host.clock.now();
         let mut effects = self.lockstep.close();
         effects.extend(self.end_if_solved(now));
@@ -834,10 +835,10 @@ impl Actor {
                 effects.extend(self.end_if_solved(at));
                 self.perform_for(at, effects, (), reply).await;
             }
-            Message::Abort { deeds, reply } => {
+            Message::Abort { audit_entries, reply } => {
                 let effects = self.apply(at, Event::Abort);
                 if !effects.is_empty() {
-                    self.ahead.extend(deeds);
+                    self.ahead.extend(audit_entries);
                 }
                 self.perform_for(at, effects, (), reply).await;
             }
@@ -860,7 +861,7 @@ impl Actor {
         }
     }
 
-    /// Performs effects and tells whoever asked for them what it came to; they may have gone.
+    /// Performs effects and sends the result to the caller, who may be gone.
     async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
         &mut self,
         at: Timestamp,
@@ -874,15 +875,15 @@ impl Actor {
         self.perform(at, effects, told).await;
     }
 
-    /// Gives open seats to whoever claims them.
+    /// Assigns open seats to a claim.
     fn claim(&mut self, at: Timestamp, claim: Claim) -> Result<Claimed, ClaimError> {
         let Claim { holder, wanted, seats, swarm, idempotency } = claim;
         if self.lockstep.outcome().is_some() {
             return Err(ClaimError::Over);
         }
         let none_open = match wanted {
-            Wanted::Seat(agent) => Taken::Seat(agent),
-            Wanted::Any(wanted) => Taken::Few { open: 0, wanted },
+            Wanted::Seat(agent) => SeatTaken::Seat(agent),
+            Wanted::Any(wanted) => SeatTaken::Few { open: 0, wanted },
         };
         let seating = self.seating.as_mut().ok_or(none_open)?;
         let (holder, agents) = seating.claim(wanted, Holder { at, ..holder })?;
@@ -911,18 +912,18 @@ impl Actor {
         &mut self,
         at: Timestamp,
         batch: Batch,
-        reply: oneshot::Sender<Vec<(usize, Told)>>,
+        reply: oneshot::Sender<Vec<(usize, Reply)>>,
     ) {
         self.note_opening();
         let mut effects = Vec::new();
-        let mut told: Vec<(usize, Told)> = Vec::with_capacity(batch.acts.len());
+        let mut told: Vec<(usize, Reply)> = Vec::with_capacity(batch.acts.len());
         let mut used = self.bytes;
-        let Batch { acts, places } = batch;
+        let Batch { acts, permits } = batch;
         for sent in acts {
             if sent.submission.round < self.world.round()
                 && matches!(sent.earlier, Earlier::Unknown)
             {
-                told.push((sent.place, Told::Late(sent)));
+                told.push((sent.place, Reply::Late(sent)));
                 continue;
             }
             let Sent { place, agent, submission, earlier } = sent;
@@ -935,7 +936,7 @@ impl Actor {
             for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => {
-                        told.push((place, Told::Outcome(answer.map_err(ActError::from))));
+                        told.push((place, Reply::Outcome(answer.map_err(ActError::from))));
                     }
                     other => {
                         used +=
@@ -946,21 +947,21 @@ impl Actor {
             }
         }
         self.perform(at, effects, |result| {
-            // Nothing is acknowledged that may not be kept, not even for the second time; and nothing
-            // is refused for the sake of something that may not be kept.
+            // Nothing is acknowledged that may be lost, not even for the second time; and nothing
+            // is refused because of something that may be lost.
             if let Err(error) = result {
                 for (_, told) in &mut told {
-                    *told = Told::Outcome(Err(error.clone().into()));
+                    *told = Reply::Outcome(Err(error.clone().into()));
                 }
             }
             drop(reply.send(told));
-            drop(places);
+            drop(permits);
         })
         .await;
     }
 
-    /// Performs effects of what came at `at`: queues all that is to be kept in one piece; `then` is
-    /// told once it, and all that was queued before, is durable and published.
+    /// Performs effects of what came at `at`: queues all entries as one job; `then` is
+    /// called once it, and all that was queued before, is durable and published.
     async fn perform(
         &mut self,
         at: Timestamp,
@@ -985,14 +986,14 @@ impl Actor {
                     let at = self.stamp(at);
                     entries.push(Entry::Start { episode: self.key, at });
                 }
-                Effect::KeepAct { agent, given } => {
-                    acted.push((agent, kind(&given)));
-                    entries.push(self.act_entry(at, agent, &given));
+                Effect::KeepAct { agent, recorded } => {
+                    acted.push((agent, kind(&recorded)));
+                    entries.push(self.act_entry(at, agent, &recorded));
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
                         tracing::error!(episode = %self.id, %error, "a round was not resolved");
-                        self.host.quotas.give_back_bytes(self.key, self.bytes - bytes_before);
+                        self.host.quotas.release_bytes(self.key, self.bytes - bytes_before);
                         self.failed.cancel();
                         then(Err(error));
                         return;
@@ -1011,7 +1012,7 @@ impl Actor {
         if let Some(next) = &next {
             self.latest = Arc::clone(next);
         }
-        let kept = Kept {
+        let after_commit = AfterCommit {
             open,
             acted,
             next,
@@ -1027,12 +1028,12 @@ impl Actor {
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), JournalError>| {
-            // What this rests on may have been refused although there was nothing here to refuse.
+            // Earlier entries may have been rejected although there is nothing to reject here.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
-                kept.tell(&host, &publish);
+                after_commit.publish(&host, &publish);
             } else {
-                host.quotas.give_back_bytes(key, bytes);
+                host.quotas.release_bytes(key, bytes);
                 failed.cancel();
             }
             then(result);
@@ -1056,14 +1057,14 @@ impl Actor {
         self.newest_at
     }
 
-    fn act_entry(&mut self, at: Timestamp, agent: AgentId, given: &Given) -> Entry {
-        let record = RawRecord::write(&given.record);
+    fn act_entry(&mut self, at: Timestamp, agent: AgentId, recorded: &RecordedAct) -> Entry {
+        let record = RawRecord::write(&recorded.record);
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
-        self.tally.add(&given.record);
+        self.tally.add(&recorded.record);
         self.host.quotas.add_bytes(self.key, bytes, at);
         let at = self.stamp(at);
-        if given.record.source == Source::Player {
+        if recorded.record.source == Source::Player {
             self.lockstep.note_act(self.newest_running);
             self.note_end();
         }
@@ -1071,7 +1072,7 @@ impl Actor {
             episode: self.key,
             round: self.world.round(),
             agent,
-            waiting_for: given.waiting_for,
+            waiting_for: recorded.waiting_for,
             at,
             record,
         })
@@ -1085,14 +1086,14 @@ impl Actor {
         let acts = acts_of(&config, self.lockstep.records())
             .map_err(|problem| JournalError(problem.into()))?;
         let before = Arc::clone(&self.world);
-        let given: Vec<ActRecord> = self.lockstep.records().cloned().collect();
-        let text: u64 = given.iter().map(ActRecord::text_bytes).sum();
+        let recorded: Vec<ActRecord> = self.lockstep.records().cloned().collect();
+        let text: u64 = recorded.iter().map(ActRecord::text_bytes).sum();
         let head = self.head;
         let step = move |_: &Cancelled<'_>| {
             let mut world = World::clone(&before);
             world.step(&acts);
             let digest = world.digest();
-            let records: Vec<RawRecord> = given.iter().map(RawRecord::write).collect();
+            let records: Vec<RawRecord> = recorded.iter().map(RawRecord::write).collect();
             let record = round_record(round, records.iter(), &digest.to_string(), world.score());
             (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
         };
@@ -1173,9 +1174,9 @@ pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
     (record, head)
 }
 
-/// What a commit held, as far as others are told of it.
-struct Kept {
-    /// The state in which the acts were given.
+/// What is published and counted once a commit is durable.
+struct AfterCommit {
+    /// The state for which the acts were sent.
     open: Arc<Snapshot>,
     acted: Vec<(AgentId, &'static str)>,
     /// The state after them, if a round or the episode ended.
@@ -1188,9 +1189,9 @@ struct Kept {
     is_sealed: bool,
 }
 
-impl Kept {
+impl AfterCommit {
     /// Marks and publishes what is durable now, and counts it.
-    fn tell(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
+    fn publish(self, host: &Host, publish: &watch::Sender<Arc<Snapshot>>) {
         for (agent, kind) in self.acted {
             self.open.set_acted(agent);
             metrics::counter!("swarmbench_acts_total", "kind" => kind).increment(1);
@@ -1213,15 +1214,15 @@ impl Kept {
         next.set_opened(host.clock.now());
         publish.send_replace(next);
         if let Some(run) = ended {
-            // Where nobody looks after runs, nobody is told.
+            // The receiver is gone if runs are not managed.
             _ = host.ended.send(run);
         }
     }
 }
 
 /// How an act is counted.
-const fn kind(given: &Given) -> &'static str {
-    match (given.record.source, given.record.valid) {
+const fn kind(recorded: &RecordedAct) -> &'static str {
+    match (recorded.record.source, recorded.record.valid) {
         (Source::Clock, _) => "clock",
         (Source::Player, true) => "valid",
         (Source::Player, false) => "invalid",

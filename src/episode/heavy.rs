@@ -1,4 +1,4 @@
-//! What the work of an episode costs, and where it is done: what is not light leaves the async threads.
+//! Estimates the work of an episode, and decides where it runs: heavy work leaves the async threads.
 
 use swarmbench_engine::{Config, Control, TaskName};
 

@@ -41,7 +41,7 @@ pub enum Event {
         /// What was sent.
         submission: Submission,
         /// What this seat did in that round, if the round is over and it did something.
-        earlier: Option<Given>,
+        earlier: Option<RecordedAct>,
         /// Whether the journal has room for it.
         room: Result<(), Full>,
     },
@@ -64,21 +64,21 @@ pub enum Event {
 /// What is to be done, in this order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
-    /// Answer whoever caused the event; an accepted act only once it is durable.
+    /// Answer the caller; an accepted act only once it is durable.
     Answer(Result<Receipt, Refusal>),
-    /// Keep that the episode was started.
+    /// Record that the episode was started.
     KeepStart,
-    /// Keep what a seat did in the open round.
+    /// Record what a seat did in the open round.
     KeepAct {
         /// The seat.
         agent: AgentId,
         /// What it did.
-        given: Given,
+        recorded: RecordedAct,
     },
     /// All living seats have acted or run out of time: resolve the round from
     /// [`Lockstep::records`], then tell [`Event::Resolved`].
     Resolve,
-    /// Keep and publish the end.
+    /// Record and publish the end.
     End(Ending),
     /// Publish the state: a round was opened.
     Publish,
@@ -86,20 +86,20 @@ pub enum Effect {
 
 /// An act as it was first answered.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Given {
+pub struct RecordedAct {
     /// What was done.
     pub record: ActRecord,
     /// How many seats the round waited for after it.
     pub waiting_for: u32,
 }
 
-/// What a player is told about an accepted act.
+/// The receipt of an accepted act.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Receipt {
     /// The round.
     pub round: u32,
-    /// What was kept.
-    pub given: Given,
+    /// What was recorded.
+    pub recorded: RecordedAct,
     /// Whether it had been sent before.
     pub duplicate: bool,
 }
@@ -124,7 +124,7 @@ pub enum Refusal {
         round: u32,
     },
     /// The episode has ended, or the agent has escaped.
-    #[error("{}", if *.escaped { "this agent has escaped and acts no more" } else { "the episode has ended" })]
+    #[error("{}", if *.escaped { "this agent has escaped and no longer acts" } else { "the episode has ended" })]
     EpisodeOver {
         /// The last round.
         round: u32,
@@ -155,7 +155,7 @@ struct Seat {
     alive: bool,
     /// What is left of its bank.
     bank: Duration,
-    given: Option<Given>,
+    recorded: Option<RecordedAct>,
 }
 
 /// How long a round and a game may take.
@@ -195,9 +195,9 @@ enum Phase {
     Over(Outcome),
 }
 
-/// From what an episode goes on: a new one has no acts and full banks.
+/// The state from which an episode continues: a new one has no acts and full banks.
 #[derive(Clone, Debug)]
-pub struct Standing {
+pub struct ResumeState {
     /// Whether it waits for its start.
     pub waiting: bool,
     /// How it ended, if it has.
@@ -208,46 +208,46 @@ pub struct Standing {
     pub alive: Vec<bool>,
     /// By agent, what was taken from its bank in all rounds.
     pub bank_spent: Vec<Duration>,
-    /// What was given for the open round already.
-    pub given: Vec<(AgentId, Given)>,
+    /// What was recorded for the open round already.
+    pub recorded: Vec<(AgentId, RecordedAct)>,
     /// When the last act came, or the episode was created.
     pub last_act_at: Timestamp,
 }
 
 impl Lockstep {
-    /// Takes an episode up where it stands. An open round gets its full clock (again), from `now` on.
+    /// Continues an episode from a state. An open round gets its full clock (again), from `now` on.
     #[must_use]
-    pub fn new(clocks: Clocks, standing: Standing, now: Timestamp) -> Self {
-        let phase = match standing.outcome {
+    pub fn new(clocks: Clocks, resume: ResumeState, now: Timestamp) -> Self {
+        let phase = match resume.outcome {
             Some(outcome) => Phase::Over(outcome),
-            None if standing.waiting => Phase::Waiting,
+            None if resume.waiting => Phase::Waiting,
             None => Phase::Open,
         };
-        let seats = standing.alive.iter().zip(&standing.bank_spent);
+        let seats = resume.alive.iter().zip(&resume.bank_spent);
         let mut lockstep = Self {
             clocks,
             is_held: false,
             phase,
-            round: standing.round,
+            round: resume.round,
             seats: seats
                 .map(|(&alive, &spent)| Seat {
                     alive,
                     bank: clocks.bank.saturating_sub(spent),
-                    given: None,
+                    recorded: None,
                 })
                 .collect(),
             opened_at: Some(now),
-            last_act_at: standing.last_act_at,
+            last_act_at: resume.last_act_at,
         };
-        for (agent, given) in standing.given {
-            lockstep.seats[agent.index()].given = Some(given);
+        for (agent, recorded) in resume.recorded {
+            lockstep.seats[agent.index()].recorded = Some(recorded);
         }
         lockstep
     }
 
     /// What the engine is to be told of the open round, by agent; none from the escaped.
     pub fn records(&self) -> impl Iterator<Item = &ActRecord> {
-        self.seats.iter().filter_map(|seat| seat.given.as_ref()).map(|given| &given.record)
+        self.seats.iter().filter_map(|seat| seat.recorded.as_ref()).map(|recorded| &recorded.record)
     }
 
     /// By agent, what is left of its bank at the opening of the round.
@@ -258,7 +258,7 @@ impl Lockstep {
 
     /// The seats that have acted in the open round.
     pub fn acted(&self) -> impl Iterator<Item = AgentId> + '_ {
-        (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.given.is_some()).map(|(a, _)| a)
+        (0..).map(AgentId).zip(&self.seats).filter(|(_, s)| s.recorded.is_some()).map(|(a, _)| a)
     }
 
     /// When the open round was published, if it was.
@@ -295,7 +295,7 @@ impl Lockstep {
         after(self.last_act_at, self.clocks.idle_timeout)
     }
 
-    /// When the episode ends unless somebody asks for something: one that waits for its start ends when it
+    /// When the episode ends unless there is a request: one that waits for its start ends when it
     /// closes, too.
     #[must_use]
     pub fn ends_at(&self) -> Timestamp {
@@ -323,7 +323,7 @@ impl Lockstep {
         self.clocks.closes_at.is_some_and(|at| at <= now)
     }
 
-    /// Where the episode stands.
+    /// The status of the episode.
     #[must_use]
     pub const fn status(&self) -> Status {
         match self.phase {
@@ -349,7 +349,8 @@ impl Lockstep {
         match self.phase {
             Phase::Waiting => Some(self.ends_at()),
             Phase::Open => {
-                let pending = self.seats.iter().filter(|seat| seat.alive && seat.given.is_none());
+                let pending =
+                    self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none());
                 let deadlines = pending.filter_map(|seat| self.deadline(seat));
                 deadlines.min().or(Some(idle)).map(|at| at.min(idle))
             }
@@ -407,7 +408,7 @@ impl Lockstep {
         now: Timestamp,
         agent: AgentId,
         submission: Submission,
-        earlier: Option<Given>,
+        earlier: Option<RecordedAct>,
         room: Result<(), Full>,
     ) -> Vec<Effect> {
         let Submission { round: sent, mut record } = submission;
@@ -417,11 +418,12 @@ impl Lockstep {
         let round = self.round;
         let waiting = self.phase == Phase::Waiting;
         let seat = &self.seats[agent.index()];
-        let given = if sent == round { seat.given.clone() } else { earlier };
-        let answered = given.as_ref().filter(|given| given.record.source == Source::Player);
+        let recorded = if sent == round { seat.recorded.clone() } else { earlier };
+        let answered =
+            recorded.as_ref().filter(|recorded| recorded.record.source == Source::Player);
         let refusal = match answered {
-            Some(given) if is_same(&given.record, &record) => {
-                let receipt = Receipt { round: sent, given: given.clone(), duplicate: true };
+            Some(recorded) if is_same(&recorded.record, &record) => {
+                let receipt = Receipt { round: sent, recorded: recorded.clone(), duplicate: true };
                 effects.push(Effect::Answer(Ok(receipt)));
                 return effects;
             }
@@ -433,7 +435,7 @@ impl Lockstep {
                 Some(Refusal::EpisodeOver { round, escaped: false })
             }
             None if !seat.alive => Some(Refusal::EpisodeOver { round, escaped: true }),
-            None if sent < round || given.is_some() || self.phase == Phase::Closed => {
+            None if sent < round || recorded.is_some() || self.phase == Phase::Closed => {
                 Some(Refusal::RoundOver { sent, round })
             }
             None => room.err().map(|full| Refusal::NoRoom { full, round }),
@@ -446,10 +448,10 @@ impl Lockstep {
         // It may have waited for its turn while something else happened.
         self.last_act_at = self.last_act_at.max(now);
         let waiting_for = self.waiting_for() - 1;
-        let given = Given { record, waiting_for };
-        self.seats[agent.index()].given = Some(given.clone());
-        let receipt = Receipt { round, given: given.clone(), duplicate: false };
-        effects.extend([Effect::KeepAct { agent, given }, Effect::Answer(Ok(receipt))]);
+        let recorded = RecordedAct { record, waiting_for };
+        self.seats[agent.index()].recorded = Some(recorded.clone());
+        let receipt = Receipt { round, recorded: recorded.clone(), duplicate: false };
+        effects.extend([Effect::KeepAct { agent, recorded }, Effect::Answer(Ok(receipt))]);
         self.close_if_complete(&mut effects);
         effects
     }
@@ -473,14 +475,14 @@ impl Lockstep {
             for place in 0..self.seats.len() {
                 let seat = &self.seats[place];
                 let is_late = self.deadline(seat).is_some_and(&is_due);
-                if !seat.alive || seat.given.is_some() || !is_late {
+                if !seat.alive || seat.recorded.is_some() || !is_late {
                     continue;
                 }
                 let agent = AgentId(u16::try_from(place).expect("at most 1,024 agents"));
                 let record = ActRecord::clock_ran_out(agent, millis(seat.bank));
-                let given = Given { record, waiting_for: self.waiting_for() - 1 };
-                self.seats[place].given = Some(given.clone());
-                effects.push(Effect::KeepAct { agent, given });
+                let recorded = RecordedAct { record, waiting_for: self.waiting_for() - 1 };
+                self.seats[place].recorded = Some(recorded.clone());
+                effects.push(Effect::KeepAct { agent, recorded });
             }
             if !effects.is_empty() {
                 self.close_if_complete(&mut effects);
@@ -491,8 +493,8 @@ impl Lockstep {
 
     fn resolved(&mut self, now: Timestamp, alive: &[bool], ending: Option<Ending>) -> Vec<Effect> {
         for (seat, &alive) in self.seats.iter_mut().zip(alive) {
-            if let Some(given) = seat.given.take() {
-                let spent = Duration::from_millis(given.record.bank_spent_ms);
+            if let Some(recorded) = seat.recorded.take() {
+                let spent = Duration::from_millis(recorded.record.bank_spent_ms);
                 seat.bank = seat.bank.saturating_sub(spent);
             }
             seat.alive = alive;
@@ -515,10 +517,10 @@ impl Lockstep {
         }
     }
 
-    /// After an episode was taken up: resolves an open round that has all its acts.
+    /// After recovery: resolves an open round that has all its acts.
     pub fn close(&mut self) -> Vec<Effect> {
         let mut effects = Vec::new();
-        let has_acts = self.seats.iter().any(|seat| seat.given.is_some());
+        let has_acts = self.seats.iter().any(|seat| seat.recorded.is_some());
         if self.phase == Phase::Open && has_acts {
             self.close_if_complete(&mut effects);
         }
@@ -527,7 +529,8 @@ impl Lockstep {
 
     /// How many living seats have not acted in the open round.
     fn waiting_for(&self) -> u32 {
-        let pending = self.seats.iter().filter(|seat| seat.alive && seat.given.is_none()).count();
+        let pending =
+            self.seats.iter().filter(|seat| seat.alive && seat.recorded.is_none()).count();
         u32::try_from(pending).expect("at most 1,024 agents")
     }
 
@@ -544,7 +547,7 @@ impl Lockstep {
     }
 }
 
-/// Whether two acts are the same: usage and reasoning are not compared, the first are kept.
+/// Whether two acts are the same: usage and reasoning are not compared, the first are stored.
 fn is_same(kept: &ActRecord, sent: &ActRecord) -> bool {
     kept.action == sent.action
         && kept.message == sent.message
@@ -571,17 +574,17 @@ mod tests {
         }
     }
 
-    fn fresh(agents: usize, clocks: Clocks) -> Lockstep {
-        let standing = Standing {
+    fn new(agents: usize, clocks: Clocks) -> Lockstep {
+        let resume = ResumeState {
             waiting: false,
             outcome: None,
             round: 0,
             alive: vec![true; agents],
             bank_spent: vec![Duration::ZERO; agents],
-            given: Vec::new(),
+            recorded: Vec::new(),
             last_act_at: START,
         };
-        Lockstep::new(clocks, standing, START)
+        Lockstep::new(clocks, resume, START)
     }
 
     fn record(agent: u16, action: &str) -> ActRecord {
@@ -622,9 +625,9 @@ mod tests {
 
     #[test]
     fn the_last_act_closes_the_round() {
-        let mut machine = fresh(2, clocks(None, 0));
+        let mut machine = new(2, clocks(None, 0));
         let first = submit(&mut machine, at(1), 0, 0, "UP");
-        assert_eq!(answer(&first).expect("taken").given.waiting_for, 1);
+        assert_eq!(answer(&first).expect("taken").recorded.waiting_for, 1);
         assert!(!first.contains(&Effect::Resolve));
         let last = submit(&mut machine, at(2), 1, 0, "DOWN");
         assert_eq!(last.last(), Some(&Effect::Resolve));
@@ -636,11 +639,11 @@ mod tests {
 
     #[test]
     fn refusals_come_in_the_order_of_the_contract() {
-        let mut machine = fresh(2, clocks(None, 0));
+        let mut machine = new(2, clocks(None, 0));
         submit(&mut machine, at(1), 0, 0, "UP");
         let again = answer(&submit(&mut machine, at(2), 0, 0, "UP")).expect("the same act");
         assert!(again.duplicate);
-        assert_eq!(again.given.waiting_for, 1);
+        assert_eq!(again.recorded.waiting_for, 1);
         let other = answer(&submit(&mut machine, at(2), 0, 0, "DOWN"));
         assert_eq!(other, Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
         let ahead = answer(&submit(&mut machine, at(2), 0, 1, "UP"));
@@ -660,7 +663,7 @@ mod tests {
 
     #[test]
     fn an_act_without_room_costs_nothing_and_hides_no_other_answer() {
-        let mut machine = fresh(2, clocks(None, 0));
+        let mut machine = new(2, clocks(None, 0));
         submit(&mut machine, at(1), 0, 0, "UP");
         let full = Full::BytesOfEpisode(10);
         let mut send = |agent: u16, round: u32, action: &str| {
@@ -673,17 +676,17 @@ mod tests {
         assert_eq!(send(1, 1, "UP"), Err(Refusal::RoundAhead { sent: 1, round: 0 }));
         assert_eq!(send(1, 0, "UP"), Err(Refusal::NoRoom { full, round: 0 }));
         let receipt = answer(&submit(&mut machine, at(3), 1, 0, "UP")).expect("the seat is free");
-        assert_eq!(receipt.given.waiting_for, 0);
+        assert_eq!(receipt.recorded.waiting_for, 0);
     }
 
     #[test]
     fn acts_for_an_earlier_round_are_answered_from_what_was_kept() {
-        let mut machine = fresh(1, clocks(None, 0));
+        let mut machine = new(1, clocks(None, 0));
         submit(&mut machine, at(1), 0, 0, "UP");
         machine.apply(at(1), Event::Resolved { alive: vec![true], ending: None });
-        let kept = Given { record: record(0, "UP"), waiting_for: 0 };
+        let kept = RecordedAct { record: record(0, "UP"), waiting_for: 0 };
         for (action, expected) in [
-            ("UP", Ok(Receipt { round: 0, given: kept.clone(), duplicate: true })),
+            ("UP", Ok(Receipt { round: 0, recorded: kept.clone(), duplicate: true })),
             ("DOWN", Err(Refusal::AlreadyActed { sent: 0, round: 1 })),
         ] {
             let submission = Submission { round: 0, record: record(0, action) };
@@ -695,14 +698,18 @@ mod tests {
 
     #[test]
     fn a_clock_that_runs_out_counts_for_its_seat_alone() {
-        let mut machine = fresh(2, clocks(Some(10), 5));
+        let mut machine = new(2, clocks(Some(10), 5));
         assert_eq!(machine.wakes_at(), Some(at(15)));
         let effects = submit(&mut machine, at(12), 0, 0, "UP");
-        assert_eq!(answer(&effects).expect("in the bank's time").given.record.bank_spent_ms, 2000);
+        assert_eq!(
+            answer(&effects).expect("in the bank's time").recorded.record.bank_spent_ms,
+            2000
+        );
         assert_eq!(machine.apply(at(14), Event::Tick), []);
         let effects = machine.apply(at(15), Event::Tick);
-        let given = Given { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
-        assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), given }, Effect::Resolve]);
+        let recorded =
+            RecordedAct { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
+        assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), recorded }, Effect::Resolve]);
         machine.apply(at(15), Event::Resolved { alive: vec![true; 2], ending: None });
         assert_eq!(machine.banks(), [Duration::from_secs(3), Duration::ZERO]);
         assert_eq!(machine.wakes_at(), Some(at(1012)), "nobody can see the round yet");
@@ -719,7 +726,7 @@ mod tests {
 
     #[test]
     fn an_act_at_its_deadline_is_in_time_though_another_clock_has_run_out() {
-        let mut machine = fresh(2, clocks(Some(10), 1));
+        let mut machine = new(2, clocks(Some(10), 1));
         submit(&mut machine, at(11), 0, 0, "UP");
         submit(&mut machine, at(10), 1, 0, "UP");
         machine.apply(at(11), Event::Resolved { alive: vec![true; 2], ending: None });
@@ -727,7 +734,7 @@ mod tests {
         assert_eq!(machine.banks(), [Duration::ZERO, Duration::from_secs(1)]);
         let effects = submit(&mut machine, at(22), 1, 1, "UP");
         assert!(matches!(effects[0], Effect::KeepAct { agent: AgentId(0), .. }));
-        assert_eq!(answer(&effects).expect("just in time").given.record.bank_spent_ms, 1000);
+        assert_eq!(answer(&effects).expect("just in time").recorded.record.bank_spent_ms, 1000);
     }
 
     /// To the millisecond: what happens at the closing time happens after it.
@@ -741,22 +748,22 @@ mod tests {
             (at(20), Effect::End(Ending::Closed)),
             (at(21), Effect::End(Ending::Closed)),
         ] {
-            let mut machine = fresh(2, closing);
+            let mut machine = new(2, closing);
             submit(&mut machine, at(1), 0, 0, "UP");
             submit(&mut machine, at(2), 1, 0, "UP");
             assert_eq!(machine.apply(resolved_at, resolved()), [expected], "{resolved_at}");
         }
         // The last one has its whole clock, and a bank that goes beyond the closing time.
-        let mut machine = fresh(2, Clocks { bank: Duration::from_secs(30), ..closing });
+        let mut machine = new(2, Clocks { bank: Duration::from_secs(30), ..closing });
         submit(&mut machine, at(1), 0, 0, "UP");
         assert_eq!(machine.wakes_at(), Some(at(40)), "not at the closing time");
         assert_eq!(machine.apply(at(39), Event::Tick), []);
         let last = submit(&mut machine, at(40), 1, 0, "UP");
-        assert_eq!(answer(&last).expect("in time").given.waiting_for, 0);
+        assert_eq!(answer(&last).expect("in time").recorded.waiting_for, 0);
         assert_eq!(machine.apply(at(40), resolved()), [Effect::End(Ending::Closed)]);
         assert_eq!(machine.status(), Status::Aborted);
         // What ends by itself was not cut short.
-        let mut machine = fresh(1, closing);
+        let mut machine = new(1, closing);
         submit(&mut machine, at(25), 0, 0, "UP");
         let ending = Some(Ending::TaskDone);
         let effects = machine.apply(at(25), Event::Resolved { alive: vec![true], ending });
@@ -771,16 +778,16 @@ mod tests {
                 idle_timeout: Duration::from_secs(idle_s),
                 ..clocks(Some(10), 0)
             };
-            let standing = Standing {
+            let resume = ResumeState {
                 waiting: true,
                 outcome: None,
                 round: 0,
                 alive: vec![true; 2],
                 bank_spent: vec![Duration::ZERO; 2],
-                given: Vec::new(),
+                recorded: Vec::new(),
                 last_act_at: START,
             };
-            Lockstep::new(closing, standing, START)
+            Lockstep::new(closing, resume, START)
         };
         let mut machine = waiting(1000);
         assert_eq!((machine.wakes_at(), machine.ends_at()), (Some(at(20)), at(20)));
@@ -796,7 +803,7 @@ mod tests {
 
     #[test]
     fn an_episode_without_acts_is_abandoned() {
-        let mut machine = fresh(2, clocks(None, 0));
+        let mut machine = new(2, clocks(None, 0));
         submit(&mut machine, at(100), 0, 0, "UP");
         assert_eq!(machine.wakes_at(), Some(at(1100)));
         assert_eq!(machine.apply(at(1099), Event::Tick), []);
@@ -823,8 +830,8 @@ mod tests {
         /// all living seats have one, and the same act again gets the same receipt.
         #[test]
         fn every_order_of_events_keeps_the_barrier(moves in moves(), timed: bool) {
-            let mut machine = fresh(4, clocks(timed.then_some(5), 3));
-            let mut kept: BTreeMap<(u32, u16), Given> = BTreeMap::new();
+            let mut machine = new(4, clocks(timed.then_some(5), 3));
+            let mut kept: BTreeMap<(u32, u16), RecordedAct> = BTreeMap::new();
             let mut alive = vec![true; 4];
             let (mut now, mut round) = (START, 0);
             for step in moves {
@@ -844,21 +851,21 @@ mod tests {
                 let effects = machine.apply(now, event.clone());
                 for effect in &effects {
                     match effect {
-                        Effect::KeepAct { agent, given } => {
+                        Effect::KeepAct { agent, recorded } => {
                             prop_assert!(alive[agent.index()]);
-                            let before = kept.insert((round, agent.0), given.clone());
+                            let before = kept.insert((round, agent.0), recorded.clone());
                             prop_assert_eq!(before, None, "one act a seat and round");
                             let done = (0..4).filter(|a| kept.contains_key(&(round, *a))).count();
                             let living = alive.iter().filter(|alive| **alive).count();
-                            prop_assert_eq!(given.waiting_for as usize, living - done);
+                            prop_assert_eq!(recorded.waiting_for as usize, living - done);
                         }
                         Effect::Answer(Ok(receipt)) => {
                             let Event::Submit { agent, ref submission, .. } = event else {
                                 return Err(TestCaseError::fail("an answer to nobody"));
                             };
                             prop_assert_eq!(receipt.round, submission.round);
-                            prop_assert_eq!(&receipt.given, &kept[&(submission.round, agent.0)]);
-                            prop_assert_eq!(&receipt.given.record.action, &submission.record.action);
+                            prop_assert_eq!(&receipt.recorded, &kept[&(submission.round, agent.0)]);
+                            prop_assert_eq!(&receipt.recorded.record.action, &submission.record.action);
                         }
                         Effect::Answer(Err(_)) => {}
                         Effect::Resolve => {

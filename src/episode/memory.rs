@@ -18,7 +18,7 @@ const EPISODE: usize = 8 * 1024;
 const PLAYER_CELL: usize = 16;
 const PLAYER: usize = 16 * 1024;
 
-/// Bytes of an episode that stands at `world`, keeps other states of `kept` bytes and has `hosted` players of the
+/// Bytes of an episode in the state `world`, with other states of `kept` bytes and has `hosted` players of the
 /// server.
 #[must_use]
 pub fn of_episode(world: &World, kept: usize, hosted: usize) -> usize {

@@ -1,16 +1,16 @@
 //! Running episodes.
 //!
 //! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
-//! performs what it says, one task an episode. [`seating`] says who holds which seat. [`registry`] finds and starts them, and lets go of those
-//! that nobody asks for; [`recovery`] makes a running episode of a journal; [`replay`] makes states of
-//! earlier rounds again; [`heavy`] says what leaves the async threads; [`quota`] counts what everybody
-//! holds, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
+//! performs what it says, one task an episode. [`seating`] says who holds which seat. [`registry`] finds and starts them, and evicts idle
+//! ones; [`recovery`] makes a running episode of a journal; [`replay`] makes states of
+//! earlier rounds again; [`heavy`] says what leaves the async threads; [`quota`] counts what each owner
+//! uses, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
 
 pub mod actor;
 pub mod heavy;
+pub mod in_flight;
 pub mod lockstep;
 pub mod memory;
-pub mod places;
 pub mod quota;
 pub mod recovery;
 pub mod registry;
@@ -29,7 +29,7 @@ use crate::clock::after;
 use crate::journal::chain::Head;
 use spec::Spec;
 
-/// Where an episode stands.
+/// The status of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Status {
     /// Created, not started.
@@ -136,7 +136,7 @@ pub struct Outcome {
 /// An episode between two rounds: what all readers share. It never changes, but that seats act.
 #[derive(Debug)]
 pub struct Snapshot {
-    /// Where the episode stands.
+    /// The status of the episode.
     pub status: Status,
     /// The state.
     pub world: Arc<World>,
@@ -177,8 +177,8 @@ impl Snapshot {
         self.opened_at.get_or_init(|| at);
     }
 
-    /// The place of the open round among all rounds that somebody has seen. Whoever sees it first says
-    /// which it is: so a round that nobody has seen never stands before one that somebody has.
+    /// The place of the open round among all rounds that somebody has seen. The first look says
+    /// which it is: so an unseen round never comes before a seen one.
     #[must_use]
     pub fn place(&self, next: impl FnOnce() -> u64) -> u64 {
         *self.place.get_or_init(next)

@@ -1,9 +1,9 @@
-//! Shares of what is scarce: places for episodes that have not ended, and bytes in the journal.
+//! Per-owner quotas: episodes that have not ended, and bytes in the journal.
 //!
-//! Places are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
-//! episode as long as it holds fewer places than are free, and an entrant as long as it holds fewer than its
-//! competition could still take. So one group alone holds half of all places at most, two hold a third each, and
-//! whoever comes new always finds some free. A few places are kept for organizers and for the next games of runs.
+//! Unfinished episodes are shared by one rule. A group (a competition; a key, or a network, outside of competitions) opens another
+//! episode as long as it has fewer open than there are free, and an entrant as long as it has fewer than its
+//! competition could still open. So one group alone has half of all at most, two have a third each, and
+//! a new group always finds some free. A few are reserved for organizers and for the next games of runs.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -15,16 +15,16 @@ use crate::fair::{Group, Party};
 use crate::journal::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
-/// How much may be held. What is over it is refused; what runs goes on.
+/// The caps. What exceeds them is refused; running episodes continue.
 #[derive(Clone, Copy, Debug)]
 pub struct Caps {
     /// Episodes that have not ended, in all.
     pub episodes_unfinished_max: usize,
     /// Episodes that have not ended, of one key.
     pub episodes_per_key_max: usize,
-    /// How many percent of all places are kept for organizers and for the next games of runs.
+    /// The percentage of all episodes that is reserved for organizers and for the next games of runs.
     pub episodes_reserved_percent: u32,
-    /// How many places a group may hold, in percent of those that are free.
+    /// How many episodes a group may have open, in percent of those that are free.
     pub episodes_of_free_percent_max: u32,
     /// Bytes that the acts of one episode may take in the journal.
     pub journal_bytes_per_episode_max: u64,
@@ -32,32 +32,32 @@ pub struct Caps {
     pub journal_bytes_per_key_max: u64,
     /// Bytes that the acts of all episodes of one competition may take in the journal.
     pub journal_bytes_per_competition_max: u64,
-    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; any number where it is 0.
+    /// Bytes of large acts a second that an entrant, a key or a network may write, on average; 0 for no limit.
     pub journal_bytes_per_key_s_max: u64,
-    /// Bytes of large acts a second that all entrants of a competition may write, on average; any number where it is 0.
+    /// Bytes of large acts a second that all entrants of a competition may write, on average; 0 for no limit.
     pub journal_bytes_per_competition_s_max: u64,
 }
 
-/// A record of an act of at most so many bytes is kept whatever was used: an action and a message
+/// A record of an act of at most so many bytes is always stored: an action and a message
 /// always fit, so that an episode can be played to its end.
 pub const ACT_BYTES_ALWAYS: u64 = 2048;
 
 /// How many seconds' worth of bytes may be written at once.
 pub const BURST_S: i64 = 8;
 
-/// Of all bytes that a network may write without a key, the part that is forgotten once it plays nothing.
+/// The fraction of the bytes that a network may write without a key that is forgotten once it plays nothing.
 const FORGOTTEN: u64 = 100;
 
 impl Party {
-    /// Whoever plays with this key, if any, outside of competitions. Of those without a key that nothing is known of
-    /// there is one group.
+    /// The party that plays with this key, if any, outside of competitions. Callers without a key and a known address
+    /// are one group.
     #[must_use]
     pub fn of_key(owner: Option<OwnerKey>) -> Self {
         let unknown = Group::Address(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
         Self::of(owner.map_or(unknown, Group::Owner))
     }
 
-    /// Whoever plays with this key in a competition, or else outside.
+    /// The party that plays with this key in a competition, or else outside.
     #[must_use]
     pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
         let entrant = |key| Self { group: Group::Competition(key), member: owner };
@@ -75,56 +75,58 @@ impl Party {
     }
 }
 
-/// What a place is wanted for.
+/// The purpose of a new episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Anything else.
     Usual,
     /// The next game of a run that has none open: it uses half of the reserve, too.
     NextGame,
-    /// Whatever an organizer creates: it may use all of the reserve and more than a share.
+    /// An episode of an organizer: it may use all of the reserve and more than a share.
     Organizer,
 }
 
 /// A cap that was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Full {
-    /// The server plays as many episodes as it takes.
-    #[error("{0} episodes are played already; wait until some have ended")]
+    /// The server has its maximum of episodes.
+    #[error("the server already plays its maximum of {0} episodes; wait until some have ended")]
     Episodes(usize),
-    /// The holder of the key plays as many episodes as one may.
-    #[error("{0} episodes of this key are played already; end some, or wait until they have ended")]
-    EpisodesOfKey(usize),
-    /// The group, or the entrant within it, has its share of the places.
+    /// The key has its maximum of episodes.
     #[error(
-        "this {whose} has its share of the places for episodes, {percent} % of those that are free; end some episodes, or wait until some have ended"
+        "this key already has its maximum of {0} unfinished episodes; end some, or wait until some have ended"
+    )]
+    EpisodesOfKey(usize),
+    /// The group, or the entrant within it, has its share of the episodes.
+    #[error(
+        "this {whose} has its share of unfinished episodes, {percent} % of what is free; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
         /// Whose share it is.
         whose: Whose,
-        /// How many are held.
-        held: usize,
-        /// How many percent of the free places a share is.
+        /// How many are open.
+        open: usize,
+        /// The share, in percent of the free episodes.
         percent: u32,
     },
-    /// The acts of the episode take as many bytes as they may.
+    /// The acts of the episode have reached their maximum of bytes.
     #[error(
         "the acts of this episode take {0} bytes already; send them without `reasoning`, and an `action` instead of a long `response`"
     )]
     BytesOfEpisode(u64),
-    /// The acts of all episodes of the key take as many bytes as they may.
+    /// The acts of all episodes of the key have reached their maximum of bytes.
     #[error(
         "the acts of all episodes of this key take {0} bytes already; ask the organizer for more, or send acts without `reasoning` and with short responses"
     )]
     BytesOfKey(u64),
-    /// The acts of all episodes of the competition take as many bytes as they may.
+    /// The acts of all episodes of the competition have reached their maximum of bytes.
     #[error(
         "the acts of all episodes of this competition take {0} bytes already; send acts without `reasoning` and with short responses"
     )]
     BytesOfCompetition(u64),
     /// Too many bytes come at once.
     #[error(
-        "more than {most} bytes of long acts a second come from this {whose}; send this one again later, or with less text"
+        "this {whose} sent more than {most} bytes of long acts a second; send this act again later, or with less text"
     )]
     BytesPerSecond {
         /// Whose share it is.
@@ -190,19 +192,19 @@ const fn whose(group: Group) -> Whose {
     }
 }
 
-/// Counts what is held; shared by all episodes of a server.
+/// Counts what owners use; shared by all episodes of a server.
 #[derive(Debug)]
 pub struct Quotas {
     caps: Caps,
-    held: Mutex<Held>,
+    usage: Mutex<Usage>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct Usage {
     unfinished: HashMap<EpisodeKey, Party>,
     by_owner: HashMap<OwnerKey, OfOwner>,
     by_group: HashMap<Group, Share>,
-    /// What each entrant holds of its competition.
+    /// What each entrant uses of its competition.
     by_entrant: HashMap<Party, Share>,
 }
 
@@ -212,58 +214,58 @@ struct OfOwner {
     bytes: u64,
 }
 
-/// What a group, or an entrant, holds.
+/// What a group, or an entrant, uses.
 #[derive(Clone, Copy, Debug, Default)]
 struct Share {
     episodes: usize,
     bytes: u64,
-    pace: Pace,
+    bucket: TokenBucket,
 }
 
 impl Quotas {
-    /// Nothing is held yet.
+    /// Nothing is used yet.
     #[must_use]
     pub fn new(caps: Caps) -> Self {
-        Self { caps, held: Mutex::default() }
+        Self { caps, usage: Mutex::default() }
     }
 
-    fn held(&self) -> std::sync::MutexGuard<'_, Held> {
-        self.held.lock().expect("nothing panics while it holds this")
+    fn usage(&self) -> std::sync::MutexGuard<'_, Usage> {
+        self.usage.lock().expect("nothing panics while it holds this")
     }
 
-    /// Takes a place for a new episode.
+    /// Counts a new episode.
     ///
     /// # Errors
     /// The cap that was reached.
     pub fn admit(&self, episode: EpisodeKey, party: Party, purpose: Purpose) -> Result<(), Full> {
-        let mut held = self.held();
-        held.check(&self.caps, party, purpose)?;
-        held.begin(episode, party);
+        let mut usage = self.usage();
+        usage.check(&self.caps, party, purpose)?;
+        usage.begin(episode, party);
         Ok(())
     }
 
-    /// Whether there is a place for a new episode now.
+    /// Whether a new episode is admitted now.
     ///
     /// # Errors
     /// The cap that was reached.
     pub fn check(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
-        self.held().check(&self.caps, party, purpose)
+        self.usage().check(&self.caps, party, purpose)
     }
 
     /// Notes an unfinished episode that exists already; doing it again changes nothing.
     pub fn note(&self, episode: EpisodeKey, party: Party) {
-        self.held().begin(episode, party);
+        self.usage().begin(episode, party);
     }
 
     /// Notes that an episode has ended, or was not created after all.
     pub fn release(&self, episode: EpisodeKey) {
-        self.held().end(episode);
+        self.usage().end(episode);
     }
 
     /// How many episodes have not ended.
     #[must_use]
     pub fn unfinished(&self) -> usize {
-        self.held().unfinished.len()
+        self.usage().unfinished.len()
     }
 
     /// Whether an act with so many bytes of text may be kept now for an episode whose acts take `used`.
@@ -284,58 +286,58 @@ impl Quotas {
         if used + more > caps.journal_bytes_per_episode_max {
             return Err(Full::BytesOfEpisode(caps.journal_bytes_per_episode_max));
         }
-        let held = self.held();
-        let Some(party) = held.unfinished.get(&episode) else { return Ok(()) };
-        held.check_bytes(caps, *party, more)?;
-        held.check_pace(caps, *party, now)
+        let usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode) else { return Ok(()) };
+        usage.check_bytes(caps, *party, more)?;
+        usage.check_rate(caps, *party, now)
     }
 
     /// Counts bytes that an act of an episode takes.
     pub fn add_bytes(&self, episode: EpisodeKey, bytes: u64, now: Timestamp) {
-        let mut held = self.held();
-        let Some(party) = held.unfinished.get(&episode).copied() else { return };
-        held.add_bytes(party, bytes);
+        let mut usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode).copied() else { return };
+        usage.add_bytes(party, bytes);
         if bytes > ACT_BYTES_ALWAYS {
-            held.write(&self.caps, party, bytes, now);
+            usage.write(&self.caps, party, bytes, now);
         }
     }
 
     /// Gives back bytes that were counted for acts which were not kept.
-    pub fn give_back_bytes(&self, episode: EpisodeKey, bytes: u64) {
-        let mut held = self.held();
-        let Some(party) = held.unfinished.get(&episode).copied() else { return };
-        held.give_back_bytes(party, bytes);
+    pub fn release_bytes(&self, episode: EpisodeKey, bytes: u64) {
+        let mut usage = self.usage();
+        let Some(party) = usage.unfinished.get(&episode).copied() else { return };
+        usage.release_bytes(party, bytes);
     }
 
     /// Counts bytes that were written earlier with a key.
     pub fn note_bytes(&self, owner: OwnerKey, bytes: u64) {
-        self.held().by_owner.entry(owner).or_default().bytes += bytes;
+        self.usage().by_owner.entry(owner).or_default().bytes += bytes;
     }
 
     /// Counts bytes that were written earlier in a competition.
     pub fn note_competition(&self, competition: CompetitionKey, bytes: u64) {
         let group = Group::Competition(competition);
-        self.held().by_group.entry(group).or_default().bytes += bytes;
+        self.usage().by_group.entry(group).or_default().bytes += bytes;
     }
 
     /// Forgets groups and entrants that hold nothing.
     pub fn tidy(&self, now: Timestamp) {
         let forgotten = self.caps.journal_bytes_per_key_max / FORGOTTEN;
-        let mut held = self.held();
-        held.by_entrant.retain(|_, share| share.episodes > 0 || share.pace.is_behind(now));
-        held.by_group.retain(|group, share| {
+        let mut usage = self.usage();
+        usage.by_entrant.retain(|_, share| share.episodes > 0 || share.bucket.is_behind(now));
+        usage.by_group.retain(|group, share| {
             let bytes = match group {
                 Group::Competition(_) => share.bytes > 0,
                 Group::Address(_) => share.bytes > forgotten,
                 // Those of a key are counted by key.
                 Group::Owner(_) | Group::Server => false,
             };
-            bytes || share.episodes > 0 || share.pace.is_behind(now)
+            bytes || share.episodes > 0 || share.bucket.is_behind(now)
         });
     }
 }
 
-impl Held {
+impl Usage {
     fn check(&self, caps: &Caps, party: Party, purpose: Purpose) -> Result<(), Full> {
         let all = caps.episodes_unfinished_max;
         let reserved = all * caps.episodes_reserved_percent as usize / 100;
@@ -357,7 +359,7 @@ impl Held {
         self.check_bytes(caps, party, 1)?;
         match purpose {
             Purpose::Usual => self.check_share(caps, party, free),
-            // However many runs go on: others have half of the places.
+            // However many runs there are: others have half of the episodes.
             Purpose::NextGame => self.check_group(caps, party, all.div_ceil(2)).map(drop),
             Purpose::Organizer => Ok(()),
         }
@@ -368,22 +370,22 @@ impl Held {
         let most = (free * caps.episodes_of_free_percent_max as usize / 100).max(1);
         let room = self.check_group(caps, party, most)?;
         let Group::Competition(_) = party.group else { return Ok(()) };
-        let held = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
-        // Each place that the competition takes is one fewer that is free, too.
-        if held < room.div_ceil(2) {
+        let open = self.by_entrant.get(&party).map_or(0, |share| share.episodes);
+        // Each episode of the competition is also one fewer that is free.
+        if open < room.div_ceil(2) {
             return Ok(());
         }
         let percent = caps.episodes_of_free_percent_max;
-        Err(Full::EpisodesOfShare { whose: Whose::Entrant, held, percent })
+        Err(Full::EpisodesOfShare { whose: Whose::Entrant, open, percent })
     }
 
-    /// How many places a group holds less than `most`.
+    /// How many episodes a group has open less than `most`.
     fn check_group(&self, caps: &Caps, party: Party, most: usize) -> Result<usize, Full> {
-        let held = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
-        match most.checked_sub(held) {
+        let open = self.by_group.get(&party.group).map_or(0, |share| share.episodes);
+        match most.checked_sub(open) {
             None | Some(0) if party.group != Group::Server => {
                 let (whose, percent) = (whose(party.group), caps.episodes_of_free_percent_max);
-                Err(Full::EpisodesOfShare { whose, held, percent })
+                Err(Full::EpisodesOfShare { whose, open, percent })
             }
             room => Ok(room.unwrap_or(0)),
         }
@@ -407,9 +409,9 @@ impl Held {
     }
 
     /// Whether another large act may be written now.
-    fn check_pace(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
+    fn check_rate(&self, caps: &Caps, party: Party, now: Timestamp) -> Result<(), Full> {
         let check = |share: Option<&Share>, whose, most| match share
-            .map_or(0, |share| share.pace.wait_ms(now))
+            .map_or(0, |share| share.bucket.wait_ms(now))
         {
             0 => Ok(()),
             after_ms => Err(Full::BytesPerSecond { whose, most, after_ms }),
@@ -435,7 +437,7 @@ impl Held {
         self.by_group.entry(party.group).or_default().bytes += bytes;
     }
 
-    fn give_back_bytes(&mut self, party: Party, bytes: u64) {
+    fn release_bytes(&mut self, party: Party, bytes: u64) {
         if let Some(own) = party.owner().and_then(|owner| self.by_owner.get_mut(&owner)) {
             own.bytes = own.bytes.saturating_sub(bytes);
         }
@@ -444,12 +446,12 @@ impl Held {
         }
     }
 
-    /// Counts a large act against what may be written a second.
+    /// Counts a large act against the rate limit of writes.
     fn write(&mut self, caps: &Caps, party: Party, bytes: u64, now: Timestamp) {
-        let group = &mut self.by_group.entry(party.group).or_default().pace;
+        let group = &mut self.by_group.entry(party.group).or_default().bucket;
         if let Group::Competition(_) = party.group {
             group.write(bytes, caps.journal_bytes_per_competition_s_max, now);
-            let entrant = &mut self.by_entrant.entry(party).or_default().pace;
+            let entrant = &mut self.by_entrant.entry(party).or_default().bucket;
             entrant.write(bytes, caps.journal_bytes_per_key_s_max, now);
         } else {
             group.write(bytes, caps.journal_bytes_per_key_s_max, now);
@@ -457,11 +459,11 @@ impl Held {
     }
 
     fn begin(&mut self, episode: EpisodeKey, party: Party) {
-        let std::collections::hash_map::Entry::Vacant(place) = self.unfinished.entry(episode)
+        let std::collections::hash_map::Entry::Vacant(entry) = self.unfinished.entry(episode)
         else {
             return;
         };
-        place.insert(party);
+        entry.insert(party);
         if let Some(owner) = party.owner() {
             self.by_owner.entry(owner).or_default().episodes += 1;
         }
@@ -485,11 +487,11 @@ impl Held {
 
 /// A token bucket, as the time at which it is full again.
 #[derive(Clone, Copy, Debug, Default)]
-struct Pace {
+struct TokenBucket {
     full_at_us: i64,
 }
 
-impl Pace {
+impl TokenBucket {
     const BURST_US: i64 = BURST_S * 1_000_000;
 
     /// Whether it is not full.
@@ -541,13 +543,13 @@ mod tests {
         Timestamp::from_second(1_000_000 + seconds).expect("a time")
     }
 
-    /// A server of which one takes places until it gets no more.
-    struct Places {
+    /// A server in which a party opens episodes until it gets no more.
+    struct Opener {
         quotas: Quotas,
         next: i64,
     }
 
-    impl Places {
+    impl Opener {
         fn of(episodes_unfinished_max: usize, episodes_reserved_percent: u32) -> Self {
             let caps = Caps {
                 episodes_unfinished_max,
@@ -583,61 +585,61 @@ mod tests {
         quotas.release(EpisodeKey(1));
         assert_eq!(quotas.unfinished(), 2);
         assert_eq!(admit(3, OWN), Ok(()));
-        // An episode that is taken up again is no second one.
+        // A recovered episode is not counted twice.
         quotas.note(EpisodeKey(3), OWN);
         assert_eq!(quotas.unfinished(), 3);
     }
 
     #[test]
-    fn groups_share_the_places_and_whoever_comes_new_finds_some() {
-        let mut places = Places::of(1000, 10);
+    fn groups_share_the_episodes_and_a_newcomer_finds_some() {
+        let mut opener = Opener::of(1000, 10);
         let usual = Purpose::Usual;
-        // 900 places are open to all.
-        assert_eq!(places.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
-        assert_eq!(places.all(Party::of_key(None), usual), 225);
+        // 900 opener are open to all.
+        assert_eq!(opener.all(Party::of_key(Some(OwnerKey(1))), usual), 450);
+        assert_eq!(opener.all(Party::of_key(None), usual), 225);
         // However many entrants somebody makes of himself, they have what one competition has.
-        let entrants: Vec<usize> = (0..50).map(|n| places.all(entrant(1, n), usual)).collect();
+        let entrants: Vec<usize> = (0..50).map(|n| opener.all(entrant(1, n), usual)).collect();
         assert_eq!(entrants.iter().sum::<usize>(), 113, "{entrants:?}");
-        assert_eq!(places.one(entrant(2, 1), usual), Ok(()), "another competition starts");
+        assert_eq!(opener.one(entrant(2, 1), usual), Ok(()), "another competition starts");
         // Programs of the host share with nobody, and leave the reserve.
-        assert_eq!(places.all(HOST, usual), 111);
-        assert_eq!(places.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
-        assert_eq!(places.all(HOST, Purpose::NextGame), 50);
-        assert_eq!(places.all(OWN, Purpose::Organizer), 50);
+        assert_eq!(opener.all(HOST, usual), 111);
+        assert_eq!(opener.one(entrant(3, 1), usual), Err(Full::Episodes(1000)));
+        assert_eq!(opener.all(HOST, Purpose::NextGame), 50);
+        assert_eq!(opener.all(OWN, Purpose::Organizer), 50);
     }
 
     #[test]
-    fn an_entrant_leaves_places_to_others_of_the_same_competition() {
-        let mut places = Places::of(1000, 0);
-        let first = places.all(entrant(1, 1), Purpose::Usual);
-        let second = places.all(entrant(1, 2), Purpose::Usual);
+    fn an_entrant_leaves_episodes_to_others_of_the_same_competition() {
+        let mut opener = Opener::of(1000, 0);
+        let first = opener.all(entrant(1, 1), Purpose::Usual);
+        let second = opener.all(entrant(1, 2), Purpose::Usual);
         assert_eq!((first, second), (250, 125));
-        let share = places.one(entrant(1, 1), Purpose::Usual);
+        let share = opener.one(entrant(1, 1), Purpose::Usual);
         let limit = share.map_err(Full::limit);
         assert_eq!(limit, Err(("episodes_of_free_percent_max", 100)));
     }
 
     #[test]
     fn a_run_without_an_open_game_gets_one_as_long_as_others_have_half() {
-        let mut places = Places::of(100, 10);
-        let taken = places.all(entrant(1, 1), Purpose::Usual);
+        let mut opener = Opener::of(100, 10);
+        let taken = opener.all(entrant(1, 1), Purpose::Usual);
         assert!(taken < 50, "{taken}");
-        assert_eq!(taken + places.all(entrant(1, 2), Purpose::NextGame), 50);
-        assert_eq!(places.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
-        assert_eq!(places.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
+        assert_eq!(taken + opener.all(entrant(1, 2), Purpose::NextGame), 50);
+        assert_eq!(opener.all(entrant(2, 2), Purpose::NextGame), 45, "half of the reserve is left");
+        assert_eq!(opener.one(entrant(3, 2), Purpose::NextGame), Err(Full::Episodes(100)));
     }
 
     #[test]
     fn what_has_ended_is_forgotten() {
-        let mut places = Places::of(10, 0);
-        places.one(entrant(1, 1), Purpose::Usual).expect("a place");
-        places.one(Party::of_key(None), Purpose::Usual).expect("a place");
-        for key in 1..=places.next {
-            places.quotas.release(EpisodeKey(key));
+        let mut opener = Opener::of(10, 0);
+        opener.one(entrant(1, 1), Purpose::Usual).expect("a place");
+        opener.one(Party::of_key(None), Purpose::Usual).expect("a place");
+        for key in 1..=opener.next {
+            opener.quotas.release(EpisodeKey(key));
         }
-        places.quotas.tidy(at(0));
-        let held = places.quotas.held();
-        assert_eq!((held.by_group.len(), held.by_entrant.len()), (0, 0));
+        opener.quotas.tidy(at(0));
+        let usage = opener.quotas.usage();
+        assert_eq!((usage.by_group.len(), usage.by_entrant.len()), (0, 0));
     }
 
     #[test]

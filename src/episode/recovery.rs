@@ -1,14 +1,14 @@
-//! Journal → running episode: every unfinished episode stands again at the same round, with the acts
-//! that were already given.
+//! Journal → running episode: every unfinished episode continues at the same round, with the acts
+//! that were already recorded.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{Fresh, Host, Keyframes, Times};
+use super::actor::{EpisodeInit, Host, Keyframes, Times};
 use super::heavy::{self, off_thread, step_micros};
-use super::lockstep::{Clocks, Given, Lockstep, Standing};
+use super::lockstep::{Clocks, Lockstep, RecordedAct, ResumeState};
 use super::replay::{acts_bytes, rounds_at_once};
 use super::seating::Seating;
 use super::spec::Spec;
@@ -19,7 +19,7 @@ use crate::journal::replay::acts_of;
 use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
 use crate::work::{Cancelled, WorkError};
 
-/// Why an episode cannot be taken up.
+/// Why an episode cannot be recovered.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum RecoveryError {
     /// Its journal cannot be read.
@@ -29,7 +29,7 @@ pub enum RecoveryError {
     #[error(transparent)]
     Work(#[from] WorkError),
     /// Its journal does not play again as it was played.
-    #[error("the journal of episode {episode} does not play again: {problem}")]
+    #[error("the journal of episode {episode} cannot be replayed: {problem}")]
     Broken {
         /// The public id.
         episode: String,
@@ -45,12 +45,12 @@ pub(super) async fn recover(
     spec: Arc<Spec>,
     party: Party,
     times: Arc<Times>,
-) -> Result<Fresh, RecoveryError> {
+) -> Result<EpisodeInit, RecoveryError> {
     let broken = |problem: String| broken(&stored, problem);
     let config = Arc::clone(&spec.config);
     let (micros, at_once) = (step_micros(&config), rounds_at_once(&config));
     let Host { journal, clock, workers, budget, .. } = host;
-    let share = (taken_up_for(&stored, party), Rank::Normal);
+    let share = (recovered_for(&stored, party), Rank::Normal);
     let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
     let layout = off_thread(workers, "layout", share, heavy::is_long(micros), lay_out).await?;
     let mut track = Track {
@@ -79,14 +79,16 @@ pub(super) async fn recover(
             Some(outcome(end, stored.ended_at.unwrap_or_else(|| clock.now())).map_err(broken)?)
         }
     };
-    let standing = Standing {
+    let resume = ResumeState {
         waiting: stored.status == "waiting",
         outcome,
         round: stored.rounds,
         alive: track.world.agents().map(|agent| track.world.is_alive(agent)).collect(),
         bank_spent: track.bank_spent,
-        given: (open.into_iter())
-            .map(|(agent, act)| (agent, Given { record: act.record, waiting_for: act.waiting_for }))
+        recorded: (open.into_iter())
+            .map(|(agent, act)| {
+                (agent, RecordedAct { record: act.record, waiting_for: act.waiting_for })
+            })
             .collect(),
         last_act_at: times.last_act_at(),
     };
@@ -94,7 +96,7 @@ pub(super) async fn recover(
         if spec.is_seated() { journal.holders(stored.episode).await? } else { Vec::new() };
     let seating = Seating::new(&spec, times.created_at, holders);
     let clocks = clocks(&spec);
-    Ok(Fresh {
+    Ok(EpisodeInit {
         id: stored.id,
         key: stored.episode,
         owner: stored.owner,
@@ -105,7 +107,7 @@ pub(super) async fn recover(
         times,
         world: track.world,
         head: stored.head,
-        lockstep: Lockstep::new(clocks, standing, clock.now()),
+        lockstep: Lockstep::new(clocks, resume, clock.now()),
         keyframes: track.keyframes,
         newest_at: stored.newest_at,
         bytes: track.bytes,
@@ -114,8 +116,8 @@ pub(super) async fn recover(
     })
 }
 
-/// For whom an episode of `party` is taken up: one that has ended for whoever asks.
-pub(super) fn taken_up_for(stored: &StoredEpisode, party: Party) -> Party {
+/// The party for which an episode of `party` is recovered: if it has ended, the caller.
+pub(super) fn recovered_for(stored: &StoredEpisode, party: Party) -> Party {
     if stored.end.is_some() { Party::current() } else { party }
 }
 
@@ -136,7 +138,7 @@ fn broken(stored: &StoredEpisode, problem: String) -> RecoveryError {
     RecoveryError::Broken { episode: stored.id.to_string(), problem }
 }
 
-/// An episode on its way from its layout to where it stands.
+/// An episode during its replay from the layout.
 struct Track {
     world: Arc<World>,
     keyframes: Keyframes,
@@ -166,14 +168,14 @@ impl Track {
             if cancelled.is_cancelled() {
                 return Err("nobody waits for it any more".to_owned());
             }
-            let given: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
-                Some((_, given)) => given,
+            let recorded: &[_] = match acts.iter().find(|(number, _)| *number == round.round) {
+                Some((_, recorded)) => recorded,
                 None => &[],
             };
-            for (agent, act) in given {
+            for (agent, act) in recorded {
                 self.bank_spent[agent.index()] += Duration::from_millis(act.record.bank_spent_ms);
             }
-            let records = given.iter().map(|(_, act)| &act.record);
+            let records = recorded.iter().map(|(_, act)| &act.record);
             let acts = acts_of(self.world.config(), records)?;
             let mut world = World::clone(&self.world);
             if world.is_over() {

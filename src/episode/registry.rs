@@ -1,5 +1,5 @@
-//! All episodes of a server: creates them, finds them, takes them up from the journal on first use,
-//! and lets go of those that nobody asks for.
+//! All episodes of a server: creates them, finds them, recovers them from the journal on first use,
+//! and evicts idle ones.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -14,12 +14,12 @@ use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
-use super::actor::{Fresh, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
+use super::actor::{EpisodeInit, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
-use super::lockstep::{Lockstep, Standing};
+use super::lockstep::{Lockstep, ResumeState};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
-use super::recovery::{RecoveryError, clocks, described, recover, taken_up_for};
+use super::recovery::{RecoveryError, clocks, described, recover, recovered_for};
 use super::seating::Seating;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
@@ -37,41 +37,41 @@ use crate::work::{Cancelled, WorkError, Workers};
 
 /// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
 /// is ready without it.
-const LIGHT_TO_TAKE_UP_MICROS: u64 = 250_000;
+const LIGHT_RECOVERY_MICROS: u64 = 250_000;
 
-/// Light episodes that are taken up at once after a start.
-const TAKEN_UP_AT_ONCE: usize = 8;
+/// Light episodes that are recovered at once after a start.
+const RECOVERED_AT_ONCE: usize = 8;
 
 /// Episodes that are not in memory and are looked after at once by a sweep: one that takes long, or whose journal is
 /// broken, keeps no other from its end.
-const LOOKED_AFTER_AT_ONCE: usize = 8;
+const SWEPT_AT_ONCE: usize = 8;
 
-/// How long an episode that nobody asks for stays in memory.
+/// How long an idle episode stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
 
 /// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
 /// what has failed at once may fail at once again.
 const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
-/// How long an episode that nobody asks for stays in memory where memory is short.
+/// How long an idle episode stays in memory when memory is low.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
 
-/// Where too few episodes were idle, how long nobody looks for others.
+/// How long the search for idle episodes pauses after it found too few.
 const LOOKS_FOR_IDLE_AFTER: Duration = Duration::from_secs(1);
 
-/// How long whoever takes up an episode whose time is over waits for its end.
+/// How long the recovery of an episode whose time is over waits for its end.
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Episodes that are taken up from their journals at once; each may read as much as some rounds have text.
-pub const TAKE_UPS_MAX: usize = 32;
+/// Concurrent recoveries from journals; each may read as much as some rounds have text.
+pub const RECOVERIES_MAX: usize = 32;
 
-/// Turns to take episodes up: a group has no more than half of them.
-fn take_ups() -> FairLimit {
+/// Permits for recoveries: a group has no more than half of them.
+fn recoveries() -> FairLimit {
     let shares = Shares {
-        slots: TAKE_UPS_MAX,
+        slots: RECOVERIES_MAX,
         reserve: 0,
-        slots_per_group: TAKE_UPS_MAX / 2,
-        slots_per_member: TAKE_UPS_MAX / 2,
+        slots_per_group: RECOVERIES_MAX / 2,
+        slots_per_member: RECOVERIES_MAX / 2,
         // There is one for each episode at most.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,
@@ -83,9 +83,9 @@ fn take_ups() -> FairLimit {
 pub struct Creation {
     /// Its public id.
     pub id: EpisodeId,
-    /// Whose it is: the key with which it is created, if any, and with whom its place is shared.
+    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
-    /// What its place is wanted for.
+    /// The purpose for which it counts.
     pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
@@ -99,12 +99,12 @@ pub struct Creation {
 
 /// Where an episode is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Location {
     /// In memory.
     Memory,
-    /// In the journal, and it has not ended: it is taken up to the end, whoever asked.
+    /// In the journal, and it has not ended: its recovery continues although the caller is gone.
     Unfinished,
-    /// In the journal, if anywhere: it is taken up for whoever asks, as long as somebody waits.
+    /// In the journal, if anywhere: its recovery is cancelled when no caller waits for it.
     Journal,
 }
 
@@ -118,23 +118,23 @@ pub enum CreateError {
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
     /// The time in which its rounds may begin is over.
-    #[error("no round begins here after {0}")]
+    #[error("no round may begin after {0}")]
     Closed(Timestamp),
     /// Its map is large, and too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-/// Why an episode was not found in memory, nor taken up.
+/// Why an episode was neither found in memory nor recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
     /// No memory is free for it.
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
-    /// It cannot be taken up.
+    /// It cannot be recovered.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
 }
@@ -151,30 +151,30 @@ pub struct Registry {
     host: Host,
     slots: Arc<Mutex<HashMap<EpisodeId, Slot>>>,
     next_key: Arc<AtomicI64>,
-    /// Until when nobody looks for idle episodes of a group, or of all, again: there were too few.
+    /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
-    /// Turns to take an episode up from its journal.
-    take_ups: FairLimit,
+    /// Permits for recoveries.
+    recoveries: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
 
-/// The place of an episode: of all that have not ended, and of those that somebody asked for lately.
+/// The slot of an episode: of all that have not ended, and of those that were requested lately.
 struct Slot {
     /// Empty as long as the episode is not in memory.
     handle: Arc<OnceCell<Handle>>,
     used_at: Timestamp,
-    /// When an episode that has not ended and is not in memory has to be taken up, if nobody asks
-    /// for it earlier: then it is abandoned, or closed.
+    /// When an episode that has not ended and is not in memory has to be recovered, if there is no
+    /// request for it earlier: then it is abandoned, or closed.
     ends_at: Option<Timestamp>,
-    /// Whether it goes on though nobody asks: then it is taken up whenever it is not in memory.
+    /// Whether it advances by itself: then it is recovered whenever it is not in memory.
     clocked: bool,
-    /// The actor that was let go of. It may still have something to do, and an episode never has
+    /// The actor that was evicted. It may still have something to do, and an episode never has
     /// two of them.
     leaving: Option<CancellationToken>,
     /// When it was last emptied as its actor had ended by a fault.
     revived_at: Option<Timestamp>,
-    /// Whether it will be taken up as soon as those before it are.
+    /// Whether it is queued for recovery.
     in_line: bool,
     /// Of an episode that was in memory since the start of the server. The time of day may have been set
     /// since then, so the journal does not know them.
@@ -195,7 +195,7 @@ impl Slot {
         }
     }
 
-    /// Empties the place where the actor has ended though the episode has not, so that whoever comes next
+    /// Empties the slot if the actor has ended though the episode has not, so that the next request
     /// recovers the episode. Others may still hold the dead handle: nothing is done through it.
     fn empty_if_dead(&mut self, now: Timestamp) {
         let is_early = self.revived_at.is_some_and(|at| after(at, REVIVED_AFTER) > now);
@@ -213,12 +213,12 @@ impl Slot {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
     }
 
-    /// Whether nobody holds the episode, or has asked for it for so long.
+    /// Whether the episode has no handles and no requests for so long.
     fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
         !self.is_held() && after(self.used_at, stays) <= now
     }
 
-    /// Lets an idle episode leave the memory, unless it has a running clock; false where it needs no place any
+    /// Evicts an idle episode, unless it has a running clock; false where it needs no slot any
     /// more.
     fn leave(&mut self, now: Timestamp) -> bool {
         let Some(handle) = self.handle.get() else { return self.ends_at.is_some() };
@@ -227,18 +227,18 @@ impl Slot {
         }
         if handle.is_dead() {
             self.vacate(now);
-        } else if !handle.spec.goes_on_alone() {
+        } else if !handle.spec.advances_by_itself() {
             self.vacate(handle.ends_at());
         }
         true
     }
 
-    /// Takes the episode out of memory, until somebody asks for it or it is `ends_at`.
+    /// Evicts the episode, until there is a request for it or it is `ends_at`.
     fn vacate(&mut self, ends_at: Timestamp) {
         let place = std::mem::take(&mut self.handle);
         let Some(handle) = place.get() else { return };
         self.ends_at = Some(ends_at);
-        self.clocked = handle.spec.goes_on_alone();
+        self.clocked = handle.spec.advances_by_itself();
         self.leaving = Some(handle.gone());
         self.times = Some(handle.times());
     }
@@ -272,7 +272,7 @@ impl Registry {
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
             none_idle_until: Arc::default(),
-            take_ups: take_ups(),
+            recoveries: recoveries(),
             ended: Arc::new(Mutex::new(Some(ended))),
             hosted: Arc::new(Mutex::new(Some(hosted))),
         }
@@ -317,7 +317,7 @@ impl Registry {
         Err(refused)
     }
 
-    /// Evicts idle episodes of a group, or of all, those that nobody has asked for the longest first, until there
+    /// Evicts idle episodes of a group, or of all, the longest unused first, until there
     /// is room for `bytes` and an eighth of the budget more: so that not every request looks for them.
     fn evict_idle(&self, bytes: usize, group: Option<Group>) {
         let budget = &self.host.budget;
@@ -349,7 +349,7 @@ impl Registry {
         }
         if evicted > 0 {
             metrics::counter!("swarmbench_evictions_total").increment(evicted);
-            tracing::debug!(evicted, used = budget.used(), "memory is short");
+            tracing::debug!(evicted, used = budget.used(), "memory is low");
         }
         if !is_enough() {
             let mut none_idle_until = self.none_idle_until();
@@ -362,14 +362,14 @@ impl Registry {
         self.none_idle_until.lock().expect("nothing panics while it holds this")
     }
 
-    /// Where it is told that an episode of a run has ended, durably; whoever comes first hears it.
+    /// Receives the run of every episode that has ended, durably. The first caller gets the receiver.
     #[must_use]
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// Where every episode comes that is taken up and of which the server may play seats; whoever comes
-    /// first plays them. Until then such episodes are held.
+    /// Receives every recovered episode of which the server may play seats. The first caller gets the
+    /// receiver; until then they are queued.
     #[must_use]
     pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
         self.hosted.lock().expect("nothing panics while it holds this").take()
@@ -403,7 +403,7 @@ impl Registry {
         self.slots.lock().expect("nothing panics while it holds this")
     }
 
-    /// Whether there is a place for a new episode now.
+    /// Whether a new episode is admitted now.
     ///
     /// # Errors
     /// The cap that was reached.
@@ -416,7 +416,7 @@ impl Registry {
     /// # Errors
     /// Where there are too many, or it could not be kept.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
-        // In a task of its own: whoever asked may go half-way, and what was begun is ended.
+        // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
         let (done, created) = oneshot::channel();
         let registry = self.clone();
         let creating = async move { drop(done.send(registry.create_now(creation).await)) };
@@ -431,7 +431,7 @@ impl Registry {
         self.host.quotas.admit(key, creation.party, creation.purpose)?;
         let id = creation.id.clone();
         let now = self.host.clock.now();
-        // Whoever learns of the episode once it is durable waits here until its actor runs: an
+        // A request that finds the episode once it is durable waits here until its actor runs: an
         // episode never has two.
         let cell = {
             let mut slots = self.slots();
@@ -483,7 +483,7 @@ impl Registry {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting,
-            clocked: spec.goes_on_alone(),
+            clocked: spec.advances_by_itself(),
             at: now,
             idempotency,
             tokens,
@@ -497,18 +497,18 @@ impl Registry {
         }
         self.host.journal.keep(entries).await?;
         let agents = usize::from(spec.config.num_agents());
-        let standing = Standing {
+        let resume = ResumeState {
             waiting,
             outcome: None,
             round: 0,
             alive: vec![true; agents],
             bank_spent: vec![Duration::ZERO; agents],
-            given: Vec::new(),
+            recorded: Vec::new(),
             last_act_at: running,
         };
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
-        let fresh = Fresh {
+        let init = EpisodeInit {
             id,
             key,
             owner,
@@ -517,7 +517,7 @@ impl Registry {
             created_at: now,
             times: Arc::new(Times::new(running)),
             keyframes: Keyframes::new(Arc::clone(&world)),
-            lockstep: Lockstep::new(clocks(&spec), standing, self.host.clock.now()),
+            lockstep: Lockstep::new(clocks(&spec), resume, self.host.clock.now()),
             newest_at: now,
             spec,
             world,
@@ -527,9 +527,9 @@ impl Registry {
             seating,
         };
         metrics::counter!("swarmbench_episodes_created_total").increment(1);
-        let handle = spawn(self.host.clone(), fresh, room);
+        let handle = spawn(self.host.clone(), init, room);
         if !waiting && handle.snapshot().world.is_over() {
-            // The layout has solved the task; whoever created the episode is to see that. Where the
+            // The layout has solved the task; the creator has to see that. Where the
             // end cannot be kept, the actor goes, and the next request will tell.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
@@ -574,15 +574,15 @@ impl Registry {
 
     /// Where an episode is; there may be none of that id.
     #[must_use]
-    pub fn place(&self, id: &EpisodeId) -> Place {
+    pub fn location(&self, id: &EpisodeId) -> Location {
         match self.slots().get(id) {
-            Some(slot) if slot.handle.initialized() => Place::Memory,
-            Some(slot) if slot.ends_at.is_some() => Place::Unfinished,
-            Some(_) | None => Place::Journal,
+            Some(slot) if slot.handle.initialized() => Location::Memory,
+            Some(slot) if slot.ends_at.is_some() => Location::Unfinished,
+            Some(_) | None => Location::Journal,
         }
     }
 
-    /// Finds an episode, taking it up from the journal where it is not in memory.
+    /// Finds an episode, and recovers it from the journal if it is not in memory.
     ///
     /// # Errors
     /// Where its journal cannot be read or played again, or no memory is free for it.
@@ -594,12 +594,12 @@ impl Registry {
             (Arc::clone(&slot.handle), slot.ends_at.is_some())
         });
         let cell = match known {
-            // It goes on, so it is taken up to the end, also where whoever asked has gone.
+            // It is unfinished, so its recovery continues although the caller is gone.
             Some((cell, true)) if !cell.initialized() => {
-                return self.take_up_to_the_end(cell, id).await;
+                return self.recover_detached(cell, id).await;
             }
             Some((cell, _)) => cell,
-            // Only episodes that exist get a place.
+            // Only episodes that exist get a slot.
             None if self.host.journal.episode(id.clone()).await?.is_none() => return Ok(None),
             None => {
                 let mut slots = self.slots();
@@ -609,40 +609,40 @@ impl Registry {
         self.fill(&cell, id).await
     }
 
-    async fn take_up_to_the_end(
+    async fn recover_detached(
         &self,
         cell: Arc<OnceCell<Handle>>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        let (done, taken_up) = oneshot::channel();
+        let (done, recovered) = oneshot::channel();
         let (registry, id) = (self.clone(), id.clone());
         (self.host.spawn)(Box::pin(fair::inherit(async move {
             drop(done.send(registry.fill(&cell, &id).await));
         })));
         let stopping =
             || Err(RecoveryError::from(JournalError("the server is stopping".into())).into());
-        taken_up.await.unwrap_or_else(|_| stopping())
+        recovered.await.unwrap_or_else(|_| stopping())
     }
 
-    /// Fills the place of an episode: whoever comes first takes it up, the others wait for that.
+    /// Fills the slot of an episode: the first caller recovers it, the others wait for that.
     async fn fill(
         &self,
         cell: &OnceCell<Handle>,
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
-        let take_up = || async {
-            let _turn = self.take_ups.acquire_always(Party::current(), Rank::current()).await;
-            self.take_up(id).await
+        let recover_one = || async {
+            let _turn = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
+            self.recover(id).await
         };
-        match cell.get_or_try_init(take_up).await {
+        match cell.get_or_try_init(recover_one).await {
             Ok(handle) => Ok(Some(handle.clone())),
             Err(None) => Ok(None),
             Err(Some(error)) => Err(error),
         }
     }
 
-    /// Takes an episode up from the journal; an error without a reason says that there is none.
-    async fn take_up(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
+    /// Recovers an episode from the journal; an error without a reason says that there is none.
+    async fn recover(&self, id: &EpisodeId) -> Result<Handle, Option<FindError>> {
         let leaving = self.slots().get(id).and_then(|slot| slot.leaving.clone());
         if let Some(leaving) = leaving {
             leaving.cancelled().await;
@@ -658,18 +658,18 @@ impl Registry {
         let room = self.room_for(&stored, &spec, party)?;
         self.host.journal.recovered(stored.episode);
         let times = self.times(&stored);
-        let fresh = recover(&self.host, stored, spec, party, times).await;
-        let handle = spawn(self.host.clone(), fresh.map_err(FindError::from)?, room);
-        // Whoever takes it up now may go before it is found: then it is still to be looked after, and
-        // what its actor handed over is still to be waited for.
+        let init = recover(&self.host, stored, spec, party, times).await;
+        let handle = spawn(self.host.clone(), init.map_err(FindError::from)?, room);
+        // The caller may be dropped before it is found: then the sweep still has to see it, and
+        // what its actor handed over still has to be awaited.
         if let Some(slot) = self.slots().get_mut(id) {
             slot.leaving = Some(handle.gone());
         }
         if !handle.snapshot().status.is_over() && handle.ends_at() <= self.host.clock.now() {
-            // Its time ended while it was not in memory; nobody is to find it running.
+            // Its time ended while it was not in memory; no caller may find it running.
             let mut published = handle.follow();
             let over = Box::pin(published.wait_for(|snapshot| snapshot.status.is_over()));
-            // Where the time of day has come in doubt this moment, it goes on.
+            // If the time of day has come in doubt this moment, it continues.
             let up = self.host.clock.sleep_until(after(self.host.clock.now(), END_PATIENCE));
             drop(select(over, up).await);
         }
@@ -679,7 +679,7 @@ impl Registry {
         Ok(handle)
     }
 
-    /// Memory for a stored episode. One that goes on though nobody asks gets it also where none is free.
+    /// Memory for a stored episode. One that advances by itself gets it also where none is free.
     fn room_for(
         &self,
         stored: &StoredEpisode,
@@ -689,25 +689,27 @@ impl Registry {
         let is_over = stored.end.is_some();
         let hosted = if is_over { 0 } else { spec.hosted_max() };
         let bytes = memory::expected(&spec.config, stored.rounds, hosted);
-        let group = Some(taken_up_for(stored, party).group);
+        let group = Some(recovered_for(stored, party).group);
         match self.room_of(bytes, group) {
-            Err(_) if spec.goes_on_alone() && !is_over => Ok(self.host.budget.take(bytes, group)),
+            Err(_) if spec.advances_by_itself() && !is_over => {
+                Ok(self.host.budget.take(bytes, group))
+            }
             room => Ok(room?),
         }
     }
 
-    /// After a start: takes up the unfinished episodes that go on though nobody asks, so that they do, and
-    /// gives all others a place. Returns how many there are, once all are back that do not take long; the
-    /// others follow, those that take the least time first.
+    /// After a start: recovers the unfinished episodes that advance by themselves, and gives all others
+    /// a slot. Returns how many there are, once all are recovered that do not take long; the
+    /// others follow, the fastest first.
     ///
     /// # Errors
-    /// Where the list of them cannot be read; an episode that cannot be taken up is logged.
-    pub async fn take_up_unfinished(&self) -> Result<usize, JournalError> {
+    /// Where the list of them cannot be read; an episode that cannot be recovered is logged.
+    pub async fn recover_unfinished(&self) -> Result<usize, JournalError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked, .. } in &all {
             let mut slots = self.slots();
-            // One that somebody has asked for meanwhile is counted where it is taken up, and may have
+            // One that was requested meanwhile is counted by its recovery, and may have
             // ended since it was listed.
             if !slots.contains_key(id) {
                 self.host.quotas.note(*episode, Party::of_key(*owner));
@@ -719,53 +721,55 @@ impl Registry {
         }
         let count = all.len();
         let (light, heavy) = in_line(all);
-        self.take_up_all(light, TAKEN_UP_AT_ONCE).await;
+        self.recover_all(light, RECOVERED_AT_ONCE).await;
         if !heavy.is_empty() {
             tracing::info!(
                 count = heavy.len(),
-                "episodes that take long to play again are taken up later"
+                "episodes that take long to replay are recovered later"
             );
             let registry = self.clone();
             (self.host.spawn)(Box::pin(async move {
-                registry.take_up_all(heavy, registry.host.workers.threads()).await;
-                tracing::info!("all episodes with clocks are taken up");
+                registry.recover_all(heavy, registry.host.workers.threads()).await;
+                tracing::info!("all episodes with clocks are recovered");
             }));
         }
         Ok(count)
     }
 
-    /// Takes up episodes in this order, so many at once.
-    async fn take_up_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
-        let take_up = async |id: EpisodeId| {
-            self.look_after(&id).await;
+    /// Recovers episodes in this order, `at_once` of them concurrently.
+    async fn recover_all(&self, ids: Vec<EpisodeId>, at_once: usize) {
+        let recover_one = async |id: EpisodeId| {
+            self.recover_or_log(&id).await;
             if let Some(slot) = self.slots().get_mut(&id) {
                 slot.in_line = false;
             }
         };
-        stream::iter(ids).map(take_up).buffer_unordered(at_once).collect::<()>().await;
+        stream::iter(ids).map(recover_one).buffer_unordered(at_once).collect::<()>().await;
     }
 
-    async fn look_after(&self, id: &EpisodeId) {
+    async fn recover_or_log(&self, id: &EpisodeId) {
         match self.find(id).await {
             Ok(_) => {}
-            // It is tried again with the next sweep.
-            Err(FindError::NoMemory(full)) => tracing::debug!(%full, "an episode is not taken up"),
+            // The next sweep tries it again.
+            Err(FindError::NoMemory(full)) => {
+                tracing::debug!(%full, "an episode was not recovered");
+            }
             Err(FindError::Recovery(error)) => {
-                tracing::error!(%error, "an episode cannot be taken up");
+                tracing::error!(%error, "an episode cannot be recovered");
             }
         }
     }
 
-    /// Takes up the episodes that are not in memory and would have ended by now, or of
+    /// Recovers the episodes that are not in memory and would have ended by now, or of
     /// which that is not known.
-    pub async fn look_after_idle(&self) {
+    pub async fn sweep_idle(&self) {
         let now = self.host.clock.now();
         let is_in_doubt = self.host.clock.doubt().is_some();
         let mut due: Vec<(EpisodeId, bool)> = Vec::new();
         for (id, slot) in self.slots().iter_mut() {
             slot.empty_if_dead(now);
             if slot.handle.initialized() {
-                // Its actor looks after it.
+                // Its actor ends it in time.
                 slot.ends_at = None;
             } else if slot.ends_at.is_some_and(|at| at <= now)
                 && !slot.in_line
@@ -776,18 +780,18 @@ impl Registry {
         }
         // The oldest first, and always in the same order.
         due.sort_unstable();
-        let look_after = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
+        let recover_due = async |(id, clocked): (EpisodeId, bool)| match self.ends_at(&id).await {
             Ok(Some(at)) if at > now && !clocked => {
                 if let Some(slot) = self.slots().get_mut(&id) {
                     slot.ends_at = slot.ends_at.map(|_| at);
                 }
             }
-            _ => self.look_after(&id).await,
+            _ => self.recover_or_log(&id).await,
         };
-        stream::iter(due).for_each_concurrent(LOOKED_AFTER_AT_ONCE, look_after).await;
+        stream::iter(due).for_each_concurrent(SWEPT_AT_ONCE, recover_due).await;
     }
 
-    /// When an episode that is not in memory ends unless somebody asks for something; never, if it has ended.
+    /// When an episode that is not in memory ends unless there is a request; never, if it has ended.
     async fn ends_at(&self, id: &EpisodeId) -> Result<Option<Timestamp>, RecoveryError> {
         let stored = self.host.journal.episode(id.clone()).await?;
         let Some(stored) = stored.filter(|stored| stored.end.is_none()) else { return Ok(None) };
@@ -804,23 +808,23 @@ impl Registry {
         known.unwrap_or_else(|| Arc::new(Times::stored(stored, &*self.host.clock)))
     }
 
-    /// Lets go of episodes that nobody holds or has asked for lately. Those that have not ended keep
-    /// their place, those with a running clock stay.
-    pub fn let_go(&self) {
+    /// Evicts unused episodes without handles. Those that have not ended keep
+    /// their slot, those with a running clock stay.
+    pub fn evict_unused(&self) {
         let now = self.host.clock.now();
         self.host.quotas.tidy(now);
         self.slots().retain(|_, slot| !slot.is_idle(now, UNUSED_STAYS) || slot.leave(now));
     }
 }
 
-/// The episodes that go on though nobody asks, in the order in which they are taken up: what takes the least
-/// time comes first; apart from them those that take long.
+/// The episodes that advance by themselves, in the order of their recovery, the fastest first;
+/// separately those that take long.
 fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
     let mut in_line: Vec<_> = (all.into_iter().filter(|episode| episode.clocked))
-        .map(|episode| (micros_to_take_up(&episode), episode.episode, episode.id))
+        .map(|episode| (recovery_micros(&episode), episode.episode, episode.id))
         .collect();
     in_line.sort_unstable();
-    let light = in_line.partition_point(|(micros, ..)| *micros <= LIGHT_TO_TAKE_UP_MICROS);
+    let light = in_line.partition_point(|(micros, ..)| *micros <= LIGHT_RECOVERY_MICROS);
     let heavy = in_line.split_off(light);
     let ids =
         |line: Vec<(u64, EpisodeKey, EpisodeId)>| line.into_iter().map(|(.., id)| id).collect();
@@ -828,7 +832,7 @@ fn in_line(all: Vec<Unfinished>) -> (Vec<EpisodeId>, Vec<EpisodeId>) {
 }
 
 /// About how long it takes at worst to play an episode again: its layout and all its rounds.
-fn micros_to_take_up(episode: &Unfinished) -> u64 {
+fn recovery_micros(episode: &Unfinished) -> u64 {
     let Some((config, rounds)) = &episode.played else { return 0 };
     config.engine().map_or(0, |config| step_micros(&config) * (1 + u64::from(*rounds)))
 }

@@ -1,4 +1,4 @@
-//! States of earlier rounds: played again from a kept state, once for all who ask for the same at a time.
+//! States of earlier rounds: replayed from a cached state, once for concurrent requests.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -18,10 +18,10 @@ use crate::journal::replay::acts_of;
 use crate::journal::{EpisodeKey, RoundActs};
 use crate::work::Cancelled;
 
-/// Bytes of states that were asked for lately and are kept for whoever asks next.
+/// Bytes of cached states.
 const RECENT_BYTES_MAX: u64 = 32 * 1024 * 1024;
 
-/// States that were asked for lately, as far as room is made for them from the beginning.
+/// The initial capacity of the cache of states.
 const RECENT_EXPECTED: usize = 256;
 
 /// Rounds that are read and played at once.
@@ -44,7 +44,7 @@ pub(super) fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
 }
 
 /// Bytes of the acts of so many rounds while these are played again. They are reserved, free or not: only so
-/// many replays and episodes that are taken up come at once (`replays_max`, `take_ups_max`).
+/// many replays and recoveries run at once (`replays_max`, `take_ups_max`).
 pub(super) fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }
@@ -65,7 +65,7 @@ impl Weighter<Key, Arc<World>> for Bytes {
     }
 }
 
-/// Replays that are under way, and states that came of them lately.
+/// Replays in progress, and the states that they computed lately.
 pub struct Replays {
     under_way: Mutex<HashMap<Key, WeakShared<Replay>>>,
     recent: Cache<Key, Arc<World>, Bytes>,
@@ -129,7 +129,7 @@ pub async fn state_at(
     replay.await
 }
 
-/// Plays rounds again, piece by piece, so that others have their turn in between.
+/// Replays rounds, piece by piece, and yields in between.
 async fn play(
     host: &Host,
     handle: &Handle,

@@ -20,11 +20,11 @@ pub enum Wanted {
     Any(u16),
 }
 
-/// Why seats were not given.
+/// Why seats were not assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Taken {
+pub enum SeatTaken {
     /// The seat has a holder.
-    #[error("the seat of {0} has a holder already")]
+    #[error("the seat of {0} is already taken")]
     Seat(AgentId),
     /// Fewer seats are open than were wanted.
     #[error("{open} seats are open, {wanted} were asked for")]
@@ -48,7 +48,7 @@ pub struct Seating {
 }
 
 impl Seating {
-    /// Takes a seating up where it stands; none where the creator simply holds all seats. `holders` are
+    /// Continues a seating; none where the creator simply holds all seats. `holders` are
     /// all holders with their seats, from the creator on.
     #[must_use]
     pub fn new(spec: &Spec, created_at: Timestamp, holders: Vec<Held>) -> Option<Self> {
@@ -95,16 +95,16 @@ impl Seating {
         &mut self,
         wanted: Wanted,
         holder: Holder,
-    ) -> Result<(Holder, Vec<AgentId>), Taken> {
+    ) -> Result<(Holder, Vec<AgentId>), SeatTaken> {
         let agents: Vec<AgentId> = match wanted {
             Wanted::Seat(agent) => match self.seats.get(agent.index()) {
                 Some(None) => vec![agent],
-                Some(Some(_)) | None => return Err(Taken::Seat(agent)),
+                Some(Some(_)) | None => return Err(SeatTaken::Seat(agent)),
             },
             Wanted::Any(wanted) => {
                 let open = self.count_open();
                 if open < wanted {
-                    return Err(Taken::Few { open, wanted });
+                    return Err(SeatTaken::Few { open, wanted });
                 }
                 self.open().take(wanted.into()).collect()
             }
@@ -240,10 +240,10 @@ mod tests {
         assert_eq!((first.number, numbers(&agents)), (1, vec![2]));
         for taken in [0, 2, 4] {
             let refused = seating.claim(Wanted::Seat(AgentId(taken)), holder("b"));
-            assert_eq!(refused.map(|_| ()), Err(Taken::Seat(AgentId(taken))));
+            assert_eq!(refused.map(|_| ()), Err(SeatTaken::Seat(AgentId(taken))));
         }
         let refused = seating.claim(Wanted::Any(3), holder("b")).map(|_| ());
-        assert_eq!(refused, Err(Taken::Few { open: 2, wanted: 3 }));
+        assert_eq!(refused, Err(SeatTaken::Few { open: 2, wanted: 3 }));
         let (second, agents) = seating.claim(Wanted::Any(1), holder("b")).expect("open");
         assert_eq!((second.number, numbers(&agents)), (2, vec![1]));
         let due = seating.fills_at().expect("one is open");

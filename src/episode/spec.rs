@@ -15,7 +15,7 @@ use crate::journal::record::{self, FORMAT, Opening, RecordedConfig};
 pub enum Visibility {
     /// Anyone.
     Public,
-    /// Whoever created it.
+    /// Its creator.
     Owner,
     /// Organizers alone, also after its end, until its competition is revealed.
     Sealed,
@@ -132,9 +132,9 @@ impl Spec {
         self.manual_start || self.is_mixed()
     }
 
-    /// Whether something happens in it though nobody asks: a clock runs, or the server plays.
+    /// Whether it advances without requests: a clock runs, or the server plays.
     #[must_use]
-    pub fn goes_on_alone(&self) -> bool {
+    pub fn advances_by_itself(&self) -> bool {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 

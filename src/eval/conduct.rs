@@ -1,4 +1,4 @@
-//! Plays the runs of a plan, one after the other, each from where it stands.
+//! Plays the runs of a plan, one after the other, each resumed where it stopped.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -10,20 +10,20 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
-use super::halt::Halt;
 use super::plan::{AXES, META, Planned, Who, ranges};
+use super::stop_reason::StopReason;
 use crate::clock::{Clock, SystemClock, after};
 use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
 use crate::players::drive::{DriveError, End, Note, Swarm, drive};
-use crate::players::play::{BuiltIns, Table};
+use crate::players::play::{BuiltIns, GameParams};
 use crate::run::RunStatus;
 use crate::run::definition::digest_of_template;
 use crate::wire::act::{Receipt, SwarmAct};
 use crate::wire::observation::Observation;
 use crate::wire::run::{RunDetail, RunList, RunSummary};
 
-/// How often the server is asked how all games stand, for whoever watches.
+/// How often the state of all games is polled, for progress.
 const SYNC: Duration = Duration::from_secs(1);
 
 /// How a run was found.
@@ -31,13 +31,13 @@ const SYNC: Duration = Duration::from_secs(1);
 pub enum Found {
     /// Nobody had begun it; of another run of the same player that is not over: its id, and in what it differs.
     New(Option<(String, Vec<String>)>),
-    /// It was begun before, and goes on.
+    /// It was begun before, and is resumed.
     GoesOn,
     /// It was played before.
     Finished,
 }
 
-/// What happens, for whoever watches.
+/// Progress events.
 #[derive(Clone, Copy, Debug)]
 pub enum News<'a> {
     /// A run was found or created; its place in the plan.
@@ -65,17 +65,17 @@ pub struct Conductor<'a> {
 }
 
 impl Conductor<'_> {
-    /// Plays a run from where it stands; `model` is the one that plays it, where one does.
+    /// Resumes a run; `model` is the one that plays it, where one does.
     ///
     /// # Errors
-    /// See [`Halt`].
+    /// See [`StopReason`].
     pub async fn conduct(
         &self,
         number: usize,
         planned: &Planned,
         model: Option<Model>,
         watch: &mut dyn FnMut(News<'_>),
-    ) -> Result<RunDetail, Halt> {
+    ) -> Result<RunDetail, StopReason> {
         let (found, run, token) = self.find(planned).await?;
         watch(News::Begins(number, planned, &found, &run));
         if found == Found::Finished {
@@ -83,28 +83,30 @@ impl Conductor<'_> {
         }
         let ended = match (&planned.who, model) {
             (Who::Player(player), _) => {
-                let (table, players) = (Table::of(&run), player.players());
-                let mut swarm = BuiltIns::new(self.client, &token, table, player.seed, players);
+                let (params, players) = (GameParams::of(&run), player.players());
+                let mut swarm = BuiltIns::new(self.client, &token, params, player.seed, players);
                 let played = self.play(&run, &token, &mut swarm, watch).await;
-                played.map_err(|error| halt(error, |puzzled| Halt::Play(puzzled.to_string())))?
+                played.map_err(|error| {
+                    stop_reason(error, |error| StopReason::Play(error.to_string()))
+                })?
             }
             (Who::Model(model), None) => {
-                return Err(Halt::Play(format!("nobody said how {} is asked", model.name)));
+                return Err(StopReason::Play(format!("nobody said how {} is asked", model.name)));
             }
             (Who::Model(_), Some(model)) => {
                 let id = &run.run.id;
                 let mut swarm = Conversation::new(self.client, id, &token, planned, model);
                 let played = self.play(&run, &token, &mut swarm, watch).await;
-                played.map_err(|error| halt(error, |error| error))?
+                played.map_err(|error| stop_reason(error, |error| error))?
             }
         };
         let run = self.client.run(&run.run.id, Some(&token)).await?;
         watch(News::Stands(&run));
         if run.run.status != RunStatus::Finished.name() {
             if ended == End::Stopped {
-                return Err(Halt::Asked);
+                return Err(StopReason::Requested);
             }
-            return Err(Halt::Ended { id: run.run.id, status: run.run.status });
+            return Err(StopReason::Ended { id: run.run.id, status: run.run.status });
         }
         watch(News::Ends(number, &run));
         Ok(run)
@@ -126,7 +128,7 @@ impl Conductor<'_> {
         let sync = async {
             loop {
                 SystemClock.sleep_until(after(SystemClock.now(), SYNC)).await;
-                // Whether the server can be used is for whoever plays to say.
+                // Failures of the server are reported by the player.
                 if let Ok(run) = self.client.run(&run.run.id, Some(token)).await {
                     watch.borrow_mut()(News::Stands(&run));
                 }
@@ -141,7 +143,7 @@ impl Conductor<'_> {
     }
 
     /// The run as it was begun before, or else a new one; with its token.
-    async fn find(&self, planned: &Planned) -> Result<(Found, RunDetail, String), Halt> {
+    async fn find(&self, planned: &Planned) -> Result<(Found, RunDetail, String), StopReason> {
         let identity = planned.identity();
         let runs = self.runs_of(&planned.name()).await?;
         let evaluated = |run: &&RunSummary| run.agent_meta.contains_key(META);
@@ -154,7 +156,7 @@ impl Conductor<'_> {
             if is_finished && self.again {
                 break;
             }
-            // Whoever created it gets a token, and nobody else.
+            // Only the creator gets a token.
             let token = match self.client.replace_run_token(&run.id).await {
                 Ok(token) => token.swarm_token,
                 Err(ClientError::Refused { status, .. }) if status.is_client_error() => continue,
@@ -169,7 +171,9 @@ impl Conductor<'_> {
         let other = other.map(|run| (run.id.clone(), differences(run, planned)));
         let created = self.client.create_run(&planned.request(self.parallel)).await?;
         let token = created.swarm_token.ok_or_else(|| {
-            Halt::Play("the server did not give a token for the run that it created".to_owned())
+            StopReason::Play(
+                "the server did not give a token for the run that it created".to_owned(),
+            )
         })?;
         Ok((Found::New(other.filter(|(_, how)| !how.is_empty())), created.run, token))
     }
@@ -191,16 +195,16 @@ impl Conductor<'_> {
     }
 }
 
-fn halt<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> Halt) -> Halt {
+fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReason) -> StopReason {
     match error {
         // The token was good when it was given out a moment ago.
         DriveError::Client(error @ ClientError::Refused { .. }) if matches!(&error, ClientError::Refused { problem, .. } if problem.code == "unauthorized") => {
-            Halt::Play(format!(
+            StopReason::Play(format!(
                 "another call plays this run now, so the token of this one is worth nothing any more: {error}"
             ))
         }
-        DriveError::Client(error) => Halt::Client(error),
-        DriveError::Refused { .. } => Halt::Play(error.to_string()),
+        DriveError::Client(error) => StopReason::Client(error),
+        DriveError::Refused { .. } => StopReason::Play(error.to_string()),
         DriveError::Swarm(error) => own(error),
     }
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
-use super::halt::Halt;
 use super::plan::Planned;
+use super::stop_reason::StopReason;
 use crate::llm::{Answer, Model, Question};
 use crate::players::client::Client;
 use crate::players::drive::{Swarm, Thought};
@@ -45,31 +45,31 @@ impl Conversation {
 }
 
 impl Swarm for Conversation {
-    type Error = Halt;
+    type Error = StopReason;
 
     fn reads_prompts(&self) -> bool {
         true
     }
 
-    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Halt>> {
-        let begin = |seen: Observation| -> Thought<Halt> {
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<StopReason>> {
+        let begin = |seen: Observation| -> Thought<StopReason> {
             let (model, names) = (self.model.clone(), Arc::clone(&self.names));
             Box::pin(async move { Ok(vec![ask(&model, &names, seen).await?]) })
         };
         looked.into_iter().map(begin).collect()
     }
 
-    fn waits_for_others(error: &Halt) -> bool {
+    fn waits_for_others(error: &StopReason) -> bool {
         // What is under way is paid for, and nothing more is asked.
-        matches!(error, Halt::Budget { .. } | Halt::Model(_))
+        matches!(error, StopReason::Budget { .. } | StopReason::Model(_))
     }
 }
 
-async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct, Halt> {
+async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct, StopReason> {
     let Observation { sight, moment } = seen;
     let game = names.of(&sight.episode).await?;
     let Some(prompt) = moment.prompt else {
-        return Err(Halt::Play("the server sent no prompt".to_owned()));
+        return Err(StopReason::Play("the server sent no prompt".to_owned()));
     };
     let question = Question { game, agent: sight.agent.clone(), round: sight.round, prompt };
     let Answer { response, usage, reasoning, .. } = model.answer(&question).await?;
@@ -86,7 +86,7 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
 
 impl Names {
     /// The name of an episode's game. Games are opened one after another, so now and then the run is looked at again.
-    async fn of(&self, episode: &str) -> Result<String, Halt> {
+    async fn of(&self, episode: &str) -> Result<String, StopReason> {
         let mut known = self.known.lock().await;
         if let Some(name) = known.get(episode) {
             return Ok(name.clone());
@@ -98,6 +98,6 @@ impl Names {
             }
         }
         let name = known.get(episode).cloned();
-        name.ok_or_else(|| Halt::Play(format!("the run does not tell of its game {episode}")))
+        name.ok_or_else(|| StopReason::Play(format!("the run does not tell of its game {episode}")))
     }
 }

@@ -1,4 +1,4 @@
-//! What somebody wants to know: lists of models, tasks, seeds and settings, as a file has them.
+//! An experiment: lists of models, tasks, seeds and settings, as a file has them.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -95,8 +95,8 @@ impl Axes {
 }
 
 impl Experiment {
-    /// The experiment with what somebody said beside its file: that wins, also over groups of settings. Whoever says who
-    /// plays says all who play.
+    /// The experiment with the options of the command line: they override its file, also groups of settings. Options that
+    /// name players replace all players of the file.
     #[must_use]
     pub fn with(self, said: Self) -> Self {
         let says_who = said.models.is_some() || said.players.is_some();
@@ -140,7 +140,7 @@ pub enum Shape {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelEntry {
-    /// What stands on boards.
+    /// The name on boards.
     pub name: String,
     /// What the endpoint calls it, where that is something else.
     pub model: Option<String>,
@@ -159,7 +159,7 @@ pub struct ModelEntry {
 }
 
 impl ModelEntry {
-    /// A model that the endpoint calls by the name that stands on boards.
+    /// A model that the endpoint calls by its name on boards.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }

@@ -7,14 +7,14 @@ use std::fmt;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Config, TaskName};
-use swarmbench_players::{BuiltIn, EACH_TASKS_OWN, all, default_for, find};
+use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
 use crate::run::definition::digest_of_template;
 use crate::run::suite::{Suite, SuiteSettings};
 use crate::wire::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 
-/// The name under which a run keeps what tells it from others, in its `agent_meta`.
+/// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";
 
 /// As a player's name: all of them.
@@ -24,7 +24,7 @@ pub const ALL: &str = "all";
 const FORMAT: u32 = 1;
 
 /// How long a run waits to be gone on with, in seconds: 90 days. By default a game is given up after a day without
-/// an act, and whoever waits for a budget waits longer.
+/// an act, and requests wait longer for a budget.
 const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
 
 /// Characters of a model's name on boards; a server takes no more. Found out by the last of several models it would be late.
@@ -48,7 +48,7 @@ impl std::error::Error for PlanError {}
 /// A language model and how it is asked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelPlan {
-    /// What stands on boards.
+    /// The name on boards.
     pub name: String,
     /// What its endpoint calls it.
     pub model: String,
@@ -125,7 +125,7 @@ pub const AXES: [&str; 11] = [
 ];
 
 impl Planned {
-    /// Who plays, as it stands on boards.
+    /// The player, as boards name it.
     #[must_use]
     pub fn name(&self) -> String {
         match &self.who {
@@ -205,7 +205,7 @@ impl Planned {
         data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
     }
 
-    /// How the run is asked for, with so many games open at a time.
+    /// The request that creates the run, with this many games open at a time.
     #[must_use]
     pub fn request(&self, parallel: u32) -> RunRequest {
         let Suite { name, tasks, seeds, rules, settings } = &self.suite;
@@ -463,7 +463,7 @@ fn multiply(axes: &Axes) -> Vec<(Suite, Option<f64>, Option<f64>)> {
     by(all, axes.top_p.as_ref(), |one, value| one.2 = Some(value))
 }
 
-/// The suite of these tasks and seeds, under a name that follows from what it is: whoever plays the same is on the same
+/// The suite of these tasks and seeds, under a name that follows from what it is: runs of the same suite are on the same
 /// board. A built-in one has its own name.
 fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
@@ -561,7 +561,7 @@ impl Problems {
         Some(TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect())
     }
 
-    /// The players, each once. Whoever is named has to play every task that was asked for; of `all`, each plays what it
+    /// The players, each once. A named one has to play every requested task; of `all`, each plays what it
     /// knows.
     fn players(&mut self, experiment: &Experiment, asked: Option<&[TaskName]>) -> Vec<PlayerPlan> {
         let seed = experiment.player_seed.unwrap_or(1);
@@ -579,7 +579,7 @@ impl Problems {
         for name in experiment.players.iter().flat_map(|List(names)| names) {
             match name.as_str() {
                 ALL => all().for_each(|player| add(player.name, of(player))),
-                EACH_TASKS_OWN => {
+                DEFAULT_PLAYER => {
                     let own = tasks.iter().map(|&task| (task, default_for(task).name));
                     add(name, own.collect());
                 }
@@ -632,7 +632,7 @@ impl Problems {
             ));
         }
         for game in games {
-            // Runs that were created under wider limits go on; a new one is refused by the server.
+            // Runs that were created under wider limits continue; a new one is refused by the server.
             if let Err(errors) = Config::check(&run.suite.settings_of(&game)) {
                 errors.0.into_iter().for_each(|error| self.tell(error.to_string()));
             }

@@ -1,4 +1,4 @@
-//! What came of an experiment, as a board: for people, for documents and for programs.
+//! The results of an experiment, as a board: for people, for documents and for programs.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::plan::{Plan, Planned, Who, ranges};
 use crate::wire::board::{text, write_csv};
 use crate::wire::run::{ActTally, RunDetail};
 
-/// What came of an experiment.
+/// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// What it is called.
@@ -38,7 +38,7 @@ pub struct Row {
     pub varied: Vec<Option<String>>,
     /// The id of the run.
     pub run: String,
-    /// `finished`, or how it stands.
+    /// `finished`, or its status.
     pub status: String,
     /// The seeds.
     pub seeds: String,
@@ -71,19 +71,19 @@ pub struct Cell {
     pub planned: u32,
 }
 
-/// A run of a plan as it stands.
+/// The state of a run of a plan.
 #[derive(Clone, Debug)]
 pub struct Played {
     /// What was planned.
     pub planned: Planned,
-    /// How it stands.
+    /// Its status.
     pub run: RunDetail,
     /// Whether all its journals were played again.
     pub verified: bool,
 }
 
 impl Report {
-    /// What came of the runs of a plan.
+    /// The results of the runs of a plan.
     #[must_use]
     pub fn of(plan: &Plan, played: &[Played]) -> Self {
         Self {
@@ -154,7 +154,7 @@ impl Report {
         if self.has_models() {
             let share = row.acts.invalid_share;
             cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
-            // Not every endpoint tells what it took.
+            // Not every endpoint reports usage.
             let tokens = [row.acts.prompt_tokens, row.acts.completion_tokens];
             let is_told = tokens != [0, 0];
             cells.extend(tokens.map(|count| if is_told { short(count) } else { "–".to_owned() }));

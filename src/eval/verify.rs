@@ -1,4 +1,4 @@
-//! Plays every journal of a run again, and compares what comes of it with what the server says.
+//! Replays every journal of a run, and compares the results with those of the server.
 
 use futures::{StreamExt, TryStreamExt, stream};
 use swarmbench_engine::TaskName;
@@ -41,7 +41,7 @@ pub enum Fault {
 }
 
 /// Plays all journals of a run again: every hash, digest, act and score; that they are the games that were planned, by
-/// their settings; and that the means follow from them. `progress` is told after each game.
+/// their settings; and that the means follow from them. `progress` is called after each game.
 ///
 /// # Errors
 /// The first fault.

@@ -1,4 +1,4 @@
-//! What [`FairQueue`](super::FairQueue) promises, in the plainest way: it looks at everybody.
+//! What [`FairQueue`](super::FairQueue) promises, in the simplest way: a linear search.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -12,8 +12,8 @@ use super::extract::{Params, page_limit, read_cursor};
 use super::page::{Page, ROWS_MAX};
 use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry};
-use crate::store::audit::StoredDeed;
-use crate::wire::competition::{AuditLog, Deed};
+use crate::store::audit::StoredAuditEntry;
+use crate::wire::competition::{AuditEntry, AuditLog};
 use crate::wire::problem::Problem;
 
 /// Which page is to be shown.
@@ -51,31 +51,31 @@ pub(super) async fn list_audit(
     let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
     let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     while let Some(rows) = page.wants(ROWS_MAX) {
-        let deeds = app.store.audit(page.place(), rows).await?;
-        page.add(rows, deeds, |deed| {
-            let StoredDeed { number, at, who, action, subject, detail } = deed;
-            Ok((number, Deed { at, who, action, subject, detail }))
+        let audit_entries = app.store.audit(page.place(), rows).await?;
+        page.add(rows, audit_entries, |audit_entry| {
+            let StoredAuditEntry { number, at, who, action, subject, detail } = audit_entry;
+            Ok((number, AuditEntry { at, who, action, subject, detail }))
         })?;
     }
     Ok(page.answer())
 }
 
 impl Organizer {
-    /// What the organizer does, to be kept with the deed itself.
-    pub(super) fn deed(
+    /// The audit entry of what the organizer does, to be committed with it.
+    pub(super) fn audit_entry(
         &self,
         app: &App,
         action: &'static str,
         subject: &str,
         detail: serde_json::Value,
     ) -> Entry {
-        deed(app, &self.key.id, action, subject, detail)
+        audit_entry(app, &self.key.id, action, subject, detail)
     }
 }
 
 impl Caller {
-    /// What an organizer does, to be kept with the deed itself; none of anybody else.
-    pub(super) fn deed(
+    /// The audit entry of what an organizer does, to be committed with it; none for other callers.
+    pub(super) fn audit_entry(
         &self,
         app: &App,
         action: &'static str,
@@ -84,14 +84,14 @@ impl Caller {
     ) -> Option<Entry> {
         match self {
             Self::Key(key) if self.is_organizer() => {
-                Some(deed(app, &key.id, action, subject, detail))
+                Some(audit_entry(app, &key.id, action, subject, detail))
             }
             _ => None,
         }
     }
 }
 
-fn deed(
+fn audit_entry(
     app: &App,
     who: &str,
     action: &'static str,

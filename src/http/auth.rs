@@ -1,6 +1,6 @@
-//! Who asks, and what they may.
+//! Authentication and permissions.
 //!
-//! Whoever holds a token of an episode's seats, or the key with which it was created, is told apart
+//! A caller with a token of an episode's seats, or the key with which it was created, is told apart
 //! from everybody else here, and only here: handlers ask `Caller`.
 
 use axum::extract::FromRequestParts;
@@ -34,7 +34,7 @@ pub struct Access {
     pub trusted_proxies: Vec<IpNet>,
 }
 
-/// Whoever sent a request.
+/// The sender of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Caller {
     /// Nobody known.
@@ -52,7 +52,7 @@ pub(super) enum Caller {
     Key(Key),
 }
 
-/// What decides who may do what with an episode, or with a run.
+/// What the permissions of an episode, or of a run, depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subject<'a> {
     /// None where it is a run.
@@ -141,7 +141,7 @@ impl Caller {
         }
     }
 
-    /// Whether the caller stands where the creator of the episode does.
+    /// Whether the caller has the rights of the creator of the episode.
     pub(super) fn owns(&self, episode: Subject<'_>) -> bool {
         if episode.visibility == Visibility::Sealed {
             return self.is_organizer();
@@ -234,14 +234,14 @@ impl Caller {
         }
     }
 
-    /// Whether it was created with the caller's key.
-    pub(super) fn has_made(&self, owner: Option<OwnerKey>) -> bool {
+    /// Whether the caller's key created it.
+    pub(super) fn created(&self, owner: Option<OwnerKey>) -> bool {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
 
-    /// What an organizer did to something that belongs to somebody else; none where the caller is none, or
+    /// The audit entry of what an organizer did to something that belongs to somebody else; none where the caller is no organizer, or
     /// did it to their own.
-    pub(super) fn audit(
+    pub(super) fn audit_foreign(
         &self,
         owner: Option<OwnerKey>,
         at: Timestamp,
@@ -266,16 +266,15 @@ impl Caller {
             Self::Key(_) => Ok(()),
             Self::Anonymous { .. } => Err(needs_token("a key")),
             Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
-                let detail = "this server is private: boards take a key";
+                let detail = "this server is private: boards need a key";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
         }
     }
 
-    /// Whose a new episode is and what its place is wanted for, where the caller may create one.
+    /// The owner and purpose of a new episode, if the caller may create one.
     pub(super) fn creator(&self, app: &App, client: Client) -> Result<(Party, Purpose), ApiError> {
-        let detail =
-            "a token of an episode creates no other; send a key, or nothing where there are none";
+        let detail = "a token of an episode cannot create another; send a key, or no token on a server without keys";
         let party = match self.player(app, detail)? {
             None if client.is_local => Party::SERVER,
             None => Party::of(Group::Address(network(client.address))),
@@ -290,8 +289,7 @@ impl Caller {
         &self,
         app: &App,
     ) -> Result<(Option<OwnerKey>, Option<String>), ApiError> {
-        let detail =
-            "a token of an episode claims no seats; send a key, or nothing where there are none";
+        let detail = "a token of an episode cannot claim seats; send a key, or no token on a server without keys";
         let owner = self.player(app, detail)?;
         let id = match self {
             Self::Key(key) => Some(key.id.clone()),
@@ -300,7 +298,7 @@ impl Caller {
         Ok((owner, id))
     }
 
-    /// The key of a caller who may take part; `detail` is told to tokens, which may not.
+    /// The key of a caller who may take part; `detail` is the error for tokens, which may not.
     fn player(&self, app: &App, detail: &str) -> Result<Option<OwnerKey>, ApiError> {
         match self {
             Self::Key(key) if key.role == Role::Entrant => Err(ApiError::new(
@@ -371,7 +369,7 @@ impl FromRequestParts<App> for Swarm {
     }
 }
 
-/// Whoever runs the server; nobody else gets past this.
+/// Extracts an organizer; all other callers are refused.
 pub(super) struct Organizer {
     pub(super) key: Key,
 }
@@ -383,7 +381,7 @@ impl FromRequestParts<App> for Organizer {
         match Caller::from_request_parts(parts, app).await? {
             Caller::Anonymous { .. } => Err(needs_token("an organizer's key")),
             Caller::Key(key) if key.role == Role::Organizer => Ok(Self { key }),
-            _ => Err(ApiError::new(Code::Forbidden, "this takes an organizer's key")),
+            _ => Err(ApiError::new(Code::Forbidden, "this needs an organizer's key")),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Bodies as they arrive: how many bytes of them there may be, in all and of one party, and how long they may take.
 //!
 //! A large body has more than [`LIGHT_BODY_BYTES_MAX`] bytes, or does not say how many. It is refused before it is read
-//! where its sender has sent as much as it may; it waits for a turn to be handled; and a group gets no more memory for
+//! where its sender has sent as much as it may; it waits for a permit to be handled; and a group gets no more memory for
 //! such bodies than is free.
 
 use std::collections::HashMap;
@@ -35,7 +35,7 @@ pub(super) struct Bodies {
     all: AtomicUsize,
     /// Bytes of large bodies by group; no entry is 0.
     large: Mutex<HashMap<Group, usize>>,
-    /// Turns to handle a large one.
+    /// Permits to handle a large one.
     turns: FairLimit,
 }
 
@@ -130,7 +130,7 @@ impl Drop for Counted {
 }
 
 impl App {
-    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one has a turn until the
+    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one has a permit until the
     /// result is dropped.
     pub(super) async fn json_body(
         &self,

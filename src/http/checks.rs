@@ -1,4 +1,4 @@
-//! What is asked for, checked field by field: all that is wrong is named at once.
+//! Validation of requests, field by field: all errors are reported at once.
 
 use std::time::Duration;
 
@@ -94,7 +94,7 @@ impl Problems {
         }
     }
 
-    /// What else is told of who plays.
+    /// Further declarations about the player.
     pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Map<String, Value>) {
         let bytes = serde_json::to_vec(meta).map_or(0, |json| json.len());
         let most = limits.agent_meta_bytes_max;

@@ -1,4 +1,4 @@
-//! Who is at the other end of a connection, and how much they ask for.
+//! The client of a connection: its address, its rate limits and its requests in flight.
 //!
 //! An address counts against the rate limit; whether a request comes from a program on this machine
 //! decides what a server without keys lets it do.
@@ -36,7 +36,7 @@ use crate::keys::OwnerKey;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Peer(pub(super) IpAddr);
 
-/// Whoever sent a request, as far as the connection tells.
+/// The sender of a request, as far as the connection shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Client {
     /// The address, that which a trusted proxy names where there is one.
@@ -94,7 +94,7 @@ pub(super) fn address(peer: IpAddr, headers: &HeaderMap, trusted: &[IpNet]) -> I
     address.unwrap_or(peer)
 }
 
-/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that stands before
+/// The nearest address in `X-Forwarded-For` that is not a trusted proxy's: all that comes before
 /// it may have been made up.
 fn forwarded(headers: &HeaderMap, is_trusted: impl Fn(&IpAddr) -> bool) -> Option<IpAddr> {
     let lines = headers.get_all("x-forwarded-for").iter().rev();
@@ -132,7 +132,7 @@ fn names_loopback(host: Option<&str>) -> bool {
     is_loopback(name)
 }
 
-/// Time for rate limits: it only goes on, also while the process is stopped.
+/// Time for rate limits: monotonic, and runs also while the process is stopped.
 #[derive(Clone)]
 struct RateClock(Arc<dyn Clock>);
 
@@ -226,7 +226,7 @@ impl Rates {
             let name = "entries_per_address_h_max";
             metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
             let detail = format!(
-                "{most} entries an hour come from this address, as many as may; come again later, or ask the organizer for a code"
+                "{most} entries an hour came from this address, the maximum; try again later, or ask the organizer for a code"
             );
             ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
         })
@@ -277,12 +277,12 @@ impl Rates {
         };
         metrics::counter!("swarmbench_rate_limited_total", "limit" => name).increment(1);
         let detail = format!(
-            "more than {most} bytes a second come in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
+            "more than {most} bytes a second were sent in bodies of more than {LIGHT_BODY_BYTES_MAX} bytes; send this one again later, or smaller ones"
         );
         Err(ApiError::limit(Code::RateLimited, name, most, detail).retry_after(wait))
     }
 
-    /// Forgets whoever has not asked for a while.
+    /// Forgets clients without recent requests.
     pub(super) fn forget_idle(&self) {
         for rates in self.by_address.iter().chain(&self.entries) {
             forget(rates);
@@ -304,7 +304,7 @@ impl Rates {
     }
 }
 
-/// Forgets whoever may send as much as anybody who never came, and gives the memory back.
+/// Forgets clients whose bucket is full, and frees the memory.
 fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
     rates.retain_recent();
     rates.shrink_to_fit();
@@ -312,7 +312,7 @@ fn forget<K: std::hash::Hash + Eq + Clone>(rates: &Keyed<K>) {
 
 fn limited(name: &str, most: u32, whose: &str, wait: Duration) -> ApiError {
     metrics::counter!("swarmbench_rate_limited_total", "limit" => name.to_owned()).increment(1);
-    let detail = format!("more than {most} requests a second come from {whose}; come again later");
+    let detail = format!("more than {most} requests a second came from {whose}; try again later");
     ApiError::limit(Code::RateLimited, name, most as usize, detail).retry_after(wait)
 }
 
@@ -357,7 +357,7 @@ pub(super) async fn admit(
     let client = Client::of(peer, request.headers(), request.uri(), trusted);
     app.rates.check_address(client.address, &app.limits)?;
     request.extensions_mut().insert(client);
-    let counted = app.in_flight.take(client.address, &app.limits)?;
+    let in_flight = app.in_flight.take(client.address, &app.limits)?;
     let rank = rank(request.method(), request.uri().path());
     let is_light = rank == Rank::Urgent && is_light(&request);
     let answered = async { (next.run(request).await, Origin::current()) };
@@ -365,7 +365,7 @@ pub(super) async fn admit(
     let (mut response, origin) =
         if is_light { answered.await } else { app.workers.in_background(answered).await? };
     // It counts until its body is sent, and is made for the same party to its end.
-    response.extensions_mut().insert(Asked { origin, _counted: counted });
+    response.extensions_mut().insert(RequestContext { origin, _in_flight: in_flight });
     Ok(response)
 }
 
@@ -374,22 +374,22 @@ pub(super) async fn admit(
 #[derive(Debug, Default)]
 pub(super) struct InFlight(Mutex<HashMap<IpAddr, usize>>);
 
-/// What is to be known of a request until its answer is sent.
+/// What accompanies a request until its answer is sent.
 #[derive(Clone, Debug)]
-pub(super) struct Asked {
+pub(super) struct RequestContext {
     /// For whom the answer is made.
     pub(super) origin: Origin,
-    _counted: Counted,
+    _in_flight: InFlightRequest,
 }
 
 /// A request that is counted until this is dropped.
 #[derive(Clone, Debug)]
-struct Counted {
-    _place: Option<Arc<InFlightPlace>>,
+struct InFlightRequest {
+    _permit: Option<Arc<InFlightPermit>>,
 }
 
 #[derive(Debug)]
-struct InFlightPlace {
+struct InFlightPermit {
     all: Arc<InFlight>,
     network: IpAddr,
 }
@@ -400,9 +400,13 @@ impl InFlight {
     }
 
     /// Counts a request of an address. Those of this machine itself are not limited.
-    fn take(self: &Arc<Self>, address: IpAddr, limits: &Limits) -> Result<Counted, ApiError> {
+    fn take(
+        self: &Arc<Self>,
+        address: IpAddr,
+        limits: &Limits,
+    ) -> Result<InFlightRequest, ApiError> {
         if address.is_loopback() {
-            return Ok(Counted { _place: None });
+            return Ok(InFlightRequest { _permit: None });
         }
         let network = network(address);
         let most = limits.requests_per_address_max;
@@ -416,12 +420,12 @@ impl InFlight {
         }
         *here += 1;
         drop(requests);
-        let place = InFlightPlace { all: Arc::clone(self), network };
-        Ok(Counted { _place: Some(Arc::new(place)) })
+        let permit = InFlightPermit { all: Arc::clone(self), network };
+        Ok(InFlightRequest { _permit: Some(Arc::new(permit)) })
     }
 }
 
-impl Drop for InFlightPlace {
+impl Drop for InFlightPermit {
     fn drop(&mut self) {
         let mut requests = self.all.requests();
         if let Entry::Occupied(mut here) = requests.entry(self.network) {
@@ -442,7 +446,7 @@ pub(super) fn is_light(request: &Request) -> bool {
     request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
 }
 
-/// What goes first: whoever plays, enters or changes something. Whoever only looks on comes after them.
+/// The rank of a request: playing, entering and changing come first, reading comes after them.
 fn rank(method: &Method, path: &str) -> Rank {
     match path {
         _ if method != Method::GET && method != Method::HEAD => Rank::Urgent,

@@ -38,7 +38,7 @@ pub(super) async fn confirm_clock(
     organizer: Organizer,
     _: Params<Nothing>,
 ) -> Result<Json<ConfirmedClock>, ApiError> {
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let newest = app.store.newest_entry_at().await?;
         let (before, host) = (app.clock.wall(), app.clock.host());
         let doubt = app.clock.doubt().map(|doubt| doubt.to_string());
@@ -46,14 +46,14 @@ pub(super) async fn confirm_clock(
         let detail = json!({
             "moved_ms": moved_ms, "doubt": doubt, "newest_ms": newest.map(Timestamp::as_millisecond),
         });
-        let deed = AuditRow {
+        let audit_entry = AuditRow {
             at: host,
             who: organizer.key.id.clone(),
             action: CONFIRMED,
             subject: "clock".to_owned(),
             detail,
         };
-        app.store.keep(vec![Entry::Audit(Box::new(deed))]).await?;
+        app.store.keep(vec![Entry::Audit(Box::new(audit_entry))]).await?;
         app.clock.confirm();
         tracing::warn!(now = %app.clock.wall(), moved_ms, "an organizer confirmed the clock");
         Ok(Json(ConfirmedClock { now: app.clock.wall(), moved_ms, doubt }))

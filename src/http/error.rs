@@ -1,4 +1,4 @@
-//! The one error type that leaves the house.
+//! The one error type that leaves the server.
 //!
 //! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
 //! allowed is `invalid`; who asks is `unauthorized` (nobody known) or `forbidden` (known, but for
@@ -17,8 +17,8 @@ use crate::board::collection::Unknown;
 use crate::budget::NoMemory;
 use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
+use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::lockstep::Refusal;
-use crate::episode::places::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
@@ -178,7 +178,7 @@ impl ApiError {
     #[must_use]
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
-            "less than {least} % of the server's disk is free: what runs goes on, nothing new is created"
+            "less than {least} % of the server's disk is free: what is running continues, nothing new is created"
         );
         Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
             .retry_after(Duration::from_mins(1))
@@ -198,7 +198,7 @@ impl ApiError {
         Self { limit: Some(full.into()), ..self }
     }
 
-    /// With the round at which the episode stands.
+    /// With the current round of the episode.
     #[must_use]
     pub fn at_round(self, round: u32) -> Self {
         Self { round: Some(round), ..self }
@@ -269,7 +269,7 @@ impl From<Unknown> for ApiError {
 impl From<JournalError> for ApiError {
     fn from(error: JournalError) -> Self {
         if error.is_busy() {
-            let detail = "too many read the database; come again later";
+            let detail = "too many requests read the database; try again later";
             return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
@@ -303,7 +303,7 @@ impl From<WorkError> for ApiError {
     fn from(error: WorkError) -> Self {
         match error {
             WorkError::Busy => {
-                let detail = format!("{error}; come again later");
+                let detail = format!("{error}; try again later");
                 Self::limit(Code::Overloaded, "heavy_jobs_max", JOBS_WAITING_MAX, detail)
                     .retry_after(Duration::from_secs(1))
             }
@@ -319,7 +319,7 @@ impl From<RecoveryError> for ApiError {
             RecoveryError::Work(error) => error.into(),
             RecoveryError::Broken { .. } => {
                 tracing::error!(%error, "a request failed");
-                Self::new(Code::Internal, "the journal of this episode does not play again")
+                Self::new(Code::Internal, "the journal of this episode cannot be replayed")
             }
         }
     }
@@ -389,7 +389,7 @@ impl From<StartError> for ApiError {
 impl From<ClaimError> for ApiError {
     fn from(error: ClaimError) -> Self {
         match error {
-            ClaimError::Taken(taken) => Self::new(Code::SeatTaken, taken.to_string()),
+            ClaimError::SeatTaken(taken) => Self::new(Code::SeatTaken, taken.to_string()),
             ClaimError::Over => {
                 Self::new(Code::EpisodeOver, "the episode has ended; its seats cannot be claimed")
             }

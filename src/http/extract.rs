@@ -1,4 +1,4 @@
-//! Requests, read strictly: whatever is wrong gets an error that names it.
+//! Requests, read strictly: every error is reported by name.
 
 use std::time::Duration;
 
@@ -95,7 +95,7 @@ pub(super) fn read<T: Named>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
 
-/// Finds out what is wrong with a body that was refused.
+/// Finds the errors of a body that was refused.
 fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     let value = match serde_json::from_slice::<serde_json::Value>(bytes) {
         Ok(value) => value,

@@ -1,4 +1,4 @@
-//! How the server does: health, readiness, metrics.
+//! Health, readiness, metrics.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -80,7 +80,7 @@ fn problems(app: &App) -> Vec<String> {
     }
     problems.extend(app.clock.doubt().map(|doubt| doubt.to_string()));
     if !app.ready.load(Ordering::Acquire) {
-        problems.push("unfinished episodes are still being taken up".to_owned());
+        problems.push("unfinished episodes are still being recovered".to_owned());
     }
     problems
 }

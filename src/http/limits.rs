@@ -1,15 +1,15 @@
 //! Every limit of the server by its name; the unit is the last part.
 
 use super::stream::{STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
-use crate::episode::places::SEAT_ACTS_WAITING_MAX;
+use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
-use crate::episode::registry::TAKE_UPS_MAX;
+use crate::episode::registry::RECOVERIES_MAX;
 use crate::fair::PARTIES_REMEMBERED_MAX;
-use crate::house::HOSTED_ROUNDS_MAX;
+use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
 
-/// What the server takes at most. An error that comes from a limit names it.
+/// The limits of the server. An error that comes from a limit names it.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Bytes of a body, and of one act among several.
@@ -18,10 +18,10 @@ pub struct Limits {
     pub swarm_body_bytes_max: usize,
     /// Bytes of all bodies that are arriving.
     pub bodies_bytes_max: usize,
-    /// Bytes of large bodies a second of an entrant, a key or an address, on average; any number where it is 0. Programs
+    /// Bytes of large bodies a second of an entrant, a key or an address, on average; 0 for no limit. Programs
     /// on this machine are not limited.
     pub large_body_bytes_per_key_s_max: usize,
-    /// Bytes of large bodies a second of all entrants of a competition, on average; any number where it is 0.
+    /// Bytes of large bodies a second of all entrants of a competition, on average; 0 for no limit.
     pub large_body_bytes_per_competition_s_max: usize,
     /// Large bodies that are handled at once.
     pub large_bodies_max: usize,
@@ -33,7 +33,7 @@ pub struct Limits {
     pub observations_max: usize,
     /// Observations in one answer where nobody says how many.
     pub observations_default: usize,
-    /// Bytes of an answer that is made in memory: lists and observations go on in the next one.
+    /// Bytes of an answer that is made in memory: lists and observations continue in the next one.
     pub answer_bytes_max: usize,
     /// Episodes in one page.
     pub page_items_max: u32,
@@ -47,9 +47,9 @@ pub struct Limits {
     pub episodes_unfinished_max: usize,
     /// Episodes of one key that have not ended.
     pub episodes_per_key_max: usize,
-    /// Percent of all places for episodes that are kept for organizers and for the next games of runs.
+    /// Percent of all episodes that are reserved for organizers and for the next games of runs.
     pub episodes_reserved_percent: u32,
-    /// How many places a competition, a key or an address may hold, in percent of those that are free.
+    /// How many episodes a competition, a key or an address may have open, in percent of those that are free.
     pub episodes_of_free_percent_max: u32,
     /// Games of one run.
     pub run_games_max: usize,
@@ -63,16 +63,16 @@ pub struct Limits {
     pub journal_bytes_per_key_max: u64,
     /// Bytes that the acts of all episodes of a competition may take in the journal.
     pub journal_bytes_per_competition_max: u64,
-    /// Bytes of large acts a second of an entrant, a key or an address, on average; any number where it is 0.
+    /// Bytes of large acts a second of an entrant, a key or an address, on average; 0 for no limit.
     pub journal_bytes_per_key_s_max: u64,
-    /// Bytes of large acts a second of all entrants of a competition, on average; any number where it is 0.
+    /// Bytes of large acts a second of all entrants of a competition, on average; 0 for no limit.
     pub journal_bytes_per_competition_s_max: u64,
     /// How much of the disk must be free for anything new, in percent.
     pub disk_free_percent_min: u32,
-    /// Requests a second from one address, on average; none where it is 0. Twice as many may come
+    /// Requests a second from one address, on average; 0 for no limit. Twice as many may come
     /// at once. Programs on this machine are not limited.
     pub address_requests_per_s_max: u32,
-    /// Requests a second with one key and the tokens of its episodes; none where it is 0.
+    /// Requests a second with one key and the tokens of its episodes; 0 for no limit.
     pub key_requests_per_s_max: u32,
     /// Jobs that are queued for the writer before acts are refused.
     pub backlog_jobs_max: usize,
@@ -85,7 +85,7 @@ pub struct Limits {
     /// Requests of one address, or one /64 network of IPv6, that are not answered yet, also behind a proxy; this host may
     /// have any number.
     pub requests_per_address_max: usize,
-    /// Percent of all connections that are kept for addresses that have none.
+    /// Percent of all connections that are reserved for addresses that have none.
     pub connections_reserved_percent: u32,
     /// Milliseconds in which a client has to send the head of a request, from its first byte on.
     pub head_ms_max: u64,
@@ -98,9 +98,9 @@ pub struct Limits {
     pub write_ms_max: u64,
     /// Bytes a second of an answer that a client has to take, on average of the time in which some wait for it.
     pub write_bytes_per_s_min: u64,
-    /// Milliseconds for which a connection is kept without a request.
+    /// Milliseconds after which an idle connection is closed.
     pub idle_ms_max: u64,
-    /// Milliseconds that open requests get to end when the server is told to stop.
+    /// Milliseconds that open requests get to end when the server is asked to stop.
     pub drain_ms_max: u64,
     /// Characters of a model's name.
     pub model_chars_max: usize,
@@ -108,7 +108,7 @@ pub struct Limits {
     pub suite_name_chars_max: usize,
     /// Characters of the reason for which something is voided.
     pub reason_chars_max: usize,
-    /// Bytes of what is told about who plays.
+    /// Bytes of `agent_meta`.
     pub agent_meta_bytes_max: usize,
     /// Characters of an idempotency key.
     pub idempotency_key_chars_max: usize,
@@ -142,8 +142,8 @@ pub struct Limits {
     pub events_pending_bytes_max: usize,
     /// Entrants of a competition.
     pub entrants_max: usize,
-    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; any number
-    /// where it is 0. Programs on this machine are not limited.
+    /// Entries in competitions an hour from one address, or one /64 network of IPv6, without an invitation; 0 for no
+    /// limit. Programs on this machine are not limited.
     pub entries_per_address_h_max: u32,
     /// How much memory the games of a competition, a key or an address may take, in percent of what is free.
     pub memory_of_free_percent_max: u32,
@@ -222,7 +222,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// What everybody may hold.
+    /// The caps of the per-owner quotas.
     #[must_use]
     pub const fn caps(&self) -> Caps {
         Caps {
@@ -307,7 +307,7 @@ impl Limits {
             ("heavy_jobs_max", JOBS_WAITING_MAX as u64),
             ("heavy_jobs_per_group_max", JOBS_WAITING_PER_GROUP_MAX as u64),
             ("hosted_rounds_max", HOSTED_ROUNDS_MAX as u64),
-            ("take_ups_max", TAKE_UPS_MAX as u64),
+            ("take_ups_max", RECOVERIES_MAX as u64),
             ("readers_max", READERS_MAX as u64),
             ("readers_waiting_max", READERS_WAITING_MAX as u64),
             ("readers_waiting_per_group_max", READERS_WAITING_PER_GROUP_MAX as u64),

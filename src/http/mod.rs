@@ -6,6 +6,7 @@ mod audit;
 pub mod auth;
 mod boards;
 mod body;
+mod cache;
 mod checks;
 mod claims;
 mod client;
@@ -19,9 +20,7 @@ mod host;
 mod imports;
 mod keys;
 pub mod limits;
-mod made;
 pub mod openapi;
-mod pace;
 mod page;
 mod refusals;
 mod room;
@@ -30,6 +29,7 @@ mod runs;
 pub mod serve;
 mod stream;
 mod swarm;
+mod timers;
 mod waiting;
 
 use std::ops::Deref;
@@ -45,7 +45,7 @@ use tokio_util::sync::CancellationToken;
 use crate::board::interval::Memory;
 use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
-use crate::episode::registry::{Place, Registry};
+use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::host::Disk;
@@ -61,11 +61,11 @@ use crate::work::{JOBS_WAITING_MAX, Workers};
 use agent::look::Sights;
 use auth::Access;
 use body::Bodies;
+use cache::{ANSWERS_BYTES_MAX, Answer, RANKINGS_BYTES_MAX, SharedCache};
 use client::Rates;
 use competitions::board::Ranking;
 use error::{ApiError, Code};
 use limits::Limits;
-use made::{ANSWERS_BYTES_MAX, Answer, MadeOnce, RANKINGS_BYTES_MAX};
 pub use router::router;
 use stream::Streams;
 
@@ -81,8 +81,8 @@ const INTERVALS_CACHED: usize = 100_000;
 /// How long a request waits until a prompt or a board is made.
 const RENDER_PATIENCE: Duration = Duration::from_secs(5);
 
-/// How long a request waits for an episode that is being taken up.
-const TAKE_UP_PATIENCE: Duration = Duration::from_secs(20);
+/// How long a request waits for the recovery of an episode.
+const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// How long a request waits until a state of an earlier round can be made.
 const REPLAY_PATIENCE: Duration = Duration::from_secs(10);
@@ -93,7 +93,7 @@ pub struct App(Arc<Shared>);
 
 /// What a server is put together from.
 pub struct Foundation {
-    /// Where things are kept.
+    /// The store.
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
@@ -121,7 +121,7 @@ pub struct Foundation {
 /// See [`App`].
 pub struct Shared {
     foundation: Foundation,
-    /// Whether all unfinished episodes with clocks were taken up.
+    /// Whether all unfinished episodes with clocks were recovered.
     pub ready: AtomicBool,
     rates: Rates,
     tokens: Cache<TokenHash, Grant>,
@@ -134,13 +134,13 @@ pub struct Shared {
     /// What seats see in open rounds, as it was written.
     sights: Sights,
     waits: Arc<AtomicUsize>,
-    /// How many open rounds were seen by somebody who holds several seats. Whoever looks holds it, so that
+    /// How many open rounds were seen by a holder of several seats. A look locks it, so that
     /// what is new to one look is new to all that come after it.
     rounds_seen: std::sync::Mutex<u64>,
     bodies: Arc<Bodies>,
-    /// Turns to have a state of an earlier round made; each may take as much memory as some rounds have text.
+    /// Permits for replays of earlier rounds; each may take as much memory as some rounds have text.
     replays: FairLimit,
-    /// Turns to make a large answer.
+    /// Permits for large answers.
     large_answers: FairLimit,
     streams: Streams,
     creating: [Mutex<()>; CREATION_LOCKS],
@@ -148,9 +148,9 @@ pub struct Shared {
     standings: Standings,
     intervals: Memory,
     /// Boards and lists as they were made last.
-    answers: MadeOnce<Answer>,
+    answers: SharedCache<Answer>,
     /// Competitions as they were ranked last.
-    rankings: MadeOnce<Ranking>,
+    rankings: SharedCache<Ranking>,
     /// Requests that are not answered yet.
     in_flight: Arc<client::InFlight>,
 }
@@ -169,8 +169,8 @@ impl App {
             intervals: Memory::new(INTERVALS_CACHED),
             replays: replays(&foundation.limits),
             large_answers: large_answers(&foundation.limits),
-            answers: MadeOnce::new(ANSWERS_BYTES_MAX),
-            rankings: MadeOnce::new(RANKINGS_BYTES_MAX),
+            answers: SharedCache::new(ANSWERS_BYTES_MAX),
+            rankings: SharedCache::new(RANKINGS_BYTES_MAX),
             in_flight: Arc::default(),
             foundation,
             ready: AtomicBool::new(false),
@@ -185,31 +185,31 @@ impl App {
         }))
     }
 
-    /// Reads all results, so that whoever asks for a board first does not wait for that.
+    /// Reads all results, so that the first request for a board does not wait for that.
     pub async fn read_boards(&self) {
         if let Err(error) = self.standings.boards().await {
-            // Whoever asks is told the same.
+            // Requests get the same error.
             tracing::warn!(%error, "boards cannot be read");
         }
     }
 
-    /// Forgets what is not needed any more; to be called now and then.
+    /// Evicts unused entries; to be called periodically.
     pub fn tidy(&self) {
-        self.registry.let_go();
+        self.registry.evict_unused();
         self.rates.forget_idle();
     }
 
-    /// Does something to its end, also where whoever asked for it has gone: a handler is dropped where
-    /// it waits when its client hangs up.
-    async fn to_its_end<T: Send + 'static>(
+    /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`
+    /// when its client hangs up.
+    async fn run_detached<T: Send + 'static>(
         work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
     ) -> Result<T, ApiError> {
         let done = telemetry::spawn(work).await;
         done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
     }
 
-    /// One creation with the same idempotency key goes on at a time.
-    async fn one_by_one(&self, key: &str) -> MutexGuard<'_, ()> {
+    /// Serializes creations with the same idempotency key.
+    async fn idempotency_lock(&self, key: &str) -> MutexGuard<'_, ()> {
         let lock = crc32fast::hash(key.as_bytes()) as usize % CREATION_LOCKS;
         self.creating[lock].lock().await
     }
@@ -223,7 +223,7 @@ impl App {
         let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
         let Ok(done) = tokio::time::timeout(RENDER_PATIENCE, work).await else {
             let detail =
-                "too much heavy work (prompts, boards, large worlds) waits; ask again later";
+                "too much heavy work (prompts, boards, large worlds) is queued; try again later";
             return Err(ApiError::limit(
                 Code::Overloaded,
                 "heavy_jobs_max",
@@ -235,7 +235,7 @@ impl App {
         Ok(done?)
     }
 
-    /// What a token stands for, if it is known.
+    /// The rights of a token, if it is known.
     async fn grant(&self, token: &Token) -> Result<Option<Grant>, ApiError> {
         let hash = token.hash();
         if let Some(grant) = self.tokens.get(&hash) {
@@ -287,19 +287,19 @@ impl App {
         self.tokens.retain(|_, grant| !is_old(grant));
     }
 
-    /// The episode with this id. One that goes on is waited for while it is taken up, but not for ever.
+    /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.
     async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
         let find = self.registry.find(id);
-        let found = match self.registry.place(id) {
-            Place::Memory => find.await,
-            Place::Unfinished => {
-                let found = tokio::time::timeout(TAKE_UP_PATIENCE, find).await;
+        let found = match self.registry.location(id) {
+            Location::Memory => find.await,
+            Location::Unfinished => {
+                let found = tokio::time::timeout(RECOVERY_TIMEOUT, find).await;
                 found.map_err(|_| {
-                    let detail = "the episode is still played again from its journal; its clock does not run";
+                    let detail = "the episode is still being recovered from its journal; its clock does not run";
                     ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
                 })?
             }
-            Place::Journal => {
+            Location::Journal => {
                 let _turn = self.replay_turn().await?;
                 find.await
             }
@@ -307,23 +307,22 @@ impl App {
         found?.ok_or_else(|| ApiError::not_found("the episode"))
     }
 
-    /// A turn to make a large answer, to be held until it is made. Then its parts on the async threads are
-    /// few at a time, whatever is asked for.
+    /// A permit for a large answer, held until it is made. Then its parts on the async threads are
+    /// few at a time.
     async fn large_answer(&self) -> Result<Permit, ApiError> {
         let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
-            let detail = "too many large answers are asked for; ask again later, or for less";
+            let detail = "too many large answers are requested; try again later, or ask for less";
             ApiError::limit(Code::Overloaded, name, slots, detail)
                 .retry_after(Duration::from_secs(1))
         })
     }
 
-    /// A turn to have rounds played again.
+    /// A permit for a replay.
     async fn replay_turn(&self) -> Result<Permit, ApiError> {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
         turn.map_err(|Busy { name, slots }| {
-            let detail =
-                "too many rounds are asked for that have to be played again; ask again later";
+            let detail = "too many earlier rounds are being replayed; try again later";
             ApiError::limit(Code::Overloaded, name, slots, detail)
                 .retry_after(Duration::from_secs(1))
         })
@@ -345,7 +344,7 @@ impl App {
     }
 }
 
-/// Turns to make large answers. A group has no more than half of them.
+/// Permits for large answers. A group has no more than half of them.
 fn large_answers(limits: &Limits) -> FairLimit {
     let slots = limits.large_answers_max;
     let shares = Shares {
@@ -359,7 +358,7 @@ fn large_answers(limits: &Limits) -> FairLimit {
     FairLimit::new("large_answers_max", shares, RENDER_PATIENCE)
 }
 
-/// Turns to have a state made. A group has no more than half of them.
+/// Permits for replays. A group has no more than half of them.
 fn replays(limits: &Limits) -> FairLimit {
     let slots = limits.replays_max;
     let shares = Shares {

@@ -1,4 +1,4 @@
-//! Pages of lists: as many items as were asked for, or as many as fit into one answer.
+//! Pages of lists: as many items as were requested, or as many as fit into one answer.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -53,7 +53,7 @@ impl Page {
     }
 
     /// How many rows are to be read next, at most so many; none where the page is full or the list has
-    /// ended. Whoever asks finds out by one row more than fits whether there is another page.
+    /// ended. One row more than fits is read to know whether there is another page.
     pub(super) fn wants(&self, most: u32) -> Option<u32> {
         let left = self.items_max - self.items + 1;
         let wants = u32::try_from(left).map_or(most, |left| left.min(most));
@@ -79,7 +79,7 @@ impl Page {
                 self.body.push(b',');
             }
             serde_json::to_writer(&mut self.body, &item).expect("string keys");
-            // The first item is shown whatever its size: the list would never go on.
+            // The first item is shown whatever its size: otherwise the list would never advance.
             if self.items > 0 && self.body.len() > self.bytes_max {
                 self.body.truncate(before);
                 self.is_full = true;
@@ -100,5 +100,5 @@ impl Page {
     }
 }
 
-/// Bytes of what stands after the items.
+/// Bytes after the items.
 pub(super) const CURSOR_BYTES_MAX: usize = 64;

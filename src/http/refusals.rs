@@ -1,4 +1,4 @@
-//! What routes may answer beside their own, as the OpenAPI document says it.
+//! The common error responses of routes, for the OpenAPI document.
 
 use std::collections::BTreeMap;
 

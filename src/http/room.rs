@@ -1,6 +1,6 @@
-//! Whose connection is closed when all places are taken and another client comes.
+//! Which connection is evicted when the limit is reached and another client connects.
 //!
-//! The client that holds the most places loses one, as long as it holds more than its fair share of them. Which one of
+//! The client with the most connections loses one, as long as it has more than its fair share of them. Which one of
 //! its connections that is, the caller's order decides.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -9,7 +9,7 @@ use std::net::IpAddr;
 /// Connections of one client that are compared to choose one of them: the oldest ones.
 const COMPARED_MAX: usize = 256;
 
-/// For whom places are counted.
+/// For whom connections are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Holder {
     /// The address, or the /64 network of IPv6, that sent the last request.
@@ -60,16 +60,16 @@ impl<T> Holders<T> {
     }
 
     /// Removes the connection that makes room for one of `newcomer`: of the holder with the most connections, the least
-    /// by `key`. None where no holder has more than its share of the places.
+    /// by `key`. None where no holder has more than its share.
     pub(super) fn evict<K: Ord>(
         &mut self,
-        places: usize,
+        most: usize,
         newcomer: Holder,
         key: impl Fn(&T) -> K,
     ) -> Option<T> {
         let holders = self.held.len() + usize::from(!self.held.contains_key(&newcomer));
         // Rounded up, or two clients would close each other's connections by turns.
-        let share = places.div_ceil(holders);
+        let share = most.div_ceil(holders);
         let &(count, holder) = self.by_count.last()?;
         if count <= share {
             return None;
@@ -106,14 +106,14 @@ mod tests {
     }
 
     /// Who loses a connection to a client behind the proxy.
-    fn loser(counts: &[(Holder, u64)], places: usize) -> Option<Holder> {
-        let evicted = holders(counts, |number| number).evict(places, proxy(), |&(_, worth)| worth);
+    fn loser(counts: &[(Holder, u64)], most: usize) -> Option<Holder> {
+        let evicted = holders(counts, |number| number).evict(most, proxy(), |&(_, worth)| worth);
         evicted.map(|(holder, _)| holder)
     }
 
     #[test]
     fn the_largest_holder_above_its_share_loses_a_connection() {
-        for (counts, places, expected) in [
+        for (counts, most, expected) in [
             (&[][..], 10, None),
             (&[(client(1), 10)], 10, Some(client(1))),
             (&[(client(1), 9), (client(2), 1)], 10, Some(client(1))),
@@ -127,7 +127,7 @@ mod tests {
             (&[(client(1), 1), (client(2), 1), (client(3), 1)], 3, None),
             (&[(client(1), 2), (client(2), 1)], 3, Some(client(1))),
         ] {
-            assert_eq!(loser(counts, places), expected, "{counts:?} of {places}");
+            assert_eq!(loser(counts, most), expected, "{counts:?} of {most}");
         }
     }
 

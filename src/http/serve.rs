@@ -1,4 +1,4 @@
-//! The accept loop: HTTP/1.1 with clocks on every connection (`pace.rs`), a place for each of so many, and
+//! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit on how many there are, and
 //! a quick answer to those for whom there is none.
 
 use std::collections::HashMap;
@@ -26,10 +26,10 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetReques
 use super::client::{Peer, address, network};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use super::pace::{Answer, Pace, Paced, Patience};
 use super::room::{Holder, Holders};
+use super::timers::{ConnectionTimers, TimedBody, TimedStream, Timeouts};
 
-/// Connections that are told at once that there is no place; whoever comes beyond is only closed.
+/// Connections over the limit that get an error response; further ones are only closed.
 pub const REFUSALS_MAX: usize = 128;
 
 /// Connections that were evicted and are not closed yet; no others are evicted meanwhile.
@@ -38,8 +38,8 @@ pub const EVICTIONS_MAX: usize = 32;
 /// How long a connection may take to be told so.
 const REFUSAL: Duration = Duration::from_secs(1);
 
-/// When those who found no place may come again.
-const COME_AGAIN: Duration = Duration::from_secs(5);
+/// When clients over the limit may try again.
+const RETRY_AFTER: Duration = Duration::from_secs(5);
 
 /// Connections that are accepted at once, and how long such a burst takes at least: their first requests come together,
 /// and games go on in between. It is 8,000 a second.
@@ -54,8 +54,8 @@ pub async fn serve(
     trusted_proxies: Vec<IpNet>,
     stop: CancellationToken,
 ) {
-    let places = Arc::new(Places::new(&limits, trusted_proxies));
-    let patience = Patience::from(&limits);
+    let limit = Arc::new(ConnectionLimit::new(&limits, trusted_proxies));
+    let timeouts = Timeouts::from(&limits);
     let refusals = Arc::new(Semaphore::new(REFUSALS_MAX));
     let connections = TaskTracker::new();
     let ending = Ending { stop, cut: CancellationToken::new() };
@@ -68,11 +68,11 @@ pub async fn serve(
         burst += 1;
         let (stream, peer) = tokio::select! {
             accepted = listener.accept() => match accepted {
-                // An IPv4 address may come in the clothes of an IPv6 one.
+                // An IPv4 address may be mapped to an IPv6 one.
                 Ok((stream, from)) => (stream, Peer(from.ip().to_canonical())),
-                Err(error) if is_of_one(error.kind()) => continue,
+                Err(error) if is_connection_error(error.kind()) => continue,
                 Err(error) => {
-                    // Too many open files, say: others may close theirs meanwhile.
+                    // For example too many open files: others may be closed meanwhile.
                     tracing::warn!(%error, "a connection was not accepted");
                     tokio::time::sleep(Duration::from_millis(50)).await;
                     continue;
@@ -80,12 +80,12 @@ pub async fn serve(
             },
             () = ending.stop.cancelled() => break,
         };
-        let pace = Pace::new(patience);
-        match places.take(peer, &pace) {
-            Ok(place) => {
+        let timers = ConnectionTimers::new(timeouts);
+        match limit.take(peer, &timers) {
+            Ok(permit) => {
                 let (router, ending) = (router.clone(), ending.clone());
-                connections.spawn(connection(stream, peer, router, pace, ending, Some(place)));
-                if places.has_many_evicted() {
+                connections.spawn(connection(stream, peer, router, timers, ending, Some(permit)));
+                if limit.has_many_evicted() {
                     // They are closed before the next one is accepted.
                     tokio::task::yield_now().await;
                 }
@@ -94,10 +94,11 @@ pub async fn serve(
                 metrics::counter!("swarmbench_connections_refused_total", "reason" => full.reason)
                     .increment(1);
                 if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
-                    let patience =
-                        Patience { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..patience };
-                    let pace = Pace::new(patience);
-                    let told = connection(stream, peer, full.router(), pace, ending.clone(), None);
+                    let timeouts =
+                        Timeouts { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..timeouts };
+                    let timers = ConnectionTimers::new(timeouts);
+                    let told =
+                        connection(stream, peer, full.router(), timers, ending.clone(), None);
                     connections.spawn(async move {
                         told.await;
                         drop(turn);
@@ -116,20 +117,20 @@ pub async fn serve(
     }
 }
 
-/// Whether an error of accepting concerns the one connection that is gone, and not the host.
-const fn is_of_one(error: ErrorKind) -> bool {
+/// Whether `accept` failed because this one connection is gone, and not because of the host.
+const fn is_connection_error(error: ErrorKind) -> bool {
     matches!(
         error,
         ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset | ErrorKind::ConnectionRefused
     )
 }
 
-/// What tells connections to end.
+/// The signals that end connections.
 #[derive(Clone)]
 struct Ending {
-    /// In good order: idle ones at once, the others after the answer to their request.
+    /// Graceful: idle ones at once, the others after the answer to their request.
     stop: CancellationToken,
-    /// Wherever they are.
+    /// At once, whatever they do.
     cut: CancellationToken,
 }
 
@@ -137,25 +138,25 @@ async fn connection(
     stream: TcpStream,
     peer: Peer,
     router: Router,
-    pace: Pace,
+    timers: ConnectionTimers,
     ending: Ending,
-    place: Option<Place>,
+    permit: Option<ConnectionPermit>,
 ) {
     // Small answers must not wait for more to send; where that cannot be set they are only late.
     drop(stream.set_nodelay(true));
-    let stream = TokioIo::new(Paced { stream, pace: pace.clone() });
+    let stream = TokioIo::new(TimedStream { stream, timers: timers.clone() });
     let service = service_fn(|mut request: Request<Incoming>| {
-        let answering = pace.answering();
-        if let Some(place) = &place {
-            place.asked_by(peer, request.headers());
+        let pending = timers.pending();
+        if let Some(permit) = &permit {
+            permit.asked_by(peer, request.headers());
         }
         request.extensions_mut().insert(peer);
         let answer = router.clone().oneshot(request);
         async move {
             let answer = answer.await;
             answer.map(|mut answer| {
-                let asked = answer.extensions_mut().remove();
-                answer.map(|body| Answer { body, _answering: answering, asked })
+                let request = answer.extensions_mut().remove();
+                answer.map(|body| TimedBody { body, _pending: pending, request })
             })
         }
     });
@@ -163,11 +164,11 @@ async fn connection(
         .header_read_timeout(None)
         .max_buf_size(64 * 1024)
         .serve_connection(stream, service);
-    let (mut served, mut late) = (pin!(served), pin!(pace.late()));
+    let (mut served, mut timeout) = (pin!(served), pin!(timers.timed_out()));
     let mut stopping = false;
     loop {
         tokio::select! {
-            // The clocks come after what moves them.
+            // The timers are polled after the I/O that moves them.
             biased;
             served = served.as_mut() => {
                 if let Err(error) = served {
@@ -175,12 +176,12 @@ async fn connection(
                 }
                 break;
             }
-            late = late.as_mut() => {
-                metrics::counter!("swarmbench_connections_cut_total", "reason" => late.name())
+            timeout = timeout.as_mut() => {
+                metrics::counter!("swarmbench_connections_cut_total", "reason" => timeout.name())
                     .increment(1);
                 break;
             }
-            () = evicted(place.as_ref()) => {
+            () = evicted(permit.as_ref()) => {
                 metrics::counter!("swarmbench_connections_cut_total", "reason" => "room").increment(1);
                 break;
             }
@@ -194,46 +195,46 @@ async fn connection(
 }
 
 /// Completes when the connection has to make room for another one.
-async fn evicted(place: Option<&Place>) {
-    match place {
-        Some(place) => place.evicted.cancelled().await,
+async fn evicted(permit: Option<&ConnectionPermit>) {
+    match permit {
+        Some(permit) => permit.evicted.cancelled().await,
         None => std::future::pending().await,
     }
 }
 
-/// The places for connections: so many at once, and so many from one address. The last few are for addresses that have
-/// none. Where all are taken, a client with more than its fair share of them makes room.
-struct Places {
+/// The limits of connections: in all, and from one address. The last few are for addresses that have
+/// none. Where the limit is reached, a client with more than its fair share of them makes room.
+struct ConnectionLimit {
     most: usize,
     reserved: usize,
     most_per_address: usize,
     trusted_proxies: Vec<IpNet>,
-    taken: Mutex<Taken>,
+    open: Mutex<Connections>,
 }
 
 #[derive(Default)]
-struct Taken {
+struct Connections {
     /// Without those that are evicted.
     all: usize,
     /// By network, and those of this host together; no entry is 0.
     by_network: HashMap<IpAddr, usize>,
     /// By client, also behind proxies.
-    holders: Holders<Held>,
+    holders: Holders<Connection>,
     /// Evicted and not closed yet.
     evictions: usize,
     /// How many were ever accepted.
     accepted: u64,
 }
 
-/// A connection that has a place.
-struct Held {
+/// A connection that has a permit.
+struct Connection {
     network: IpAddr,
-    pace: Pace,
+    timers: ConnectionTimers,
     evicted: CancellationToken,
 }
 
-impl Taken {
-    fn give_back(&mut self, network: IpAddr) {
+impl Connections {
+    fn release(&mut self, network: IpAddr) {
         self.all -= 1;
         if let Some(here) = self.by_network.get_mut(&network) {
             *here -= 1;
@@ -248,69 +249,73 @@ impl Taken {
         if self.evictions >= EVICTIONS_MAX {
             return false;
         }
-        let evicted = self.holders.evict(most, newcomer, |held| held.pace.usage());
-        let Some(Held { network, evicted, .. }) = evicted else { return false };
+        let evicted = self.holders.evict(most, newcomer, |connection| connection.timers.usage());
+        let Some(Connection { network, evicted, .. }) = evicted else { return false };
         evicted.cancel();
         self.evictions += 1;
-        self.give_back(network);
+        self.release(network);
         true
     }
 }
 
-impl Places {
+impl ConnectionLimit {
     fn new(limits: &Limits, trusted_proxies: Vec<IpNet>) -> Self {
         Self {
             most: limits.connections_max,
             reserved: limits.connections_max * limits.connections_reserved_percent as usize / 100,
             most_per_address: limits.connections_per_address_max,
             trusted_proxies,
-            taken: Mutex::default(),
+            open: Mutex::default(),
         }
     }
 
     /// Whether soon no more can be evicted.
     fn has_many_evicted(&self) -> bool {
-        let taken = self.taken.lock().expect("nothing panics while it holds this");
-        taken.evictions >= EVICTIONS_MAX / 2
+        let open = self.open.lock().expect("nothing panics while it holds this");
+        open.evictions >= EVICTIONS_MAX / 2
     }
 
-    /// For whom a connection counts that has not sent a request.
+    /// The client for which a connection counts that has not sent a request.
     fn newcomer(&self, peer: Peer) -> Holder {
         let is_proxy = self.trusted_proxies.iter().any(|net| net.contains(&peer.0));
         if is_proxy { Holder::Unknown(peer.0) } else { Holder::Client(network(peer.0)) }
     }
 
-    fn take(self: &Arc<Self>, peer: Peer, pace: &Pace) -> Result<Place, Full> {
+    fn take(
+        self: &Arc<Self>,
+        peer: Peer,
+        timers: &ConnectionTimers,
+    ) -> Result<ConnectionPermit, Full> {
         // A proxy on this host speaks for many.
         let is_host = peer.0.is_loopback();
         let network = if is_host { IpAddr::V6(Ipv6Addr::LOCALHOST) } else { network(peer.0) };
-        let mut taken = self.taken.lock().expect("nothing panics while it holds this");
-        let here = taken.by_network.get(&network).copied().unwrap_or(0);
+        let mut open = self.open.lock().expect("nothing panics while it holds this");
+        let here = open.by_network.get(&network).copied().unwrap_or(0);
         if !is_host && here >= self.most_per_address {
             let limit = "connections_per_address_max";
             return Err(Full { reason: "address", limit, most: self.most_per_address });
         }
         let most = if here == 0 { self.most } else { self.most - self.reserved };
         let holder = self.newcomer(peer);
-        if taken.all >= most && !taken.make_room(most, holder) {
+        if open.all >= most && !open.make_room(most, holder) {
             return Err(Full { reason: "server", limit: "connections_max", most: self.most });
         }
-        taken.all += 1;
-        *taken.by_network.entry(network).or_default() += 1;
-        let number = taken.accepted;
-        taken.accepted += 1;
+        open.all += 1;
+        *open.by_network.entry(network).or_default() += 1;
+        let number = open.accepted;
+        open.accepted += 1;
         let evicted = CancellationToken::new();
-        let held = Held { network, pace: pace.clone(), evicted: evicted.clone() };
-        taken.holders.add(holder, number, held);
+        let connection = Connection { network, timers: timers.clone(), evicted: evicted.clone() };
+        open.holders.add(holder, number, connection);
         metrics::gauge!("swarmbench_connections").increment(1.0);
         let holder = Mutex::new(holder);
-        Ok(Place { places: Arc::clone(self), network, number, holder, evicted })
+        Ok(ConnectionPermit { limit: Arc::clone(self), network, number, holder, evicted })
     }
 }
 
-/// A place that is taken until this is dropped.
-struct Place {
-    places: Arc<Places>,
+/// A permit to keep a connection open, returned when this is dropped.
+struct ConnectionPermit {
+    limit: Arc<ConnectionLimit>,
     network: IpAddr,
     number: u64,
     holder: Mutex<Holder>,
@@ -318,35 +323,35 @@ struct Place {
     evicted: CancellationToken,
 }
 
-impl Place {
+impl ConnectionPermit {
     /// Counts the connection for the client whose request it has sent.
     fn asked_by(&self, peer: Peer, headers: &HeaderMap) {
-        let client = network(address(peer.0, headers, &self.places.trusted_proxies));
+        let client = network(address(peer.0, headers, &self.limit.trusted_proxies));
         let mut holder = self.holder.lock().expect("nothing panics while it holds this");
         let before = std::mem::replace(&mut *holder, Holder::Client(client));
         if before == *holder {
             return;
         }
-        let mut taken = self.places.taken.lock().expect("nothing panics while it holds this");
-        if let Some(held) = taken.holders.remove(before, self.number) {
-            taken.holders.add(*holder, self.number, held);
+        let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
+        if let Some(connection) = open.holders.remove(before, self.number) {
+            open.holders.add(*holder, self.number, connection);
         }
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionPermit {
     fn drop(&mut self) {
         let holder = *self.holder.get_mut().expect("nothing panics while it holds this");
-        let mut taken = self.places.taken.lock().expect("nothing panics while it holds this");
-        match taken.holders.remove(holder, self.number) {
-            Some(_) => taken.give_back(self.network),
-            None => taken.evictions -= 1,
+        let mut open = self.limit.open.lock().expect("nothing panics while it holds this");
+        match open.holders.remove(holder, self.number) {
+            Some(_) => open.release(self.network),
+            None => open.evictions -= 1,
         }
         metrics::gauge!("swarmbench_connections").decrement(1.0);
     }
 }
 
-/// There is no place.
+/// A limit of connections is reached.
 #[derive(Debug, PartialEq, Eq)]
 struct Full {
     reason: &'static str,
@@ -358,11 +363,13 @@ impl Full {
     /// Answers every request with that.
     fn router(&self) -> Router {
         let detail = match self.limit {
-            "connections_max" => "the server has as many connections as it takes; come again later",
-            _ => "your address has as many connections as it may; close some, or use them again",
+            "connections_max" => {
+                "the server has its maximum number of connections; try again later"
+            }
+            _ => "your address has its maximum number of connections; close some, or reuse them",
         };
         let error = ApiError::limit(Code::Overloaded, self.limit, self.most, detail)
-            .retry_after(COME_AGAIN);
+            .retry_after(RETRY_AFTER);
         let answer = move || async move {
             ([(axum::http::header::CONNECTION, "close")], error.clone()).into_response()
         };
@@ -380,111 +387,113 @@ mod tests {
 
     const PROXY: &str = "203.0.113.1/32";
 
-    fn places(most: usize, most_per_address: usize) -> Arc<Places> {
+    fn limit(most: usize, most_per_address: usize) -> Arc<ConnectionLimit> {
         let limits = Limits {
             connections_max: most,
             connections_per_address_max: most_per_address,
             ..Limits::default()
         };
-        Arc::new(Places::new(&limits, vec![PROXY.parse().expect("a net")]))
+        Arc::new(ConnectionLimit::new(&limits, vec![PROXY.parse().expect("a net")]))
     }
 
     fn peer(address: &str) -> Peer {
         Peer(address.parse().expect("an address"))
     }
 
-    fn take(places: &Arc<Places>, address: &str) -> Result<Place, Full> {
-        places.take(peer(address), &Pace::new(Patience::from(&Limits::default())))
+    fn take(limit: &Arc<ConnectionLimit>, address: &str) -> Result<ConnectionPermit, Full> {
+        limit.take(peer(address), &ConnectionTimers::new(Timeouts::from(&Limits::default())))
     }
 
-    fn asked_by(place: &Place, client: &str) {
+    fn asked_by(permit: &ConnectionPermit, client: &str) {
         let forwarded = client.parse().expect("ASCII");
         let headers =
             HeaderMap::from_iter([(HeaderName::from_static("x-forwarded-for"), forwarded)]);
-        place.asked_by(peer("203.0.113.1"), &headers);
+        permit.asked_by(peer("203.0.113.1"), &headers);
     }
 
-    fn reason(taken: Result<Place, Full>) -> &'static str {
-        taken.err().expect("no place").reason
+    fn reason(open: Result<ConnectionPermit, Full>) -> &'static str {
+        open.err().expect("no permit").reason
     }
 
     #[test]
     fn an_address_has_so_many_places_and_gets_them_back() {
-        let places = places(10, 2);
-        let first = take(&places, "192.0.2.1");
-        let _second = take(&places, "192.0.2.1").expect("a place");
-        assert_eq!(reason(take(&places, "192.0.2.1")), "address");
-        let _other = take(&places, "192.0.2.2").expect("another address");
+        let limit = limit(10, 2);
+        let first = take(&limit, "192.0.2.1");
+        let _second = take(&limit, "192.0.2.1").expect("a permit");
+        assert_eq!(reason(take(&limit, "192.0.2.1")), "address");
+        let _other = take(&limit, "192.0.2.2").expect("another address");
         drop(first);
-        let _again = take(&places, "192.0.2.1").expect("it was given back");
+        let _again = take(&limit, "192.0.2.1").expect("a permit was returned");
     }
 
     #[test]
     fn a_network_of_ipv6_is_one_address() {
-        let places = places(10, 1);
-        let _first = take(&places, "2001:db8:0:1::1").expect("a place");
-        assert_eq!(reason(take(&places, "2001:db8:0:1:ffff::2")), "address");
-        let _other = take(&places, "2001:db8:0:2::1").expect("another network");
+        let limit = limit(10, 1);
+        let _first = take(&limit, "2001:db8:0:1::1").expect("a permit");
+        assert_eq!(reason(take(&limit, "2001:db8:0:1:ffff::2")), "address");
+        let _other = take(&limit, "2001:db8:0:2::1").expect("another network");
     }
 
     #[test]
     fn the_last_places_are_for_addresses_that_have_none() {
-        let places = places(20, 20);
-        let held: Vec<_> = (0..19).map(|_| take(&places, "127.0.0.1")).collect();
-        assert!(held.iter().all(Result::is_ok));
-        assert_eq!(reason(take(&places, "127.0.0.1")), "server");
-        let _other = take(&places, "192.0.2.1").expect("it has none yet");
-        let _room = take(&places, "192.0.2.2").expect("this host has more than its share");
-        assert!(held[0].as_ref().is_ok_and(|first| first.evicted.is_cancelled()));
+        let limit = limit(20, 20);
+        let connection: Vec<_> = (0..19).map(|_| take(&limit, "127.0.0.1")).collect();
+        assert!(connection.iter().all(Result::is_ok));
+        assert_eq!(reason(take(&limit, "127.0.0.1")), "server");
+        let _other = take(&limit, "192.0.2.1").expect("it has none yet");
+        let _room = take(&limit, "192.0.2.2").expect("this host has more than its share");
+        assert!(connection[0].as_ref().is_ok_and(|first| first.evicted.is_cancelled()));
     }
 
     #[test]
     fn this_host_may_take_all_places_and_no_more() {
-        let places = places(3, 1);
-        let all = ["127.0.0.1", "127.0.0.1", "::1"].map(|address| take(&places, address));
+        let limit = limit(3, 1);
+        let all = ["127.0.0.1", "127.0.0.1", "::1"].map(|address| take(&limit, address));
         assert!(all.iter().all(Result::is_ok));
-        assert_eq!(reason(take(&places, "127.0.0.1")), "server");
+        assert_eq!(reason(take(&limit, "127.0.0.1")), "server");
         drop(all);
-        let taken = places.taken.lock().expect("no panic");
-        assert_eq!((taken.all, taken.by_network.len()), (0, 0));
+        let open = limit.open.lock().expect("no panic");
+        assert_eq!((open.all, open.by_network.len()), (0, 0));
     }
 
     #[test]
     fn a_client_behind_a_proxy_makes_room_for_another_one() {
-        let places = places(4, 100);
-        let greedy: Vec<_> = (0..4).filter_map(|_| take(&places, "203.0.113.1").ok()).collect();
+        let limit = limit(4, 100);
+        let greedy: Vec<_> = (0..4).filter_map(|_| take(&limit, "203.0.113.1").ok()).collect();
         assert_eq!(greedy.len(), 4);
-        for place in &greedy {
-            asked_by(place, "192.0.2.1");
+        for permit in &greedy {
+            asked_by(permit, "192.0.2.1");
         }
-        let evicted = |of: &[Place]| of.iter().filter(|place| place.evicted.is_cancelled()).count();
-        let honest = [(); 2].map(|()| take(&places, "203.0.113.1").expect("there is room"));
+        let evicted = |of: &[ConnectionPermit]| {
+            of.iter().filter(|permit| permit.evicted.is_cancelled()).count()
+        };
+        let honest = [(); 2].map(|()| take(&limit, "203.0.113.1").expect("there is room"));
         assert_eq!(evicted(&greedy), 2);
-        for place in &honest {
-            asked_by(place, "192.0.2.2");
+        for permit in &honest {
+            asked_by(permit, "192.0.2.2");
         }
         // All have their share, but one that has none yet.
-        let third = take(&places, "203.0.113.1").err();
+        let third = take(&limit, "203.0.113.1").err();
         assert_eq!(third.map(|full| full.reason), Some("server"));
         assert_eq!(evicted(&honest), 0);
         drop((greedy, honest));
-        let taken = places.taken.lock().expect("no panic");
-        assert_eq!((taken.all, taken.by_network.len(), taken.evictions), (0, 0, 0));
+        let open = limit.open.lock().expect("no panic");
+        assert_eq!((open.all, open.by_network.len(), open.evictions), (0, 0, 0));
     }
 
     #[test]
     fn no_more_are_evicted_than_are_closed() {
-        let places = places(3 * EVICTIONS_MAX, 1000);
+        let limit = limit(3 * EVICTIONS_MAX, 1000);
         let proxy = "203.0.113.1";
         let greedy: Vec<_> =
-            (0..3 * EVICTIONS_MAX).map_while(|_| take(&places, proxy).ok()).collect();
-        for place in &greedy {
-            asked_by(place, "192.0.2.1");
+            (0..3 * EVICTIONS_MAX).map_while(|_| take(&limit, proxy).ok()).collect();
+        for permit in &greedy {
+            asked_by(permit, "192.0.2.1");
         }
-        let came: Vec<_> = (0..EVICTIONS_MAX).map_while(|_| take(&places, proxy).ok()).collect();
+        let came: Vec<_> = (0..EVICTIONS_MAX).map_while(|_| take(&limit, proxy).ok()).collect();
         assert_eq!(came.len(), EVICTIONS_MAX);
-        assert_eq!(reason(take(&places, proxy)), "server");
+        assert_eq!(reason(take(&limit, proxy)), "server");
         drop(greedy);
-        drop(take(&places, proxy).expect("they are closed"));
+        drop(take(&limit, proxy).expect("they are closed"));
     }
 }

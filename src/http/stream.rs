@@ -1,6 +1,6 @@
 //! Answers of any length, made and sent part by part; and the memory of large answers.
 //!
-//! A part is made in a turn (a permit, of which there are few) and in memory that is reserved. The turn ends before
+//! A part is made with a permit, of which there are few, and in memory that is reserved. The permit is returned before
 //! the part is sent, so a slow reader holds its own part and nothing that others wait for. No part is made for a
 //! client that is gone: the stream is dropped with the connection.
 
@@ -26,13 +26,13 @@ use crate::journal::JournalError;
 use crate::store;
 use crate::work::WorkError;
 
-/// How long a request waits for a turn.
+/// How long a request waits for a permit.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// After how long a stream asks for its turn again, where too many wait.
+/// After how long a stream asks for its permit again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
 
-/// Requests that wait for a turn or a place, of each kind.
+/// Requests that wait for a permit, of each kind.
 pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
 
 /// Of these, those of one group.
@@ -50,42 +50,42 @@ pub(super) trait Parts: Send + 'static {
 /// What streams share.
 #[derive(Debug)]
 pub(super) struct Streams {
-    /// Turns to read a part of a journal.
+    /// Permits to read a part of a journal.
     journals: FairLimit,
-    /// Turns to make a piece of an export.
+    /// Permits to make a piece of an export.
     pub(super) exports: FairLimit,
     /// Exports that are made or wait for their readers.
-    pub(super) exports_open: Places,
+    pub(super) exports_open: StreamLimit,
     /// Event streams that are open.
-    pub(super) events: Places,
+    pub(super) events: StreamLimit,
 }
 
-/// Places that are held for long: so many in all, and so many of one party.
+/// Bounds what stays open for long: in all, and for each party.
 #[derive(Debug)]
-pub(super) struct Places {
+pub(super) struct StreamLimit {
     limit: FairLimit,
-    /// What they are taken by, for whoever finds none.
+    /// What is open, for the text of the error.
     what: &'static str,
     of_a_party: (&'static str, usize),
 }
 
-impl Places {
+impl StreamLimit {
     fn new(
         name: &'static str,
         most: usize,
         what: &'static str,
         of_a_party: (&'static str, usize),
     ) -> Self {
-        // Whoever finds no place comes again later: none may get free for long.
+        // The client tries again later: it may take long until a permit is free.
         let patience = Duration::from_millis(100);
         let limit = FairLimit::new(name, shares(most, of_a_party.1), patience);
         Self { limit, what, of_a_party }
     }
 
-    /// A place for the party.
+    /// A permit for the party.
     pub(super) async fn take(&self, party: Party) -> Result<Permit, ApiError> {
-        let place = self.limit.acquire(party, Rank::Normal).await;
-        place.map_err(|busy| {
+        let permit = self.limit.acquire(party, Rank::Normal).await;
+        permit.map_err(|busy| {
             let (name, slots) = self.of_a_party;
             let is_full = self.limit.load().0 >= busy.slots;
             refused(if is_full { busy } else { Busy { name, slots } }, self.what)
@@ -99,13 +99,13 @@ impl Streams {
         Self {
             journals: turns("journals_max", limits.journals_max),
             exports: turns("exports_max", limits.exports_max),
-            exports_open: Places::new(
+            exports_open: StreamLimit::new(
                 "exports_open_max",
                 limits.exports_open_max,
                 "exports are open",
                 ("exports_open_per_party_max", limits.exports_open_per_party_max),
             ),
-            events: Places::new(
+            events: StreamLimit::new(
                 "event_streams_max",
                 limits.event_streams_max,
                 "event streams are open",
@@ -137,10 +137,11 @@ pub(super) async fn patiently(limit: &FairLimit, party: Party) -> Permit {
     }
 }
 
-/// The answer to a request for which no turn or place is free.
+/// The answer to a request for which no permit is free.
 pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
     let Busy { name, slots } = busy;
-    let detail = format!("as many {what} as may ({name} is {slots}); come again later");
+    let detail =
+        format!("the maximum number of {what} is reached ({name} is {slots}); try again later");
     ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PATIENCE)
 }
 

@@ -27,7 +27,8 @@ impl App {
         let waiting = Waiting(Arc::clone(&self.waits));
         metrics::gauge!("swarmbench_waits").increment(1.0);
         if self.waits.fetch_add(1, Ordering::Relaxed) >= most {
-            let detail = format!("{most} requests wait already; ask without wait, or later");
+            let detail =
+                format!("{most} requests wait already; ask without `wait`, or try again later");
             return Err(ApiError::limit(Code::Overloaded, "waits_max", most, detail)
                 .retry_after(Duration::from_secs(1)));
         }

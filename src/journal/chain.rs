@@ -1,7 +1,7 @@
 //! The chain of hashes that holds a journal together.
 //!
 //! The head after a record is SHA-256 of the head before it (32 zero bytes at first) and the
-//! record's bytes. Whoever knows the last head can tell whether any byte of the journal was changed.
+//! record's bytes. With the last head any change of a byte of the journal can be detected.
 
 use sha2::{Digest, Sha256};
 

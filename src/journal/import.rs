@@ -1,4 +1,4 @@
-//! Games that were read from files of the public data format: kept beside journals, and never played again
+//! Games that were read from files of the public data format: stored beside journals, and never replayed
 //! by the rules.
 
 use jiff::Timestamp;
@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ImportKey(pub i64);
 
-/// A game as it is kept.
+/// A game as it is stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportRow {
     /// Its public id; it follows from the digest.
@@ -81,7 +81,7 @@ pub struct ImportedRound {
     pub acts: Option<Vec<u8>>,
 }
 
-/// The settings of an imported game, as far as they are told.
+/// The settings of an imported game, as far as they are known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the names are those of the wire, described there")]
 pub struct ImportSettings {
@@ -108,7 +108,7 @@ pub struct ImportedGame {
     pub task: String,
     /// The seed.
     pub seed: u64,
-    /// The settings, as far as they are told.
+    /// The settings, as far as they are known.
     pub settings: ImportSettings,
     /// The last score.
     pub score: f64,
@@ -133,7 +133,7 @@ pub struct StoredImport {
     pub task: String,
     /// The seed.
     pub seed: u64,
-    /// The settings, as far as they are told.
+    /// The settings, as far as they are known.
     pub settings: ImportSettings,
     /// The last score.
     pub score: f64,

@@ -1,4 +1,4 @@
-//! The journal: what is stored of an episode, and all that is needed to play it again.
+//! The journal: all that is stored of an episode, enough to replay it.
 //!
 //! An episode is its journal: the opening (configuration, rules, prompt template), every round's
 //! acts with the digest of the state after them, and the end, in a chain of hashes. States, scores
@@ -104,7 +104,7 @@ pub enum Entry {
         /// The hash of its token from now on.
         hash: TokenHash,
     },
-    /// The host broke an episode: it counts nowhere. One that was voided keeps its reason.
+    /// An episode was voided after a fault of the server: it counts nowhere. Voiding it again keeps the first reason.
     VoidEpisode {
         /// The episode.
         episode: EpisodeKey,
@@ -113,7 +113,7 @@ pub enum Entry {
         /// When.
         at: Timestamp,
     },
-    /// The host broke a run: it does not count as an attempt. One that was voided keeps its reason.
+    /// A run was voided after a fault of the server: it does not count as an attempt. Voiding it again keeps the first reason.
     VoidRun {
         /// The run.
         run: RunKey,
@@ -286,7 +286,7 @@ pub struct RunRow {
 pub struct AuditRow {
     /// When.
     pub at: Timestamp,
-    /// The id of the key, or `local` for whoever works on the server's own machine.
+    /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done, like `key.create`.
     pub action: &'static str,
@@ -301,10 +301,10 @@ pub struct AuditRow {
 pub struct Tally {
     /// Acts that players decided.
     pub acts: u64,
-    /// Of these, answers of language models that were none.
+    /// Of these, invalid answers of language models.
     pub invalid: u64,
     /// Acts that a clock decided.
-    pub clock_outs: u64,
+    pub timeouts: u64,
     /// Tokens of prompts, as players told.
     pub prompt_tokens: u64,
     /// Tokens of answers, as players told.
@@ -315,14 +315,14 @@ impl Tally {
     /// Counts one more act.
     pub fn add(&mut self, record: &ActRecord) {
         match record.source {
-            Source::Clock => self.clock_outs += 1,
+            Source::Clock => self.timeouts += 1,
             Source::Player => {
                 self.acts += 1;
                 self.invalid += u64::from(!record.valid);
             }
         }
         let usage = record.usage.unwrap_or_default();
-        // Players tell what they like; a sum that is too large is as good as any.
+        // Players may report any numbers; a sum that overflows saturates.
         let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
         add(&mut self.prompt_tokens, usage.prompt_tokens);
         add(&mut self.completion_tokens, usage.completion_tokens);
@@ -415,7 +415,7 @@ pub struct SeatingRow {
 pub struct TokenRow {
     /// The hash of the token.
     pub hash: TokenHash,
-    /// The seat for which it stands; none for several seats of the episode.
+    /// The seat that it authorizes; none for several seats of the episode.
     pub agent: Option<AgentId>,
     /// Which holder's seats those are, by the number of the claim; none for the creator's.
     pub holder: Option<u32>,
@@ -544,7 +544,7 @@ pub struct StoredEpisode {
     pub last_act_at: Option<Timestamp>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it counts for nothing, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
 }
 
@@ -559,7 +559,7 @@ pub struct Unfinished {
     pub owner: Option<OwnerKey>,
     /// Whether its rounds have a deadline.
     pub clocked: bool,
-    /// Of an episode with deadlines, its settings and how many rounds are resolved: what it costs to take up.
+    /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
     pub played: Option<(RecordedConfig, u32)>,
 }
 
@@ -620,7 +620,7 @@ pub trait Journal: Send + Sync + 'static {
     fn append(&self, entries: Vec<Entry>, committed: Committed);
 
     /// Keeps entries and waits until they, and all that was handed over before them, are durable;
-    /// without entries it only waits. They are kept also where nobody waits any more.
+    /// without entries it only waits. They are stored also if the caller is gone.
     fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), JournalError>> {
         let (done, kept) = tokio::sync::oneshot::channel();
         self.append(entries, Box::new(move |result| drop(done.send(result))));

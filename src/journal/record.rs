@@ -261,7 +261,7 @@ pub struct ActRecord {
     /// Whom alone the commander told it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
-    /// False for a language model's answer that was none.
+    /// False for an invalid answer of a language model.
     pub valid: bool,
     /// The language model's answer, where it gave one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -322,7 +322,7 @@ impl ActRecord {
         texts.into_iter().flatten().map(|text| text.len() as u64).sum()
     }
 
-    /// What the engine is told: the act, if the names in it are known.
+    /// The act for the engine, if the names in it are known.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {
         let action = match &self.action {
@@ -410,7 +410,7 @@ impl Frame {
 mod tests {
     use super::*;
 
-    /// What no new episode may be is what old journals hold, and they are played to their end.
+    /// Settings that no new episode may have are in old journals, and these are played to their end.
     #[test]
     fn a_journal_of_settings_that_are_too_large_for_a_new_episode_is_read() {
         let settings = Settings {

@@ -1,4 +1,4 @@
-//! Playing a journal again.
+//! Replays of journals.
 
 use std::io::BufRead;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ pub enum Fault {
         /// What is wrong with it.
         problem: String,
     },
-    /// The whole is not what was promised.
+    /// The file as a whole is not the expected one.
     #[error("{0}")]
     Whole(String),
 }
@@ -56,7 +56,7 @@ pub struct Report {
 /// Plays a journal file again and checks every hash, digest, act and score.
 ///
 /// `expected` is the head that the server shows for a finished episode: without it a journal only
-/// proves to be consistent, with it to be that one. `progress` is told how many rounds of how many
+/// proves to be consistent, with it to be that one. `progress` is called with how many rounds of how many
 /// were played.
 ///
 /// # Errors
@@ -330,7 +330,7 @@ pub fn living(world: &World) -> impl Iterator<Item = AgentId> + '_ {
     world.agents().filter(|&agent| world.is_alive(agent))
 }
 
-/// What the engine is told of a round's records: one act for each agent, the default for those
+/// The acts of a round's records for the engine: one act for each agent, the default for those
 /// without a record.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! What all models of one evaluation may use together.
+//! The limits that all models of one evaluation share.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -72,7 +72,7 @@ impl Allowance {
         gates.entry(place).or_insert_with(|| Arc::new(Gate::new(self.0.at_once))).clone()
     }
 
-    /// Waits for its turn to make a request; whoever came first is first.
+    /// Waits for a permit to make a request, first come, first served.
     pub(super) async fn turn(&self) -> SemaphorePermit<'_> {
         self.0.turns.acquire().await.expect("it is never closed")
     }

@@ -1,7 +1,7 @@
-//! Answers in a file: a recorded conversation is played again without the endpoint, and an interrupted run pays for no
+//! Answers in a file: a recorded conversation is replayed without the endpoint, and an interrupted run pays for no
 //! answer twice.
 //!
-//! A cassette is a text file of JSON lines. The first says what it is. A *voice* is a model as it was asked: the body of
+//! A cassette is a text file of JSON lines. The first says what it is. A *voice* is a model, given by the body of
 //! its requests but for the messages; one file holds as many as an experiment has. All other lines are answers: whose
 //! voice, which game, agent and round, the SHA-256 of the prompt, and the answer. No key, no address and no prompt is in
 //! it.
@@ -49,7 +49,7 @@ struct Inner {
 struct Tape {
     file: File,
     end: u64,
-    voices: Vec<Map<String, Value>>,
+    models: Vec<Map<String, Value>>,
     games: BTreeSet<(usize, String)>,
     /// Rounds of agents, whatever they were asked.
     places: HashSet<Hash>,
@@ -68,10 +68,10 @@ struct Header {
     version: u32,
 }
 
-/// A line that tells of a voice.
+/// A line that declares a model by the body of its requests.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct VoiceLine {
+struct ModelLine {
     voice: usize,
     body: Map<String, Value>,
 }
@@ -93,7 +93,7 @@ struct AnswerLine {
 #[serde(untagged)]
 enum Line {
     Answer(AnswerLine),
-    Voice(VoiceLine),
+    Model(ModelLine),
 }
 
 impl Cassette {
@@ -128,7 +128,7 @@ impl Cassette {
         let mut tape = Tape {
             file,
             end: 0,
-            voices: Vec::new(),
+            models: Vec::new(),
             games: BTreeSet::new(),
             places: HashSet::new(),
             answers: HashMap::new(),
@@ -168,22 +168,22 @@ impl Cassette {
         self.0.tape().answers.len()
     }
 
-    /// The voice of the model that is asked with this body; it is added where it is new.
-    pub(super) fn voice(&self, body: &Map<String, Value>) -> Result<Voice, Stop> {
+    /// The recorded model with this request body; it is added where it is new.
+    pub(super) fn model(&self, body: &Map<String, Value>) -> Result<RecordedModel, Stop> {
         let mut tape = self.0.tape();
-        let known = tape.voices.iter().position(|known| known == body);
+        let known = tape.models.iter().position(|known| known == body);
         let number = match known {
             Some(number) => Some(number),
             None if self.0.is_recording => {
-                let number = tape.voices.len();
-                let line = VoiceLine { voice: number, body: body.clone() };
+                let number = tape.models.len();
+                let line = ModelLine { voice: number, body: body.clone() };
                 tape.write(&line).map_err(|error| self.0.failed(&error))?;
-                tape.voices.push(line.body);
+                tape.models.push(line.body);
                 Some(number)
             }
             None => None,
         };
-        Ok(Voice { cassette: self.clone(), number, body: body.clone() })
+        Ok(RecordedModel { cassette: self.clone(), number, body: body.clone() })
     }
 }
 
@@ -199,14 +199,14 @@ impl Inner {
 
 /// A model on a cassette.
 #[derive(Clone, Debug)]
-pub(super) struct Voice {
+pub(super) struct RecordedModel {
     cassette: Cassette,
     /// None where the cassette has no answers of this model, and takes none.
     number: Option<usize>,
     body: Map<String, Value>,
 }
 
-impl Voice {
+impl RecordedModel {
     /// The answer to a question; none where the endpoint may be asked.
     pub(super) fn find(&self, question: &Question) -> Result<Option<Answer>, Stop> {
         let Cassette(inner) = &self.cassette;
@@ -246,7 +246,7 @@ impl Voice {
     fn why_not(&self, tape: &Tape, question: &Question) -> String {
         let Some(number) = self.number else {
             let text = |body: &Map<String, Value>| Value::Object(body.clone()).to_string();
-            let known: Vec<_> = tape.voices.iter().map(text).collect();
+            let known: Vec<_> = tape.models.iter().map(text).collect();
             return format!(
                 "it has no answers of a model that is asked with {}, but of {}",
                 text(&self.body),
@@ -261,20 +261,20 @@ impl Voice {
                     another template, other rules, or an answer that came from elsewhere"
                 .to_owned();
         }
-        "the recording does not go that far; go on with it by asking the endpoint".to_owned()
+        "the recording ends before this; record more by asking the endpoint".to_owned()
     }
 }
 
 impl Tape {
     /// Reads all whole lines.
     fn read(&mut self) -> Result<(), String> {
-        let told = |error: io::Error| error.to_string();
-        let mut reader = BufReader::new(self.file.try_clone().map_err(told)?);
+        let text = |error: io::Error| error.to_string();
+        let mut reader = BufReader::new(self.file.try_clone().map_err(text)?);
         let mut line = Vec::new();
         for number in 1_u64.. {
             line.clear();
             let mut bounded = reader.by_ref().take(LINE_BYTES_MAX);
-            let length = bounded.read_until(b'\n', &mut line).map_err(told)?;
+            let length = bounded.read_until(b'\n', &mut line).map_err(text)?;
             let is_whole = line.last() == Some(&b'\n');
             if number == 1 {
                 check_header(&line, is_whole)?;
@@ -296,8 +296,8 @@ impl Tape {
     /// Notes a line that begins at the end.
     fn take(&mut self, text: &[u8]) -> Result<(), &'static str> {
         match serde_json::from_slice(text) {
-            Ok(Line::Voice(line)) if line.voice == self.voices.len() => self.voices.push(line.body),
-            Ok(Line::Answer(line)) if line.voice < self.voices.len() => {
+            Ok(Line::Model(line)) if line.voice == self.models.len() => self.models.push(line.body),
+            Ok(Line::Answer(line)) if line.voice < self.models.len() => {
                 self.note(&line, self.end, text.len());
             }
             Ok(_) => return Err("names a model that is not there"),
@@ -323,7 +323,7 @@ impl Tape {
         Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
     }
 
-    /// Adds a line in one go; where it stands, and how long it is.
+    /// Adds a line in one write; returns its offset and length.
     fn write(&mut self, line: &impl Serialize) -> io::Result<(u64, usize)> {
         if self.is_broken {
             return Err(io::Error::other("an earlier line could not be written"));

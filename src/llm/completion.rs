@@ -1,4 +1,4 @@
-//! What an endpoint's body says: an answer, or why there is none.
+//! Parses the body of an endpoint: an answer, or an error.
 //!
 //! Endpoints that call themselves compatible differ in much, so this reads with good will: a content may be a text, a
 //! list of parts or missing; errors come in half a dozen shapes; some come with status 200.
@@ -15,7 +15,7 @@ pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 /// Bytes of reasoning that are kept, as JSON writes them.
 pub const REASONING_BYTES_MAX: usize = 16 * 1024;
 
-/// No answer costs more tokens than this; whoever says so is not believed.
+/// No answer costs more tokens than this; larger numbers are not believed.
 const TOKENS_MAX: u64 = 1 << 40;
 
 /// Characters of an endpoint's words that are quoted.
@@ -220,7 +220,7 @@ fn usage(told: &Value) -> (Usage, Option<u64>) {
 /// An endpoint's refusal.
 #[derive(Debug, Default)]
 pub(super) struct Refusal {
-    /// Its words, as they came: whoever shows them takes out the key.
+    /// Its text, unchanged: the key has to be removed before it is shown.
     pub(super) said: String,
     /// What programs are to know it by: the values of `code` and `type`.
     pub(super) names: Vec<String>,
@@ -241,11 +241,11 @@ pub(super) fn refusal(body: &[u8]) -> Refusal {
     }
 }
 
-/// The error that a body tells of, if it does.
+/// The error in a body, if any.
 pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     let body = body.as_array().and_then(|list| list.first()).unwrap_or(body);
     let error = match &body["error"] {
-        // A router tells of an error of whoever stands behind it in the choice.
+        // A router reports an error of its upstream in the choice.
         Value::Null => match &body["choices"][0]["error"] {
             Value::Null if body.get("choices").is_none() => body,
             Value::Null => return None,

@@ -1,4 +1,4 @@
-//! One request to an endpoint, and what became of it.
+//! One request to an endpoint, and its outcome.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

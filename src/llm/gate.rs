@@ -1,4 +1,4 @@
-//! The gate before an endpoint, which closes for all when the endpoint says that it is asked too much.
+//! The gate before an endpoint, which closes for all requests when the endpoint reports its rate limit.
 //!
 //! When one request is refused for the endpoint's load (429, 503, 529), no other begins until the pause is over, and
 //! only half as many may be in flight then. Every answer lets the number grow again, by one for as many answers as may
@@ -25,7 +25,7 @@ pub(super) struct Gate {
 struct State {
     /// How many may be in flight.
     width: usize,
-    /// How many turns have to vanish when they come back.
+    /// How many permits have to be dropped when they are returned.
     owed: usize,
     /// Answers since the width changed.
     answers: usize,

@@ -1,9 +1,9 @@
-//! The key of an endpoint, which nobody gets to see.
+//! The key of an endpoint, which is never shown.
 
 use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};
 
-/// What stands for the key where a text had it.
+/// Replaces the key in texts.
 const STANDS_FOR_IT: &str = "[key]";
 
 /// From this length on a key cannot be in an answer by chance, so there too it is taken out. Local endpoints are
@@ -54,7 +54,7 @@ impl ApiKey {
         Some(Ok(header))
     }
 
-    /// What became of it, in a sentence's beginning.
+    /// Its state, as the beginning of a sentence.
     pub(super) fn state(&self) -> String {
         let variable = &self.variable;
         match (&self.secret, self.is_set) {

@@ -4,9 +4,9 @@
 //! [`Answer`], or says with a [`Stop`] why no more can be had. The line between the two:
 //!
 //! - What the model itself does wrong (it refuses, says nothing, runs out of tokens) is an answer with a [`Failure`].
-//!   It is not tried again, it costs the model its move, and the game goes on.
+//!   It is not tried again, it costs the model its move, and the game continues.
 //! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
-//!   is lost, and the run can go on later.
+//!   is lost, and the run can resume later.
 //!
 //! A question has one message, the prompt, and no history: what an agent remembers is for the rules of the game to
 //! say, and it is in the prompt. The public toolkit asks the same way.
@@ -40,7 +40,7 @@ use std::time::Duration;
 use backon::BackoffBuilder;
 use tokio_util::sync::CancellationToken;
 
-use cassette::Voice;
+use cassette::RecordedModel;
 use completion::Completion;
 use endpoint::{Endpoint, Kind, Passing, Trouble};
 use gate::Gate;
@@ -48,11 +48,11 @@ use spent::Counters;
 
 use crate::clock::{after, millis};
 
-/// How many times an address is tried again where nobody has ever answered: it may be wrong, and whoever mistyped it is
+/// How many times an address is tried again where no request was ever answered: it may be wrong, and a user who mistyped it is
 /// not to wait for minutes.
 const NOBODY_RETRIES: u32 = 2;
 
-/// What a model is asked.
+/// A question to a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
     /// The game, by a name that is the same whenever it is played: a cassette finds answers by it.
@@ -74,7 +74,7 @@ struct Inner {
     endpoint: Endpoint,
     allowance: Allowance,
     gate: Arc<Gate>,
-    voice: Option<Voice>,
+    recorded: Option<RecordedModel>,
     counters: Counters,
     /// What stopped it for good, told to all who ask later.
     stop: OnceLock<Stop>,
@@ -95,12 +95,12 @@ impl Model {
     ) -> Result<Self, Stop> {
         let endpoint = Endpoint::new(settings)?;
         let gate = allowance.gate(&endpoint.shown, &endpoint.settings.model);
-        let voice = cassette.map(|cassette| cassette.voice(&endpoint.body)).transpose()?;
+        let recorded = cassette.map(|cassette| cassette.model(&endpoint.body)).transpose()?;
         Ok(Self(Arc::new(Inner {
             endpoint,
             allowance: allowance.clone(),
             gate,
-            voice,
+            recorded,
             counters: Counters::default(),
             stop: OnceLock::new(),
             stopped: CancellationToken::new(),
@@ -113,23 +113,23 @@ impl Model {
         &self.0.endpoint.settings.model
     }
 
-    /// Asks. Dropping the future gives the question up; an answer that had come is on the cassette by then.
+    /// Sends a request. Dropping the future cancels it; an answer that has arrived is on the cassette by then.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are told to everybody who
+    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are returned to everybody who
     /// asks this model later, without asking the endpoint.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let inner = &*self.0;
-        if let Some(voice) = &inner.voice
-            && let Some(answer) = voice.find(question)?
+        if let Some(recorded) = &inner.recorded
+            && let Some(answer) = recorded.find(question)?
         {
             inner.counters.replayed(&answer);
             return Ok(answer);
         }
         let completion = inner.ask(question).await?;
         inner.counters.answered(&completion.answer, completion.tokens.is_none());
-        if let Some(voice) = &inner.voice {
-            voice.keep(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
+        if let Some(recorded) = &inner.recorded {
+            recorded.keep(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
         }
         Ok(completion.answer)
     }
@@ -140,7 +140,7 @@ impl Model {
         self.0.counters.spent()
     }
 
-    /// What came of the last request that came to nothing, such as `429, slow down`; none while the last one was
+    /// The error of the last failed request, such as `429, slow down`; none while the last one was
     /// answered. For people who wonder why nothing moves.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
@@ -159,7 +159,7 @@ impl Inner {
             let turn = loop {
                 self.unless_stopped(pass.opened(clock)).await?;
                 let turn = self.unless_stopped(self.allowance.turn()).await?;
-                // The gate may have closed meanwhile; whoever waits for that leaves its turn to other models.
+                // The gate may have closed meanwhile; a request that waits for it returns its permit.
                 if pass.is_open(clock) {
                     break turn;
                 }
@@ -205,7 +205,7 @@ impl Inner {
                 let url = self.endpoint.shown.clone();
                 self.stop(Stop::Unreachable { url, tries, last: said })
             })?;
-            // Whoever has the turn next finds the gate as it is now.
+            // The next request finds the gate as it is now.
             drop(turn);
             retries += 1;
             self.counters.retry();
@@ -226,7 +226,7 @@ impl Inner {
         }
     }
 
-    /// Stops for good. The first reason is told.
+    /// Stops for good. The first reason is reported.
     fn stop(&self, stop: Stop) -> Stop {
         let first = self.stop.get_or_init(|| stop).clone();
         self.stopped.cancel();

@@ -1,4 +1,4 @@
-//! What model is asked, where and how.
+//! The settings of a model: its name, endpoint and parameters.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What was asked, and what came of it: for progress and reports.
+//! Requests and their results, counted for progress and reports.
 
 use std::sync::{Mutex, MutexGuard};
 
@@ -22,7 +22,7 @@ pub struct Spent {
     pub prompt_tokens: u64,
     /// Tokens of answers, as far as the endpoint tells.
     pub completion_tokens: u64,
-    /// Answers of which the endpoint did not tell what they cost.
+    /// Answers without usage.
     pub unmetered: u64,
     /// Answers that are none or not whole, those of a cassette included.
     pub failures: Failures,

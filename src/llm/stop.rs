@@ -1,9 +1,9 @@
-//! Why no more questions are asked, and what to do about it.
+//! Why requests to an endpoint stop, and what to do about it.
 
 use std::path::PathBuf;
 
-/// The end of a run that is no fault of the model: it costs the model no move, and the run can go on from where it
-/// stands. `Display` is for people: what happened, and what to do next. No key is ever in it.
+/// The end of a run that is no fault of the model: it costs the model no move, and the run can resume where it
+/// stopped. `Display` is for people: what happened, and what to do next. No key is ever in it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Stop {
     /// 401: the endpoint wants another key, or any.
@@ -40,7 +40,7 @@ pub enum Stop {
     },
     /// 402, or a 429 that no waiting helps against: nothing is left on the account.
     #[error(
-        "the account at {url} has nothing left to spend ({status}); add credit or raise its limit there, then run the \
+        "the account at {url} has no credit left ({status}); add credit or raise its limit there, then run the \
          same command again to go on. {said}"
     )]
     NoCredit {
@@ -92,7 +92,7 @@ pub enum Stop {
     },
     /// The tokens that may be spent are spent.
     #[error(
-        "the token budget is spent: {spent} of {budget} tokens; run the same command with a larger budget to go on"
+        "the token budget is spent: {spent} of {budget} tokens; run the same command with a larger budget to resume"
     )]
     BudgetSpent {
         /// Tokens that were spent.
@@ -115,7 +115,7 @@ pub enum Stop {
     },
     /// The endpoint wants to be left alone for longer than anybody wants to wait.
     #[error(
-        "{url} asks to come again in {wait_s} s ({last}), longer than the {patience_s} s that one pause may take; run the \
+        "{url} asks to retry in {wait_s} s ({last}), longer than the {patience_s} s that one pause may take; run the \
          same command again then, or allow longer pauses with --patience"
     )]
     ComeLater {

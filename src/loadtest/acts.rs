@@ -159,7 +159,7 @@ async fn play(
             }
         });
     }
-    // Whoever failed was counted and plays no more.
+    // Failed clients were counted and no longer play.
     tasks.join_all().await.into_iter().flatten().collect()
 }
 

@@ -1,4 +1,4 @@
-//! The least that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
+//! The minimum that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
 //!
 //! It runs in a process of its own, like the server that it is compared with, so both share the machine with the
 //! client in the same way, and both tell at `/metrics` how long they had the processors.
@@ -74,7 +74,7 @@ pub async fn serve() -> std::io::Result<()> {
         .route("/metrics", get(|| async { telemetry::render() }));
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
-        // Nothing more comes; this returns when whoever started it is gone.
+        // The input is closed when the parent process is gone.
         drop(std::io::stdin().lock().read(&mut [0]));
         drop(end);
     });

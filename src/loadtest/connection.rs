@@ -107,7 +107,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the server did what was asked.
+    /// Whether the request succeeded.
     #[must_use]
     pub const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)
@@ -282,7 +282,7 @@ pub struct Tally {
     samples: Mutex<BTreeSet<String>>,
 }
 
-/// What became of all requests.
+/// The outcomes of all requests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Answers {
     /// Answers with a status of 200 to 299.

@@ -75,7 +75,7 @@ pub async fn create(
     games.collect()
 }
 
-/// Ends episodes that were not played to their end, so that the server can let go of them.
+/// Ends episodes that were not played to their end, so that the server can evict them.
 pub async fn abort(target: &Target, tally: &Arc<Tally>, games: &[Game], progress: &Progress) {
     let calls: Vec<_> = (games.iter())
         .map(|game| {

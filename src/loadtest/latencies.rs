@@ -1,4 +1,4 @@
-//! How long things took.
+//! Latency histograms.
 
 use std::sync::Mutex;
 use std::time::Duration;

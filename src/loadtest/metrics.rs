@@ -1,4 +1,4 @@
-//! What a server tells of itself at `/metrics`.
+//! Reads the `/metrics` of a server.
 
 use std::collections::HashMap;
 

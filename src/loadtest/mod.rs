@@ -21,7 +21,7 @@ pub mod slow;
 
 use std::sync::Arc;
 
-/// Is told what goes on, how far it is, and where it ends.
+/// Receives progress.
 pub type Progress = Arc<dyn Fn(&str, u64, u64) + Send + Sync>;
 
 /// A load test could not be made at all. Answers that are errors do not end one: they are counted.

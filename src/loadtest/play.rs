@@ -42,7 +42,7 @@ pub struct Line {
     pub rounds_per_s: f64,
     /// From sending an act until its receipt; by `/swarm/act`, from sending a round's acts until the receipts.
     pub acknowledged: Spread,
-    /// From the receipt of a round's last act until whoever waited already had the next observation.
+    /// From the receipt of a round's last act until clients that waited already had the next observation.
     pub woken: Spread,
 }
 

@@ -90,7 +90,7 @@ pub struct Score {
     pub rounds: AtomicU64,
     /// From sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Latencies,
-    /// From the receipt of a round's last act until whoever waited already had the next observation.
+    /// From the receipt of a round's last act until clients that waited already had the next observation.
     pub woken: Latencies,
 }
 
@@ -102,7 +102,7 @@ pub struct Seat {
     token: String,
 }
 
-/// When a seat was told what, in one round.
+/// The times of a seat's messages in one round.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     sent: Instant,
@@ -112,7 +112,7 @@ struct Turn {
 }
 
 /// Durations of one round of one episode; see [`Score`].
-struct Taken {
+struct RoundTimes {
     acknowledged: Vec<Duration>,
     woken: Vec<Duration>,
 }
@@ -170,13 +170,18 @@ impl Seat {
 }
 
 /// Every seat acts, and then waits for the next round where `waits` is set. None where a request failed for good.
-async fn by_seats(seats: &mut [Seat], tally: &Tally, round: u32, waits: bool) -> Option<Taken> {
+async fn by_seats(
+    seats: &mut [Seat],
+    tally: &Tally,
+    round: u32,
+    waits: bool,
+) -> Option<RoundTimes> {
     let turns: FuturesUnordered<_> =
         seats.iter_mut().map(|seat| seat.turn(tally, round, waits)).collect();
     let turns: Vec<Turn> = turns.collect::<Vec<_>>().await.into_iter().collect::<Option<_>>()?;
     let last = turns.iter().map(|turn| turn.acknowledged).max()?;
     let waited = turns.iter().filter_map(|turn| turn.waited);
-    Some(Taken {
+    Some(RoundTimes {
         acknowledged: turns.iter().map(|turn| turn.acknowledged - turn.sent).collect(),
         woken: waited.filter_map(|(begun, ended)| woken(last, begun, ended)).collect(),
     })
@@ -225,7 +230,7 @@ struct Look {
 impl Swarm {
     /// Plays one round: looks for all seats where `looks` is set, then acts for all of them. None where
     /// something failed for good.
-    async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<Taken> {
+    async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<RoundTimes> {
         let Self { acting, watcher } = self;
         // It waits from the beginning of the round, so that it does so when the acts come.
         let watching = async {
@@ -243,7 +248,10 @@ impl Swarm {
         let (waited, acted) = tokio::join!(watching, playing);
         let (sent, acknowledged) = acted?;
         let woken = waited?.and_then(|(begun, ended)| woken(acknowledged, begun, ended));
-        Some(Taken { acknowledged: vec![acknowledged - sent], woken: woken.into_iter().collect() })
+        Some(RoundTimes {
+            acknowledged: vec![acknowledged - sent],
+            woken: woken.into_iter().collect(),
+        })
     }
 }
 

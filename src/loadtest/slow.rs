@@ -1,4 +1,4 @@
-//! Clients that do harm by being slow: how long they are kept, and what honest clients notice of them.
+//! Slow clients: how long the server keeps them, and how they affect honest clients.
 
 use std::io;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress};
 
-/// Whoever is this old should have been closed.
+/// Connections of this age should have been closed.
 const CLOSED_WITHIN: Duration = Duration::from_secs(15);
 
 /// How often a slow client sends something.
@@ -70,9 +70,9 @@ impl Kind {
     }
 }
 
-/// How long clients of one kind were kept.
+/// How long the server kept connections of one kind of slow client.
 #[derive(Clone, Debug, Serialize)]
-pub struct Kept {
+pub struct KindSummary {
     /// What they did.
     pub kind: Kind,
     /// How many there were at once.
@@ -103,8 +103,8 @@ pub struct Report {
     pub clients: usize,
     /// For how long they were there, in seconds; and honest clients alone before them.
     pub seconds: f64,
-    /// How long they were kept.
-    pub kept: Vec<Kept>,
+    /// How long the server kept them.
+    pub kept: Vec<KindSummary>,
     /// Honest clients without them.
     pub before: Honest,
     /// Honest clients with them.
@@ -153,7 +153,7 @@ pub async fn run(
     }
     let (during, players) = honest(players, &tally, time).await;
     let counted = Metrics::of(target).await?.get("swarmbench_connections");
-    let told = slow.join_all().await;
+    let logs = slow.join_all().await;
     drop(players);
     games::abort(target, &tally, &games, progress).await;
     let kinds = [Kind::Head, Kind::Body, Kind::Silent, Kind::Unread];
@@ -161,7 +161,7 @@ pub async fn run(
     Ok(Report {
         clients,
         seconds: time.as_secs_f64(),
-        kept: kinds.map(|kind| kept(kind, &told)).into(),
+        kept: kinds.map(|kind| summary(kind, &logs)).into(),
         acknowledged_factor: factor(before.acknowledged, during.acknowledged),
         looked_factor: factor(before.looked, during.looked),
         before,
@@ -223,7 +223,7 @@ fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
 }
 
 /// How long each connection of a client was kept, and whether it was closed then.
-type Told = (Kind, Vec<(Duration, bool)>);
+type ClientLog = (Kind, Vec<(Duration, bool)>);
 
 /// Comes back whenever it is closed, until the end.
 async fn slow_client(
@@ -232,9 +232,9 @@ async fn slow_client(
     opening: Vec<u8>,
     delay: Duration,
     end: Instant,
-) -> Told {
+) -> ClientLog {
     sleep(delay).await;
-    let mut told = Vec::new();
+    let mut logs = Vec::new();
     while Instant::now() < end {
         let Ok(stream) = connect(&target, kind).await else {
             // Nothing can be said of a connection that was not made.
@@ -247,10 +247,10 @@ async fn slow_client(
         } else {
             drip(stream, kind, &opening, end).await
         };
-        told.push((began.elapsed(), closed));
+        logs.push((began.elapsed(), closed));
         sleep(PACE).await;
     }
-    (kind, told)
+    (kind, logs)
 }
 
 async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
@@ -306,11 +306,11 @@ fn is_closed(written: &io::Result<usize>) -> bool {
     written.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::WouldBlock)
 }
 
-/// What became of all clients of a kind.
-fn kept(kind: Kind, told: &[Told]) -> Kept {
-    let clients = told.iter().filter(|(which, _)| *which == kind);
+/// The summary of all clients of a kind.
+fn summary(kind: Kind, logs: &[ClientLog]) -> KindSummary {
+    let clients = logs.iter().filter(|(which, _)| *which == kind);
     let all: Vec<_> = clients.clone().flat_map(|(_, connections)| connections).collect();
-    Kept {
+    KindSummary {
         kind,
         clients: clients.count(),
         closed: all.iter().filter(|(_, closed)| *closed).count(),
@@ -329,15 +329,18 @@ mod tests {
 
     #[test]
     fn who_was_kept_too_long_is_counted() {
-        let told = |seconds, closed| (Duration::from_secs(seconds), closed);
+        let closed_after = |seconds, closed| (Duration::from_secs(seconds), closed);
         let all = [
             // Closed in time, then again, then still young when all ended.
-            (Kind::Head, vec![told(10, true), told(11, true), told(5, false)]),
-            (Kind::Head, vec![told(16, true)]),
-            (Kind::Head, vec![told(26, false)]),
-            (Kind::Body, vec![told(1, true)]),
+            (
+                Kind::Head,
+                vec![closed_after(10, true), closed_after(11, true), closed_after(5, false)],
+            ),
+            (Kind::Head, vec![closed_after(16, true)]),
+            (Kind::Head, vec![closed_after(26, false)]),
+            (Kind::Body, vec![closed_after(1, true)]),
         ];
-        let kept = kept(Kind::Head, &all);
+        let kept = summary(Kind::Head, &all);
         assert_eq!((kept.clients, kept.closed), (3, 3));
         assert_eq!((kept.closed_within_15_s, kept.open_after_15_s), (2, 1));
         assert!((kept.longest_s - 26.0).abs() < 1e-9);

@@ -16,7 +16,7 @@ use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
 use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
-/// How long one request may take beyond what it asked to wait.
+/// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A request failed.
@@ -80,7 +80,7 @@ impl ClientError {
     }
 }
 
-/// What a server said that does not do what was asked.
+/// The error response of a server.
 fn refused(url: Url, status: StatusCode, body: &[u8]) -> ClientError {
     if let Ok(problem) = serde_json::from_slice(body) {
         ClientError::Refused { url, status, problem: Box::new(problem) }
@@ -257,7 +257,7 @@ impl Client {
         .await
     }
 
-    /// The journal of an episode: shown to whoever has a token of its creator, and to anybody once it has ended.
+    /// The journal of an episode: readable with a token of its creator, and by everybody once it has ended.
     ///
     /// # Errors
     /// See [`Client::create_episode`].
@@ -287,7 +287,7 @@ impl Client {
         self.ask(Method::POST, "/swarm/act", |call| call.bearer_auth(token).json(&body)).await
     }
 
-    /// Makes a key for somebody. It is not asked for again: a second try would make a second key.
+    /// Creates a key. It is not retried: a second attempt would create a second key.
     ///
     /// # Errors
     /// See [`Client::create_episode`].
@@ -332,7 +332,7 @@ impl Client {
         self.ask(Method::GET, path, |call| self.signed(call).query(query)).await
     }
 
-    /// Makes something. It is not asked for again: a second try would make a second one.
+    /// Sends a creation. It is not retried: a second attempt would create a second one.
     ///
     /// # Errors
     /// See [`Client::create_episode`].

@@ -1,4 +1,4 @@
-//! The one way in which seats are played over HTTP, whoever decides for them: a look waits while decisions are in
+//! The one way in which seats are played over HTTP, for all kinds of players: a look waits while decisions are in
 //! flight, and acts are sent as they come.
 
 use std::collections::HashMap;

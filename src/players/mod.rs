@@ -1,4 +1,4 @@
-//! How a player meets a server: over HTTP, like everybody else.
+//! Players, which use a server over HTTP like all other clients.
 
 pub mod client;
 pub mod drive;

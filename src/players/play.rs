@@ -20,7 +20,7 @@ use crate::wire::run::RunDetail;
 
 /// A built-in player cannot decide.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Puzzled {
+pub enum PlayerError {
     /// An observation cannot be understood.
     #[error("the server sent an observation that no player understands (round {0})")]
     Strange(u32),
@@ -33,9 +33,9 @@ pub enum Puzzled {
 pub type Players = BTreeMap<TaskName, &'static BuiltIn>;
 
 /// An episode could not be played.
-pub type PlayError = DriveError<Puzzled>;
+pub type PlayError = DriveError<PlayerError>;
 
-/// Plays an episode to its end; `progress` is told the round and the score after every round.
+/// Plays an episode to its end; `progress` is called with the round and the score after every round.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -47,7 +47,7 @@ pub async fn play(
     mut progress: impl FnMut(u32, f64),
 ) -> Result<EpisodeSummary, PlayError> {
     let config = &created.config;
-    let table = Table {
+    let params = GameParams {
         rules: config.rules.clone(),
         num_agents: config.num_agents.into(),
         width: config.width,
@@ -55,7 +55,7 @@ pub async fn play(
     };
     let token = &created.swarm_token;
     let players = player.tasks.iter().map(|&task| (task, player)).collect();
-    let mut swarm = BuiltIns::new(client, token, table, player_seed, players);
+    let mut swarm = BuiltIns::new(client, token, params, player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -70,7 +70,7 @@ pub async fn play(
     Ok(summary)
 }
 
-/// Plays what is left of a run with built-in players; `progress` is told of every observation.
+/// Plays what is left of a run with built-in players; `progress` is called with every observation.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -82,7 +82,7 @@ pub async fn play_run(
     player_seed: u64,
     mut progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
-    let mut swarm = BuiltIns::new(client, token, Table::of(run), player_seed, players);
+    let mut swarm = BuiltIns::new(client, token, GameParams::of(run), player_seed, players);
     let never = CancellationToken::new();
     drive(client, token, &mut swarm, &never, |note| {
         if let Note::Looked(looked) = note {
@@ -97,14 +97,14 @@ pub async fn play_run(
 
 /// What players know of a game before it begins, beside its task.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub struct GameParams {
     rules: String,
     num_agents: i64,
     width: i64,
     height: i64,
 }
 
-impl Table {
+impl GameParams {
     /// That of all games of a run.
     #[must_use]
     pub fn of(run: &RunDetail) -> Self {
@@ -133,12 +133,12 @@ impl Table {
 
 /// Built-in players on all seats of a swarm token.
 ///
-/// Whoever takes up a game in the middle shows its players first what they saw before, as the journal tells it, so that
+/// Players that join a game in the middle are first given their earlier observations from the journal, so that
 /// they play on as if nothing had happened.
 pub struct BuiltIns {
     client: Client,
     token: String,
-    table: Arc<Table>,
+    params: Arc<GameParams>,
     seed: u64,
     players: Players,
     games: Recent<Arc<Mutex<Game>>>,
@@ -147,11 +147,17 @@ pub struct BuiltIns {
 impl BuiltIns {
     /// The players of each task; `seed` is that of their own choices.
     #[must_use]
-    pub fn new(client: &Client, token: &str, table: Table, seed: u64, players: Players) -> Self {
+    pub fn new(
+        client: &Client,
+        token: &str,
+        params: GameParams,
+        seed: u64,
+        players: Players,
+    ) -> Self {
         Self {
             client: client.clone(),
             token: token.to_owned(),
-            table: Arc::new(table),
+            params: Arc::new(params),
             seed,
             players,
             games: Recent::default(),
@@ -159,17 +165,17 @@ impl BuiltIns {
     }
 
     /// Begins to decide for seats of one game.
-    fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<Puzzled> {
+    fn decide_game(&mut self, episode: String, looked: Vec<Observation>) -> Thought<PlayerError> {
         let sight = &looked[0].sight;
         let (name, round) = (sight.task.name.clone(), sight.round);
         let task = TaskName::parse(&name);
         let Some((task, built_in)) = task.and_then(|task| Some((task, *self.players.get(&task)?)))
         else {
-            return Box::pin(async move { Err(Puzzled::Task(name)) });
+            return Box::pin(async move { Err(PlayerError::Task(name)) });
         };
         let game = self.games.of(&episode, || {
-            let (table, seed) = (Arc::clone(&self.table), self.seed);
-            let make = move |agent| Some(built_in.make(&table.seat(task, agent, seed)?));
+            let (params, seed) = (Arc::clone(&self.params), self.seed);
+            let make = move |agent| Some(built_in.make(&params.seat(task, agent, seed)?));
             Arc::new(Mutex::new(Game {
                 make: Box::new(make),
                 players: BTreeMap::new(),
@@ -199,13 +205,13 @@ impl BuiltIns {
 }
 
 impl Swarm for BuiltIns {
-    type Error = Puzzled;
+    type Error = PlayerError;
 
     fn reads_prompts(&self) -> bool {
         false
     }
 
-    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Puzzled>> {
+    fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<PlayerError>> {
         let mut games: BTreeMap<String, Vec<Observation>> = BTreeMap::new();
         for seen in looked {
             games.entry(seen.sight.episode.clone()).or_default().push(seen);
@@ -218,7 +224,7 @@ impl Swarm for BuiltIns {
 struct Game {
     make: Box<dyn Fn(AgentId) -> Option<Box<dyn Player>> + Send>,
     players: BTreeMap<AgentId, Box<dyn Player>>,
-    /// What was decided last for seats that were shown the state in which the game was taken up.
+    /// The last decisions of seats that were shown the state in which the game was joined.
     decided: BTreeMap<AgentId, (u32, Act)>,
 }
 
@@ -230,9 +236,9 @@ impl Game {
         self.players.get_mut(&agent)
     }
 
-    /// Shows all players what they saw so far, the open round included: some may have acted in it.
+    /// Replays all earlier observations to the players, the open round included: some may have acted in it.
     fn remember(&mut self, journal: &[u8]) {
-        // A broken journal is told by `verify`; what was read of it was seen.
+        // A broken journal is reported by `verify`; the part that was read was seen.
         drop(verify_seen(journal, None, Solver::Flow, |world| {
             for agent in world.agents().filter(|&agent| world.is_alive(agent)) {
                 if let Some(player) = self.player(agent) {
@@ -243,9 +249,9 @@ impl Game {
         }));
     }
 
-    fn decide(&mut self, observation: &Observation) -> Result<SwarmAct, Puzzled> {
+    fn decide(&mut self, observation: &Observation) -> Result<SwarmAct, PlayerError> {
         let sight = &observation.sight;
-        let strange = || Puzzled::Strange(sight.round);
+        let strange = || PlayerError::Strange(sight.round);
         let seen = sight.to_engine().ok_or_else(strange)?;
         let act = match self.decided.remove(&seen.agent) {
             Some((round, act)) if round == seen.round => act,
@@ -253,7 +259,7 @@ impl Game {
         };
         let request = ActRequest {
             round: sight.round,
-            // Whoever decides nothing stays where it is.
+            // A player without a decision stays.
             action: Some(act.action.map_or("STAY", |action| action.name()).to_owned()),
             message: act.message.map(|message| message.to_string()),
             to: act.to.map(|to| to.to_string()),

@@ -1,4 +1,4 @@
-//! What is remembered of games, with a bound: whoever plays for days meets any number of them.
+//! A bounded memory of games: a player that runs for days meets any number of them.
 
 use std::collections::HashMap;
 

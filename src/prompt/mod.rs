@@ -84,7 +84,7 @@ pub fn check(template: &str) -> Result<(), TemplateError> {
     check_statement(&parsed)
 }
 
-/// Fills a template with what one seat sees.
+/// Renders a template with the observation of one seat.
 ///
 /// # Errors
 /// Where the template fails on it or exceeds its bounds.
@@ -118,7 +118,7 @@ fn fill(
     })
 }
 
-/// Bytes that a prompt may have for what a seat sees.
+/// The maximum of bytes of a prompt, by the size of the observation.
 fn bytes_max(sight: &Sight) -> usize {
     let cells = |rows: &Vec<Vec<Cell>>| rows.iter().map(Vec::len).sum::<usize>();
     let now: usize = sight.view.iter().map(|view| cells(&view.cells)).sum();

@@ -1,4 +1,4 @@
-//! The tasks in words, as agents are told of them.
+//! The descriptions of the tasks for agents.
 
 use swarmbench_engine::{Action, Config, RuleSet, TaskName};
 

@@ -1,4 +1,4 @@
-//! What a template does with what it is given, counted.
+//! Counts the work of a template on its input.
 //!
 //! Fuel counts instructions, and one instruction may read all that a seat sees: compare two windows, look
 //! for a word in a table, make a text upper case. So every value that a template reads is counted by its

@@ -11,7 +11,7 @@ use swarmbench_engine::Config;
 
 use super::suite::{Game, Suite};
 use crate::episode::spec::{Spec, Visibility};
-use crate::house;
+use crate::hosted;
 use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
@@ -95,13 +95,13 @@ impl Definition {
             player: self
                 .player
                 .as_deref()
-                .map(|name| house::player(name, config.task()))
+                .map(|name| hosted::player(name, config.task()))
                 .transpose()?,
             config: Arc::new(config),
         })
     }
 
-    /// What its episodes tell of who plays: the declared sampling, and what else was told.
+    /// The `agent_meta` of its episodes: the declared sampling and further declarations.
     fn agent_meta(&self) -> Map<String, Value> {
         let mut meta = self.meta.clone();
         for (name, value) in [("temperature", self.temperature), ("top_p", self.top_p)] {

@@ -1,8 +1,8 @@
 //! Runs on a server: created, advanced as their games end, ended.
 //!
-//! Nothing of a run is kept in memory but who looks at it. [`Runs::advance`] reads from the database how
-//! it stands and does what is due: it opens the next games of the plan, or ends the run. Doing it once
-//! too often changes nothing, so whoever may have missed something calls it: the end of a game, a start
+//! Nothing of a run is in memory but its subscribers. [`Runs::advance`] reads its state from the
+//! database and does the next step: it opens the next games of the plan, or ends the run. Doing it once
+//! too often changes nothing, so it is called whenever something may have been missed: the end of a game, a start
 //! of the server, and the sweep every minute.
 
 use std::collections::{BTreeMap, HashMap};
@@ -30,7 +30,7 @@ use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
 use crate::store::Store;
 use crate::store::runs::{StoredGame, StoredRun};
 
-/// Runs with the same lock go on one after the other.
+/// Runs with the same lock are advanced one after the other.
 const LOCKS: usize = 256;
 
 /// Runs that are advanced at once.
@@ -42,15 +42,15 @@ const SALT_BYTES: usize = 16;
 /// A run that is to be created.
 #[derive(Clone, Debug)]
 pub struct NewRun {
-    /// Whose it is: the key with which it is created, if any, and with whom its places are shared.
+    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
-    /// What its first place is wanted for.
+    /// The purpose for which its first game counts.
     pub purpose: Purpose,
     /// What is played, and by whom.
     pub definition: Definition,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
-    /// The key by which a repeated creation finds it, and the hash of the body. Whoever gives one has
+    /// The key by which a repeated creation finds it, and the hash of the body. A client that sends one has
     /// made sure that no run has it, and that nobody else creates one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
 }
@@ -75,14 +75,14 @@ pub enum CreateError {
     /// Its definition is not one that can be played.
     #[error("the run cannot be played: {0}")]
     Definition(String),
-    /// It could not be kept.
+    /// It could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-/// What whoever plays a run has to know of it.
+/// What a client that plays a run has to know of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Table {
+pub struct OpenGames {
     /// Its games that have not ended, the oldest first.
     pub open: Arc<[EpisodeId]>,
     /// Whether nothing happens any more: it has ended, and so have all its games.
@@ -91,7 +91,7 @@ pub struct Table {
 
 /// What the manager of runs is made of.
 pub struct Parts {
-    /// Where runs are kept.
+    /// Where runs are stored.
     pub store: Store,
     /// Where games are opened.
     pub registry: Registry,
@@ -120,10 +120,10 @@ struct Shared {
     /// Held by many who enter competitions, and by one who reveals them.
     entering: tokio::sync::RwLock<()>,
     /// Of runs at which somebody looks.
-    tables: Mutex<HashMap<RunKey, watch::Sender<Table>>>,
+    open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
     /// Of runs without a key that were created since the start and have not ended: with whom they share.
     keyless: Mutex<HashMap<RunKey, Party>>,
-    /// Of runs that wait for a place: the cap that was reached.
+    /// Of runs that wait to open a game: the cap that was reached.
     waiting: Mutex<HashMap<RunKey, Full>>,
 }
 
@@ -136,7 +136,7 @@ impl Runs {
             parts,
             locks: std::array::from_fn(|_| tokio::sync::Mutex::new(())),
             entering: tokio::sync::RwLock::default(),
-            tables: Mutex::default(),
+            open_games: Mutex::default(),
             keyless: Mutex::default(),
             waiting: Mutex::default(),
         }))
@@ -162,8 +162,8 @@ impl Runs {
         keyless.unwrap_or_else(|| Party::within(stored.competition, stored.owner))
     }
 
-    fn tables(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<Table>>> {
-        self.0.tables.lock().expect("nothing panics while it holds this")
+    fn open_games(&self) -> MutexGuard<'_, HashMap<RunKey, watch::Sender<OpenGames>>> {
+        self.0.open_games.lock().expect("nothing panics while it holds this")
     }
 
     async fn turn(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
@@ -171,14 +171,14 @@ impl Runs {
         self.0.locks[place].lock().await
     }
 
-    /// As long as this is held no competition is revealed: whoever looks at the clock and enters one, or
+    /// While the guard lives no competition is revealed. A caller that reads the clock and enters one, or
     /// starts an attempt in it, does both before that.
-    pub async fn while_closed_competitions_wait(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
+    pub async fn block_reveal(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
         self.0.entering.read().await
     }
 
-    /// As long as this is held nobody enters a competition.
-    pub(crate) async fn while_nobody_enters(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
+    /// While the guard lives nobody enters a competition.
+    pub(crate) async fn block_entries(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
         self.0.entering.write().await
     }
 
@@ -231,18 +231,18 @@ impl Runs {
         Ok((self.stored(run).await?, token))
     }
 
-    /// Does what is due: opens the next games of the plan, or ends the run when all have ended. It may
-    /// be called at any time, and as often as one likes. Where there is no place for another game the
+    /// Does the next step: opens the next games of the plan, or ends the run when all have ended. It may
+    /// be called at any time, and any number of times. If no other game is admitted the
     /// run waits for the next call.
     ///
     /// # Errors
     /// Where the database cannot be used; the next call does what is left.
     pub async fn advance(&self, run: RunKey) -> Result<(), JournalError> {
         let runs = self.clone();
-        self.to_its_end(async move { runs.advance_now(run).await }).await
+        self.run_detached(async move { runs.advance_now(run).await }).await
     }
 
-    /// Ends a run: `Aborted` ends its open games, too; after any other status they go on to their end.
+    /// Ends a run: `Aborted` ends its open games, too; after any other status they continue to their end.
     /// No more games are opened. A run that has ended stays as it is.
     ///
     /// # Errors
@@ -260,15 +260,15 @@ impl Runs {
         &self,
         run: RunKey,
         status: RunStatus,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<bool, JournalError> {
         let runs = self.clone();
-        self.to_its_end(async move {
+        self.run_detached(async move {
             let _turn = runs.turn(run).await;
             let stored = runs.stored(run).await?;
             let ends = stored.ended_at.is_none();
             if ends {
-                runs.keep_end(&stored, status, deeds).await?;
+                runs.keep_end(&stored, status, audit_entries).await?;
             }
             runs.settle(run).await?;
             Ok(ends)
@@ -283,11 +283,11 @@ impl Runs {
     pub async fn replace_token(
         &self,
         run: RunKey,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<Token, JournalError> {
         let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
-        self.0.parts.store.keep([entry].into_iter().chain(deeds).collect()).await?;
+        self.0.parts.store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
         Ok(token)
     }
 
@@ -295,29 +295,29 @@ impl Runs {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<Table>, JournalError> {
-        if let Some(table) = self.tables().get(&run) {
-            return Ok(table.subscribe());
+    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, JournalError> {
+        if let Some(games) = self.open_games().get(&run) {
+            return Ok(games.subscribe());
         }
-        // Nothing is opened or ended between reading the table and being told of its changes.
+        // Nothing is opened or ended between reading the open games and being notified of changes.
         let _turn = self.turn(run).await;
-        let table = self.table(run).await?;
-        Ok(self.tables().entry(run).or_insert_with(|| watch::Sender::new(table)).subscribe())
+        let games = self.games(run).await?;
+        Ok(self.open_games().entry(run).or_insert_with(|| watch::Sender::new(games)).subscribe())
     }
 
     /// Advances runs whenever one of their games has ended, for ever.
-    pub async fn look_after(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
+    pub async fn advance_ended(&self, ended: mpsc::UnboundedReceiver<RunKey>) {
         let ended = UnboundedReceiverStream::new(ended);
         ended.for_each_concurrent(ADVANCED_AT_ONCE, |run| self.try_advance(run)).await;
     }
 
-    /// Advances all runs that have not ended: after a start, and now and then, as some may wait for a
-    /// place.
+    /// Advances all runs that have not ended: after a start, and now and then, as some may wait to
+    /// open a game.
     ///
     /// # Errors
     /// Where the list of them cannot be read; a run that cannot be advanced is logged.
     pub async fn advance_all(&self) -> Result<usize, JournalError> {
-        self.tables().retain(|_, table| table.receiver_count() > 0);
+        self.open_games().retain(|_, games| games.receiver_count() > 0);
         let all = self.0.parts.store.unfinished_runs().await?;
         let count = all.len();
         let all = futures::stream::iter(all);
@@ -334,9 +334,9 @@ impl Runs {
         }
     }
 
-    /// Does something of a run to its end, whoever goes meanwhile: what is broken off while a game is
-    /// being opened gives the lock back before the game can be found.
-    async fn to_its_end<T: Send + 'static>(
+    /// Runs work in a task of its own, so that it completes: if it were dropped while a game is
+    /// being opened, the lock would be released before the game can be found.
+    async fn run_detached<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
     ) -> Result<T, JournalError> {
@@ -372,7 +372,7 @@ impl Runs {
         }
     }
 
-    /// Opens games until there is no place for another; the first is opened for `purpose`.
+    /// Opens games until no other is admitted; the first is opened for `purpose`.
     async fn open(
         &self,
         stored: &StoredRun,
@@ -407,7 +407,7 @@ impl Runs {
             };
             match registry.create(creation).await {
                 Ok(_) => {}
-                // The next call finds a place, perhaps; or it ends the run, where that has closed this moment.
+                // The next call may succeed, or end the run, if it has closed this moment.
                 Err(registry::CreateError::Full(full)) => {
                     self.waiting().insert(stored.run, full);
                     break;
@@ -427,12 +427,12 @@ impl Runs {
         &self,
         stored: &StoredRun,
         status: RunStatus,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.wall() };
-        store.keep([entry].into_iter().chain(deeds).collect()).await?;
+        store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
         self.keyless().remove(&stored.run);
         self.waiting().remove(&stored.run);
         metrics::counter!("swarmbench_runs_ended_total", "status" => status).increment(1);
@@ -445,7 +445,7 @@ impl Runs {
     }
 
     /// Ends the games that are open and must not be: those of an aborted run, and those that do not
-    /// count any more. Then tells whoever looks at the run how it stands.
+    /// count any more. Then notifies the subscribers of the run.
     async fn settle(&self, run: RunKey) -> Result<(), JournalError> {
         let Parts { store, registry, .. } = &self.0.parts;
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
@@ -458,28 +458,28 @@ impl Runs {
                 Err(error) => Err(error.to_string()),
             };
             if let Err(error) = ended {
-                // The others go on.
+                // The others continue.
                 tracing::error!(episode = %game.id, error, "a game cannot be ended");
             }
         });
         join_all(ended).await;
-        if !self.tables().contains_key(&run) {
+        if !self.open_games().contains_key(&run) {
             return Ok(());
         }
-        let table = self.table(run).await?;
-        if let Some(sender) = self.tables().get(&run) {
-            sender.send_if_modified(|now| std::mem::replace(now, table.clone()) != table);
+        let games = self.games(run).await?;
+        if let Some(sender) = self.open_games().get(&run) {
+            sender.send_if_modified(|now| std::mem::replace(now, games.clone()) != games);
         }
         Ok(())
     }
 
-    async fn table(&self, run: RunKey) -> Result<Table, JournalError> {
+    async fn games(&self, run: RunKey) -> Result<OpenGames, JournalError> {
         let has_ended = self.stored(run).await?.ended_at.is_some();
         let mut games = self.0.parts.store.games_of(run).await?;
         games.retain(|game| !game.is_over() && game.counts());
         games.sort_by_key(|game| game.episode);
         let is_over = has_ended && games.is_empty();
-        Ok(Table { open: games.into_iter().map(|game| game.id).collect(), is_over })
+        Ok(OpenGames { open: games.into_iter().map(|game| game.id).collect(), is_over })
     }
 }
 
@@ -508,7 +508,7 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
     let has_game = |is: &dyn Fn(&StoredGame) -> bool| by_slot.values().any(|game| is(game));
     let is_closed = definition.closes_at.is_some_and(|at| at <= now);
     let ending = match () {
-        // Whoever stopped playing would leave the next games alone, too.
+        // A player that stopped would not play the next games either.
         () if has_game(&|game| game.status == Status::Abandoned.name()) => {
             Some(RunStatus::Abandoned)
         }
@@ -552,7 +552,7 @@ mod tests {
         }
     }
 
-    /// Games by slot, status, reason and whether the host broke them.
+    /// Games by slot, status, reason and whether they were voided.
     fn games(rows: &[(u32, &str, &str, bool)]) -> Vec<StoredGame> {
         let game = |(number, &(slot, status, reason, voided)): (i64, &(u32, &str, &str, bool))| {
             let ended = (status != "running").then_some(jiff::Timestamp::UNIX_EPOCH);
@@ -605,7 +605,7 @@ mod tests {
             (vec![at(0, RUNNING), at(1, RUNNING)], "nothing"),
             (vec![at(0, DONE), at(1, RUNNING)], "2"),
             (vec![at(0, DONE), at(1, ABORTED)], "2 3"),
-            // What the host broke is played again, and counts for no place.
+            // A voided game is played again, and does not count as open.
             (vec![at(0, VOIDED), at(1, RUNNING)], "0"),
             (vec![at(0, VOIDED), at(0, RUNNING), at(1, RUNNING)], "nothing"),
             (vec![at(0, VOIDED_RUNNING), at(1, DONE)], "0 2"),

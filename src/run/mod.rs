@@ -16,7 +16,7 @@ pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("run_", now, entropy)
 }
 
-/// Where a run stands.
+/// The status of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunStatus {
     /// Games are played, or are still to be opened.

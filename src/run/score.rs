@@ -1,4 +1,4 @@
-//! What a run came to so far: means over seeds, their deviations, and the total. Boards, which rank runs that
+//! The result of a run so far: means over seeds, their deviations, and the total. Boards, which rank runs that
 //! are over, have their own way to the same numbers.
 
 use super::suite::Suite;
@@ -18,13 +18,13 @@ pub struct TaskScore {
     pub games: u32,
     /// How many of the plan count, ended or not.
     pub planned: u32,
-    /// How many games the host broke.
+    /// How many games were voided.
     pub voided: u32,
 }
 
-/// What a run came to, task by task. As long as it goes on these are means over what has ended. When it
+/// The result of a run, task by task. While it is running these are means over what has ended. When it
 /// is over a game that was never played counts as 0, as it would if nobody had done anything in it; and a
-/// game that the host broke does not count at all.
+/// voided game does not count at all.
 #[must_use]
 pub fn task_scores(suite: &Suite, games: &[StoredGame], is_over: bool) -> Vec<TaskScore> {
     let plan = suite.plan();
@@ -127,7 +127,7 @@ mod tests {
             };
             (tasks.iter().map(row).collect::<Vec<_>>(), total(&tasks))
         };
-        // The game that goes on counts for nothing yet; that which the host broke will be played again.
+        // The running game does not count yet; the voided one will be played again.
         let running = vec![(Some(4.5), Some(1.5), 2, 3, 1), (None, None, 0, 3, 1)];
         assert_eq!(told(false), (running, Some(4.5)));
         // Two games of Foraging were never played, the third is nobody's fault but the host's.

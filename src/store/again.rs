@@ -1,4 +1,4 @@
-//! An episode of the database, played again: its lines are read as they are needed, so that memory does not grow with
+//! Replays an episode of the database: its lines are read as they are needed, so that memory does not grow with
 //! the journal.
 
 use std::io::Read;
@@ -17,7 +17,7 @@ use crate::journal::replay::{Report, verify};
 const AHEAD: usize = 4;
 
 /// An episode as the database has it.
-pub(super) struct Kept {
+pub(super) struct StoredJournal {
     pub(super) episode: EpisodeKey,
     pub(super) opening: RawRecord,
     pub(super) seating: Option<RawRecord>,
@@ -30,16 +30,16 @@ pub(super) struct Kept {
 /// Plays an episode again, line by line of its journal.
 pub(super) async fn play_again(
     database: &mut SqliteConnection,
-    kept: &Kept,
+    stored: &StoredJournal,
 ) -> Result<Result<Report, String>, sqlx::Error> {
     let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
-    let head = kept.ending.as_ref().map(|(_, head)| *head);
+    let head = stored.ending.as_ref().map(|(_, head)| *head);
     let played = tokio::task::spawn_blocking(move || {
         let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
         verify(journal, head, Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
     });
     // Where nobody takes the lines any more, a fault was found.
-    let sent = send_lines(database, kept, &send).await;
+    let sent = send_lines(database, stored, &send).await;
     drop(send);
     sent?;
     Ok(played.await.unwrap_or_else(|panic| Err(panic.to_string())))
@@ -47,19 +47,19 @@ pub(super) async fn play_again(
 
 async fn send_lines(
     database: &mut SqliteConnection,
-    kept: &Kept,
+    stored: &StoredJournal,
     lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
 ) -> Result<(), sqlx::Error> {
-    let first = first_lines(&kept.opening, kept.seating.as_ref());
+    let first = first_lines(&stored.opening, stored.seating.as_ref());
     let mut go_on = lines.send(first.into()).await.is_ok();
-    for round in 0..kept.rounds {
+    for round in 0..stored.rounds {
         if !go_on {
             return Ok(());
         }
-        let line = round_line(database, kept.episode, round).await?;
+        let line = round_line(database, stored.episode, round).await?;
         go_on = lines.send(line.into()).await.is_ok();
     }
-    if let Some((ending, head)) = &kept.ending {
+    if let Some((ending, head)) = &stored.ending {
         _ = lines.send(ending.line(*head).into()).await;
     }
     Ok(())

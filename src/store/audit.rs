@@ -26,12 +26,12 @@ pub(super) async fn add(
 
 /// What an organizer did, as it is stored.
 #[derive(Clone, Debug)]
-pub struct StoredDeed {
+pub struct StoredAuditEntry {
     /// Its number; it grows with time.
     pub number: i64,
     /// When.
     pub at: Timestamp,
-    /// The id of the key, or `local` for whoever works on the server's own machine.
+    /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done.
     pub action: String,
@@ -50,7 +50,7 @@ impl Store {
         &self,
         before: Option<i64>,
         limit: u32,
-    ) -> Result<Vec<StoredDeed>, JournalError> {
+    ) -> Result<Vec<StoredAuditEntry>, JournalError> {
         let rows = sqlx::query(
             "SELECT number, at, who, action, subject, detail FROM audit
              WHERE number < ? ORDER BY number DESC LIMIT ?",
@@ -62,7 +62,7 @@ impl Store {
         .map_err(failure)?;
         let read = |row: &SqliteRow| {
             let detail: String = row.try_get("detail")?;
-            Ok(StoredDeed {
+            Ok(StoredAuditEntry {
                 number: row.try_get("number")?,
                 at: time(row.try_get("at")?)?,
                 who: row.try_get("who")?,

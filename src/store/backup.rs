@@ -16,7 +16,7 @@ use sqlx::{ConnectOptions, Connection, Row};
 use super::OpenError;
 use super::files::{MODE, may_lack_log};
 
-/// How often somebody is told how far it is.
+/// How often progress is reported.
 const TICK: Duration = Duration::from_millis(100);
 
 /// Why there is no backup.
@@ -85,7 +85,7 @@ pub struct Backup {
     pub bytes: u64,
 }
 
-/// Copies a database to `target`, which must not exist. `progress` is told now and then how many bytes
+/// Copies a database to `target`, which must not exist. `progress` is called now and then with how many bytes
 /// are written, and how many there may be in the end. The copy is written to `target` with `.partial`
 /// behind its name, checked, made durable, and only then gets its name.
 ///
@@ -225,7 +225,7 @@ impl Partial {
             Err(TryLockError::WouldBlock) => return Err(BackupError::InUse(target)),
             Err(TryLockError::Error(error)) => return Err(failed(&path, error)),
         }
-        // Whoever held the lock until now may just have given this very file its name.
+        // The previous holder of the lock may just have renamed this very file.
         if exists() {
             return Err(BackupError::Exists(target));
         }

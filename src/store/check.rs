@@ -1,7 +1,7 @@
-//! Whether a database is whole: its pages, what its rows refer to, every journal, and all that follows from journals.
+//! The integrity check of a database: its pages, what its rows refer to, every journal, and all that follows from journals.
 //!
 //! It only reads, also beside a server: each episode is read in a transaction of its own, so that the server's log does
-//! not grow meanwhile. What cannot be read is damage, and the check goes on behind it. Memory does not grow with the
+//! not grow meanwhile. What cannot be read is damage, and the check continues after it. Memory does not grow with the
 //! database.
 
 use std::path::Path;
@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
 
-use super::again::{Kept, play_again};
+use super::again::{StoredJournal, play_again};
 use super::episodes::{hash, head};
 use super::files::may_lack_log;
 use super::{OpenError, competitions};
@@ -25,7 +25,7 @@ use crate::journal::replay::Report;
 use crate::journal::{EpisodeKey, ImportHash, Tally};
 use crate::migrations;
 
-/// Damages that are told one by one; those beyond are counted.
+/// Damages that are listed; further ones are counted.
 pub const DAMAGES_MAX: usize = 1000;
 
 /// What `PRAGMA integrity_check` tells at most.
@@ -85,7 +85,7 @@ fn unreadable(error: &sqlx::Error) -> String {
     format!("it cannot be read: {error}")
 }
 
-/// Checks all of a database. `progress` is told how many episodes of how many are done.
+/// Checks all of a database. `progress` is called with how many episodes of how many are done.
 ///
 /// # Errors
 /// Where there is no database of this version; whatever is wrong with it is no error.
@@ -488,7 +488,7 @@ async fn episodes(
     }
 }
 
-/// Checks an episode as it is at one moment; tells how many rounds it has.
+/// Checks an episode as it is at one moment; returns how many rounds it has.
 async fn in_one_view(
     database: &mut SqliteConnection,
     key: EpisodeKey,
@@ -528,8 +528,8 @@ async fn episode(
         Err(problem) => return Ok(Err(problem)),
     };
     let ending = ending.map(|ending| (ending, stored_head));
-    let kept = Kept { episode: key, opening, seating, rounds, ending };
-    let report = match play_again(database, &kept).await? {
+    let stored = StoredJournal { episode: key, opening, seating, rounds, ending };
+    let report = match play_again(database, &stored).await? {
         Ok(report) => report,
         Err(problem) => return Ok(Err(problem)),
     };
@@ -553,7 +553,7 @@ async fn rounds(
     Ok(if count == next { Ok(count) } else { Err(format!("it has {count} of {next} rounds")) })
 }
 
-/// What stands beside the records so that lists can be filtered.
+/// The columns beside the records by which lists are filtered.
 fn columns(
     row: &SqliteRow,
     opening: &Opening,
@@ -628,7 +628,7 @@ async fn result(
     let tally = Tally {
         acts: count("acts")?,
         invalid: count("invalid")?,
-        clock_outs: count("clock_outs")?,
+        timeouts: count("clock_outs")?,
         prompt_tokens: count("prompt_tokens")?,
         completion_tokens: count("completion_tokens")?,
     };

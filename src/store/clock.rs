@@ -1,4 +1,4 @@
-//! What the database tells of the time of day: a clock that lies behind what was written is wrong.
+//! The newest time in the database: a host clock behind it is wrong.
 
 use jiff::Timestamp;
 

@@ -65,9 +65,9 @@ pub struct StoredAttempt {
     pub created_at: Timestamp,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it does not count, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
-    /// How many of its episodes have not ended, but for those that the host broke.
+    /// How many of its episodes have not ended, without voided ones.
     pub unfinished: u32,
 }
 
@@ -185,7 +185,7 @@ impl Store {
         declared: Declared,
     ) -> Result<Vec<StoredEntrant>, JournalError> {
         let mut query = select_entrants(declared);
-        // Whoever is one of many is found by the key.
+        // One of several entrants is found by the key.
         query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
         query.push_bind(competition.0);
         if let Some(owner) = owner {

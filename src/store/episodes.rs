@@ -49,7 +49,7 @@ pub enum Readable {
     Nothing,
 }
 
-/// How much of an episode is asked for.
+/// Which part of an episode is read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Detail {
     /// What is shown of it.
@@ -58,7 +58,7 @@ enum Detail {
     All,
 }
 
-/// The end record. A large one is told without its open acts, and its text is not read for that: they are among
+/// The end record. A large one is returned without its open acts, and its text is not read for that: they are among
 /// the acts of the episode.
 const END: &str = "
     CASE WHEN octet_length(e.ending) > 65536
@@ -88,7 +88,7 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     query
 }
 
-/// Where it waits and has, or had, open seats: whoever has a key may claim one.
+/// Where it waits and has, or had, open seats: every holder of a key may claim one.
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
                           AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
 
@@ -218,7 +218,7 @@ impl Store {
                 id: EpisodeId::from_text(row.try_get(1)?),
                 owner: row.try_get::<Option<i64>, _>(2)?.map(OwnerKey),
                 clocked: row.try_get(3)?,
-                // Settings that cannot be read are reported where the episode is taken up.
+                // Settings that cannot be read are reported by the recovery of the episode.
                 played: (row.try_get::<Option<String>, _>(4)?)
                     .and_then(|config| serde_json::from_str(&config).ok())
                     .zip(Some(row.try_get::<Option<u32>, _>(5)?.unwrap_or(0))),

@@ -115,7 +115,8 @@ impl Store {
     /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
-        let Taken { lock, files, options, connection } = take(path, true).await?;
+        let OpenedDatabase { lock, files, options, connection } =
+            open_exclusively(path, true).await?;
         let options = options.read_only(true).create_if_missing(false);
         let readers = readers::Readers::open(options).await.map_err(failed)?;
         let writer = writer::Writer::spawn(connection, files.clone());
@@ -154,7 +155,7 @@ impl Store {
         Ok(Self { readers, writer, files: Files::default(), lock: Arc::default() })
     }
 
-    /// A connection that reads, for whoever this task works for.
+    /// A connection that reads, for the party of this task.
     async fn read(&self) -> Result<readers::Reading, JournalError> {
         self.readers.get().await
     }
@@ -198,16 +199,16 @@ impl Store {
     }
 }
 
-/// A database that this process has alone. The lock has to be dropped last.
-struct Taken {
+/// A database that only this process uses. The lock has to be dropped last.
+struct OpenedDatabase {
     connection: SqliteConnection,
     options: SqliteConnectOptions,
     files: Files,
     lock: Lock,
 }
 
-/// Takes a database for this process alone, and brings its tables up to date.
-async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
+/// Opens a database for this process alone, and brings its tables up to date.
+async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, OpenError> {
     let lock = Lock::take(path, create)?;
     let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
     // The file was made with its lock, if it had to be.
@@ -228,7 +229,7 @@ async fn take(path: &Path, create: bool) -> Result<Taken, OpenError> {
     let files = Files::of(path, &lock)
         .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
     files.check()?;
-    Ok(Taken { connection, options, files, lock })
+    Ok(OpenedDatabase { connection, options, files, lock })
 }
 
 fn failure(error: sqlx::Error) -> JournalError {

@@ -1,4 +1,4 @@
-//! Connections that read: some for games, some for everybody who looks on, shared fairly.
+//! Connections that read: some for games, some for spectators and other readers, shared fairly.
 
 use std::ops::{Deref, DerefMut};
 use std::time::Duration;
@@ -11,7 +11,7 @@ use super::failure;
 use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
 
-/// Connections that read for running games, for whoever plays or enters, and for the server itself.
+/// Connections that read for running games, for players and entries, and for the server itself.
 const GAMES: usize = 3;
 
 /// Connections that read for everybody else.
@@ -31,7 +31,7 @@ tokio::task_local! {
 }
 
 /// Runs a future whose reads wait for a connection however long that takes: an answer that is being sent would
-/// break off. Whoever calls it bounds how many there are.
+/// break off. The caller bounds how many there are.
 pub async fn patiently<F: Future>(read: F) -> F::Output {
     PATIENT.scope((), read).await
 }
@@ -86,7 +86,7 @@ impl Lane {
         let shares = Shares {
             slots,
             reserve: 0,
-            // One is left for whoever comes next.
+            // One is left for the next caller.
             slots_per_group: slots - 1,
             slots_per_member: slots - 1,
             waiting: READERS_WAITING_MAX,
@@ -104,7 +104,7 @@ impl Readers {
         })
     }
 
-    /// A connection for whoever this task works for, once it is their turn.
+    /// A connection for the party of this task, in its turn.
     pub(super) async fn get(&self) -> Result<Reading, JournalError> {
         let (party, rank) = (Party::current(), Rank::current());
         let lane = match rank {

@@ -1,4 +1,4 @@
-//! Making the table `results` again from the journals.
+//! Rebuilds the table `results` from the journals.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,9 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row};
 
-use super::again::{Kept, play_again};
+use super::again::{StoredJournal, play_again};
 use super::episodes::head;
-use super::{OpenError, Taken, results, take};
+use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::journal::record::{ActRecord, RawRecord, Record};
 use crate::journal::{EpisodeKey, Tally};
 
@@ -37,7 +37,7 @@ pub enum RebuildError {
     },
 }
 
-/// What came of it.
+/// The result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rebuilt {
     /// Rows that were made.
@@ -48,7 +48,7 @@ pub struct Rebuilt {
 
 /// Drops all results and makes them again from openings, acts, rounds and ends, all in one transaction and in
 /// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
-/// hash, digest, act and score compared. `progress` is told how many episodes of how many are done.
+/// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
 ///
 /// # Errors
 /// See [`RebuildError`].
@@ -61,7 +61,7 @@ pub async fn rebuild(
         return Err(RebuildError::NoDatabase(path.to_owned()));
     }
     // The lock is held until the connection is closed.
-    let Taken { mut connection, lock, .. } = take(path, false).await?;
+    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
     let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
     let rebuilt = all(&mut transaction, replay, &mut progress).await?;
     transaction.commit().await?;
@@ -171,8 +171,8 @@ async fn one(
     }
     if replay {
         let ending = Some((ending, head));
-        let kept = Kept { episode, opening, seating, rounds: end.rounds, ending };
-        play_again(database, &kept).await?.map_err(broken)?;
+        let stored = StoredJournal { episode, opening, seating, rounds: end.rounds, ending };
+        play_again(database, &stored).await?.map_err(broken)?;
     }
     let tally = tally(database, episode).await?.map_err(broken)?;
     results::add(database, episode, end.score, end.rounds, tally).await?;

@@ -1,4 +1,4 @@
-//! The tables `acts` and `rounds`, and the store as what keeps journals.
+//! The tables `acts` and `rounds`, and the store as a journal.
 
 use std::collections::VecDeque;
 

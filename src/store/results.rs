@@ -1,4 +1,4 @@
-//! The table `results`, and what else boards are made of.
+//! The table `results`, and the other sources of boards.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,10 +15,10 @@ use crate::journal::{Entry, EpisodeKey, JournalError, RunKey, Tally};
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;
 
-/// Changes that are kept apart; where nobody asked for so long, everything is read again.
+/// Changes that are queued; beyond them everything is read again.
 const CHANGES_MAX: usize = 4096;
 
-/// Notes what an episode came to, in the transaction that holds its end.
+/// Writes the result of an episode, in the transaction of its end.
 pub(super) async fn add(
     connection: &mut SqliteConnection,
     episode: EpisodeKey,
@@ -37,7 +37,7 @@ pub(super) async fn add(
     .bind(rounds)
     .bind(count(tally.acts))
     .bind(count(tally.invalid))
-    .bind(count(tally.clock_outs))
+    .bind(count(tally.timeouts))
     .bind(count(tally.prompt_tokens))
     .bind(count(tally.completion_tokens))
     .bind(episode.0)
@@ -57,7 +57,7 @@ pub enum Change {
     Episode(EpisodeKey),
 }
 
-/// What was committed and concerns boards, until whoever keeps them takes it.
+/// What was committed and concerns boards, until the cache of boards takes it.
 #[derive(Debug)]
 pub struct Changes {
     kept: Mutex<Option<Vec<Change>>>,
@@ -112,7 +112,7 @@ impl Changes {
                 | Entry::AddInvitations { .. }
                 | Entry::Audit(_) => continue,
             }
-            // After what it tells of.
+            // After what it refers to.
             self.revision.fetch_add(1, Ordering::AcqRel);
         }
     }
@@ -150,7 +150,7 @@ pub struct BoardRun {
     pub id: String,
     /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
     pub owner: Option<BoardOwner>,
-    /// Whether an organizer answers for what it declares.
+    /// Whether an organizer vouches for its declaration.
     pub vouched: bool,
     /// The suite's name.
     pub suite: String,
@@ -164,7 +164,7 @@ pub struct BoardRun {
     pub created_at: Timestamp,
     /// Its games that have ended, in the order of its plan.
     pub games: Vec<BoardGame>,
-    /// False where a game goes on, although the run opens no more.
+    /// False while a game is running, although the run opens no more.
     pub is_over: bool,
 }
 
@@ -189,8 +189,8 @@ pub struct BoardGame {
     /// See [`Tally`].
     pub invalid: u64,
     /// See [`Tally`].
-    pub clock_outs: u64,
-    /// Whether the host broke it.
+    pub timeouts: u64,
+    /// Whether it was voided.
     pub voided: bool,
 }
 
@@ -208,7 +208,7 @@ pub struct BoardMixed {
     pub models: Vec<(String, bool, Option<i64>)>,
 }
 
-/// Runs on boards: those that are over, that the host did not break, and that are no attempt in a competition whose
+/// Runs on boards: those that are over, that were not voided, and that are no attempt in a competition whose
 /// seeds are still sealed, or whose entrant has left it.
 const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
     AND (r.entry IS NULL OR (c.revealed_at IS NOT NULL AND n.status = 'active'))";
@@ -305,7 +305,7 @@ impl Store {
     }
 
     /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
-    /// numbers; few at a time, and the number after which to go on. None are left where there is no number.
+    /// numbers; few at a time, and the number after which to continue; none at the end.
     ///
     /// # Errors
     /// Where the database cannot be read.
@@ -405,7 +405,7 @@ fn game(row: &SqliteRow) -> Result<BoardGame, sqlx::Error> {
         score: row.try_get("score")?,
         acts: count("acts")?,
         invalid: count("invalid")?,
-        clock_outs: count("clock_outs")?,
+        timeouts: count("clock_outs")?,
         voided: row.try_get("voided")?,
     })
 }

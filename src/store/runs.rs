@@ -31,7 +31,7 @@ pub struct StoredRun {
     pub attempt: Option<(EntryKey, u32)>,
     /// The competition, where it is an attempt in one.
     pub competition: Option<CompetitionKey>,
-    /// Why it does not count as an attempt, where the host broke it.
+    /// Why it was voided as an attempt, if it was.
     pub void_reason: Option<String>,
     /// Whether it was sealed and is open to all now.
     pub revealed: bool,
@@ -60,14 +60,14 @@ pub struct StoredGame {
     pub rounds: u32,
     /// What its acts were; all 0 before its end.
     pub tally: Tally,
-    /// Why it does not count, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
     /// When it ended.
     pub ended_at: Option<Timestamp>,
 }
 
 impl StoredGame {
-    /// Whether it counts: the host did not break it.
+    /// Whether it counts: it was not voided.
     #[must_use]
     pub const fn counts(&self) -> bool {
         self.void_reason.is_none()
@@ -297,7 +297,7 @@ fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
         tally: Tally {
             acts: count("acts")?,
             invalid: count("invalid")?,
-            clock_outs: count("clock_outs")?,
+            timeouts: count("clock_outs")?,
             prompt_tokens: count("prompt_tokens")?,
             completion_tokens: count("completion_tokens")?,
         },
@@ -358,7 +358,7 @@ pub(super) async fn end(
     Ok(())
 }
 
-/// The host broke a run; one that was voided keeps its reason.
+/// Voids a run; voiding it again keeps the first reason.
 pub(super) async fn void(
     connection: &mut SqliteConnection,
     run: RunKey,

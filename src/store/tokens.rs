@@ -1,4 +1,4 @@
-//! What tokens stand for: the table `tokens`, and keys.
+//! The rights of tokens: the table `tokens`, and keys.
 
 use std::sync::Arc;
 
@@ -10,14 +10,14 @@ use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::{CompetitionKey, EpisodeKey, JournalError, RunKey};
 use crate::keys::{Key, OwnerKey};
 
-/// What a token stands for.
+/// The rights of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
     /// One seat of an episode.
     Seat {
         /// The episode.
         episode: EpisodeId,
-        /// The key of whoever holds the seat, if any.
+        /// The key of the seat's holder, if any.
         owner: Option<OwnerKey>,
         /// The seat.
         agent: AgentId,
@@ -26,7 +26,7 @@ pub enum Grant {
     Swarm {
         /// The episode.
         episode: EpisodeId,
-        /// The key of whoever holds the seats, if any.
+        /// The key of the seats' holder, if any.
         owner: Option<OwnerKey>,
         /// Which seats.
         seats: Seats,
@@ -44,7 +44,7 @@ pub enum Grant {
     Key(Key),
 }
 
-/// Which seats of an episode a swarm token stands for.
+/// The seats of an episode that a swarm token authorizes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Seats {
     /// All that were not open to claims, and that the server does not play.
@@ -54,7 +54,7 @@ pub enum Seats {
 }
 
 impl Store {
-    /// What the token with this hash stands for, if it is known.
+    /// The rights of the token with this hash, if it is known.
     ///
     /// # Errors
     /// Where the database cannot be read.

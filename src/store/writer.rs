@@ -60,10 +60,10 @@ struct Job {
     committed: Committed,
 }
 
-/// What became of a job.
+/// The outcome of a job.
 type Outcome = Result<(), JournalError>;
 
-/// How the writer does; shared with whoever asks.
+/// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
 pub struct WriterState {
     failed: AtomicBool,
@@ -76,7 +76,7 @@ pub struct WriterState {
 }
 
 impl WriterState {
-    /// Whether a commit failed: nothing is kept any more.
+    /// Whether a commit failed: nothing is stored any more.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
@@ -106,8 +106,8 @@ impl WriterState {
         self.backlog_bytes.load(Ordering::Relaxed)
     }
 
-    /// Takes jobs of an episode again. To be called when its old actor has ended, all that it handed
-    /// over was answered, and before anybody goes on with what is on the disk.
+    /// Accepts jobs of an episode again. To be called when its old actor has ended, all that it handed
+    /// over was answered, and before anybody continues with what is on the disk.
     pub fn recovered(&self, episode: EpisodeKey) {
         self.broken().remove(&episode);
     }
@@ -233,7 +233,7 @@ async fn run(
         };
         for (entries, outcome) in jobs.iter().zip(&outcomes) {
             if outcome.is_ok() {
-                // Before anybody is told: whoever knows of an end finds it on the board.
+                // Before the senders are notified: a client that knows of an end finds it on the board.
                 state.changes.note(entries);
             }
         }
@@ -247,7 +247,7 @@ async fn run(
     }
 }
 
-/// Writes jobs in one transaction, which begins by the deadline; what became of each, in their order.
+/// Writes jobs in one transaction, which begins by the deadline; the outcome of each, in their order.
 async fn keep(
     connection: &mut SqliteConnection,
     files: &Files,
@@ -278,7 +278,7 @@ async fn keep(
             state.fail(&error);
             all(&Err(super::failure(error)))
         }
-        // Nothing was written: everybody is told, and what is sent again later may be kept.
+        // Nothing was written: all senders get the error, and may send again.
         Err(Failure::Refused(error)) => {
             let error = super::failure(error);
             jobs.iter().map(|job| refuse(state, job, error.clone())).collect()
@@ -305,7 +305,7 @@ impl Failure {
     }
 }
 
-/// Whether SQLite gave one of these primary result codes; the code that is told may be an extended one.
+/// Whether SQLite gave one of these primary result codes; the code that is given may be an extended one.
 fn has_code(error: &sqlx::Error, codes: &[u32]) -> bool {
     let code = error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok());
     code.is_some_and(|code| codes.contains(&(code & 0xff)))
@@ -352,7 +352,7 @@ async fn commit_each(
             Ok(()) => outcomes.push(Ok(())),
             Err(Failure::Refused(error)) => {
                 metrics::counter!("swarmbench_jobs_refused_total").increment(1);
-                tracing::error!(%error, "the database refuses an entry: it is not kept, all others are");
+                tracing::error!(%error, "the database rejected an entry: it is not stored, all others are");
                 outcomes.push(refuse(state, job, super::failure(error)));
             }
             Err(fatal) => return Err(roll_back(connection, fatal).await),
@@ -379,7 +379,7 @@ async fn write_one(connection: &mut SqliteConnection, entries: &[Entry]) -> Resu
     written
 }
 
-/// Runs a statement without which the transaction cannot go on.
+/// Runs a statement that the transaction needs.
 async fn execute(
     connection: &mut SqliteConnection,
     statement: &'static str,
@@ -414,7 +414,7 @@ async fn begin(
         pause = (pause * 2).min(longest);
     };
     if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
-        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing goes on");
+        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing continues");
     }
     begun
 }

@@ -1,4 +1,4 @@
-//! What an agent decides, and what it is told about that.
+//! What an agent decides, and the receipts it gets.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -129,7 +129,7 @@ pub struct Receipt {
     pub action: Option<String>,
     /// The message that is sent on; null where there is none.
     pub message: Option<String>,
-    /// False for an answer of a language model that was none: the agent does nothing this round.
+    /// False for an invalid answer of a language model: the agent does nothing this round.
     pub valid: bool,
     /// Whether the same act had been sent before.
     pub duplicate: bool,
@@ -137,7 +137,7 @@ pub struct Receipt {
     pub waiting_for: u32,
 }
 
-/// A receipt and, where it was asked for, what comes next.
+/// A receipt and, if requested, the next observation.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct ActResponse {
     /// The receipt.
@@ -149,7 +149,7 @@ pub struct ActResponse {
     pub obs: Option<Observation>,
 }
 
-/// What became of one of several acts.
+/// The result of one of several acts.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum SwarmReceipt {
@@ -159,7 +159,7 @@ pub enum SwarmReceipt {
     Problem(Problem),
 }
 
-/// What became of several acts.
+/// The results of several acts.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct SwarmActResponse {
     /// In the order of the acts.

@@ -92,11 +92,11 @@ pub struct BoardRow {
     pub tasks: BTreeMap<String, TaskScore>,
     /// How far it is below the nearest row above that was played here.
     pub difference: Option<RowDifference>,
-    /// The share of answers that were none, of all that players gave; null where there were none.
+    /// The share of invalid answers among all answers of players; null without answers.
     pub invalid_share: Option<f64>,
-    /// The share of moves for which the clock ran out; null where there were none.
+    /// The share of moves that timed out; null without moves.
     pub clock_out_share: Option<f64>,
-    /// Games that the host broke, and that do not count.
+    /// Voided games, which do not count.
     pub voided: Option<u32>,
 }
 
@@ -109,7 +109,7 @@ pub struct TaskScore {
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: Option<u32>,
-    /// Games that were to be played, without those that the host broke. Those that were not played count as 0.
+    /// Planned games, without voided ones. Those that were not played count as 0.
     pub planned: Option<u32>,
 }
 
@@ -318,7 +318,7 @@ impl BoardRow {
                 let sum =
                     |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
                 let answers = sum(|task| task.answers);
-                let clock_outs = sum(|task| task.clock_outs);
+                let timeouts = sum(|task| task.timeouts);
                 let run = &shown.run;
                 Self {
                     rank,
@@ -345,7 +345,7 @@ impl BoardRow {
                         .collect(),
                     difference,
                     invalid_share: share(sum(|task| task.invalid), answers),
-                    clock_out_share: share(clock_outs, answers + clock_outs),
+                    clock_out_share: share(timeouts, answers + timeouts),
                     voided: Some(of.iter().map(|task| task.voided).sum()),
                 }
             }

@@ -39,7 +39,7 @@ impl ClaimRequest {
 pub struct CreatedClaim {
     /// The episode.
     pub episode: String,
-    /// Where it stands now: the last open seat starts it.
+    /// Its status now: the last open seat starts it.
     pub status: StatusName,
     /// The number of the claim in its episode, from 1.
     pub claim: u32,

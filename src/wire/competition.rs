@@ -200,7 +200,7 @@ pub struct Competition {
 }
 
 impl Competition {
-    /// A competition as it stands at a time. The salt and the seeds are given only once they are open to all.
+    /// A competition at a moment. The salt and the seeds are included only once they are public.
     #[must_use]
     pub fn of(
         id: &str,
@@ -497,7 +497,7 @@ pub struct AttemptSummary {
     pub games: usize,
     /// How many of them have ended.
     pub games_ended: usize,
-    /// Why it does not count, where the host broke it: it may be started again.
+    /// Why it was voided, if it was; then it may be started again.
     pub voided: Option<String>,
     /// What it came to in each task, once it is over.
     pub tasks: Option<Vec<TaskMean>>,
@@ -519,7 +519,7 @@ pub struct AttemptList {
 pub struct TaskMean {
     /// The task.
     pub task: String,
-    /// The mean of its scores; null where the host broke all games.
+    /// The mean of its scores; null if all games were voided.
     pub mean: Option<f64>,
     /// Their population standard deviation.
     pub deviation: Option<f64>,
@@ -527,7 +527,7 @@ pub struct TaskMean {
     pub games: u32,
     /// Games that were to be played: what was not played counts as 0.
     pub planned: u32,
-    /// Games that the host broke; they do not count.
+    /// Voided games; they do not count.
     pub voided: u32,
 }
 
@@ -575,15 +575,15 @@ pub struct CompetitionRow {
     pub tasks: Vec<TaskMean>,
     /// The sum of the means.
     pub total: Option<f64>,
-    /// Which part of the answers were none.
+    /// The share of invalid answers.
     pub invalid_share: f64,
     /// Which part of the moves were decided by a clock that ran out.
     pub clock_share: f64,
-    /// Games of the attempt that the host broke.
+    /// Voided games of the attempt.
     pub voided_games: u32,
-    /// Attempts that are over and that the host did not break.
+    /// Attempts that are over and were not voided.
     pub attempts: u32,
-    /// Attempts that the host broke.
+    /// Voided attempts.
     pub voided_attempts: u32,
     /// `declared`: the entrant holds all seats and can pool what they see; `enforced`: it cannot; null under
     /// centralized control.
@@ -608,7 +608,7 @@ impl CompetitionRow {
             // Of a single game the total is its score, which nobody is to know before the end.
             total: row.total.filter(|_| with_tasks || games >= 2),
             invalid_share: share(row.invalid, row.answers),
-            clock_share: share(row.clock_outs, row.answers + row.clock_outs),
+            clock_share: share(row.timeouts, row.answers + row.timeouts),
             voided_games: row.voided_games,
             attempts: row.attempts,
             voided_attempts: row.voided_attempts,
@@ -617,13 +617,14 @@ impl CompetitionRow {
     }
 }
 
-/// What an organizer did.
+/// Something that an organizer did, as the audit log has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Deed {
+#[schema(as = Deed)]
+pub struct AuditEntry {
     /// When.
     #[schema(value_type = String, format = "date-time")]
     pub at: Timestamp,
-    /// The id of the organizer's key, or `local` for whoever worked on the server's own machine.
+    /// The id of the organizer's key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done.
     #[schema(example = "entrant.change")]
@@ -638,7 +639,7 @@ pub struct Deed {
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct AuditLog {
     /// What organizers did, newest first.
-    pub items: Vec<Deed>,
+    pub items: Vec<AuditEntry>,
     /// Where the next page begins; null on the last one.
     pub next_cursor: Option<String>,
 }

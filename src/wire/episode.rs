@@ -1,14 +1,14 @@
-//! Episodes: how they are asked for, and how they are shown.
+//! Episodes: requests and responses.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use swarmbench_engine::{AgentState, Spectacle};
+use swarmbench_engine::{AgentState, SpectatorView};
 use utoipa::ToSchema;
 
 use super::{Position, Seconds};
 use crate::episode::Status;
 
-/// Where an episode stands.
+/// The status of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum StatusName {
@@ -46,7 +46,7 @@ pub struct EpisodeResult {
     pub score: f64,
     /// How many rounds were resolved.
     pub rounds: u32,
-    /// The head of the journal's chain: whoever has it can prove that a journal is this one.
+    /// The head of the journal's chain: it proves that a journal is this one.
     pub journal_head: String,
 }
 
@@ -221,13 +221,13 @@ pub struct EpisodeConfig {
 pub struct CreatedEpisode {
     /// Its id.
     pub id: String,
-    /// Where it stands.
+    /// Its status.
     pub status: StatusName,
     /// All its settings.
     pub config: EpisodeConfig,
     /// A token for each agent whose seat is the creator's.
     pub seats: Vec<SeatToken>,
-    /// A token for all of them, also where they are none; it stands for the creator, too.
+    /// A token for all of them, also if there are none; it has the rights of the creator, too.
     pub swarm_token: String,
 }
 
@@ -245,7 +245,7 @@ pub struct SeatToken {
 pub struct EpisodeSummary {
     /// Its id.
     pub id: String,
-    /// Where it stands.
+    /// Its status.
     pub status: StatusName,
     /// The task.
     pub task: String,
@@ -265,7 +265,7 @@ pub struct EpisodeSummary {
     pub ended_at: Option<jiff::Timestamp>,
     /// How it ended.
     pub result: Option<EpisodeResult>,
-    /// Why it counts for nothing, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
     /// All its settings.
     pub config: EpisodeConfig,
@@ -276,7 +276,7 @@ pub struct EpisodeSummary {
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"reason": "power cut in round 40"}))]
 pub struct VoidRequest {
-    /// What the host did wrong: 1 to 500 characters. It is shown to whoever may see the episode.
+    /// What went wrong: 1 to 500 characters. It is shown to everybody who may see the episode.
     #[schema(min_length = 1, max_length = 500)]
     pub reason: String,
 }
@@ -336,7 +336,7 @@ pub struct StateAgent {
     pub carrying_food: Option<bool>,
 }
 
-/// What spectators are told of a resolved round; the grid is in the state.
+/// What spectators get of a resolved round; the grid is in the state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RoundEvent {
     /// How many rounds were resolved with it.
@@ -374,8 +374,8 @@ impl From<AgentState> for StateAgent {
     }
 }
 
-impl From<Spectacle> for State {
-    fn from(seen: Spectacle) -> Self {
+impl From<SpectatorView> for State {
+    fn from(seen: SpectatorView) -> Self {
         Self {
             round: seen.round,
             score: seen.score,

@@ -48,7 +48,7 @@ pub struct KeySummary {
 }
 
 impl KeySummary {
-    /// A key as it stands at a time.
+    /// A key at a moment.
     #[must_use]
     pub fn of(key: &crate::keys::Key, now: Timestamp) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl KeySummary {
 /// A new key, shown this once.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct CreatedKey {
-    /// What is kept of it.
+    /// What is stored of it.
     #[serde(flatten)]
     pub key: KeySummary,
     /// The key itself, to be sent as `Authorization: Bearer …`; it cannot be shown again.

@@ -1,4 +1,4 @@
-//! What an agent is told.
+//! What an agent observes.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use swarmbench_engine::{self as engine, Action, AgentId, Message, Seen, TaskName};
@@ -27,7 +27,7 @@ pub struct Sight {
     /// The agent's name.
     #[schema(example = "Agent_3")]
     pub agent: String,
-    /// Where the episode stands.
+    /// The status of the episode.
     pub status: StatusName,
     /// The round to be answered: how many rounds were resolved.
     pub round: u32,
@@ -75,12 +75,12 @@ pub struct Moment {
     pub remaining_ms: Option<u64>,
     /// What is left of the seat's bank; it is part of that, and used last. Null without a clock.
     pub bank_ms: Option<u64>,
-    /// The text for a language model; only where it was asked for.
+    /// The text for a language model; only if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt: Option<String>,
 }
 
-/// A task, as an agent is told of it.
+/// A task, as it is described to an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Task {
     /// Its name.

@@ -20,7 +20,7 @@ pub struct Problem {
     /// The kind of problem, for programs.
     #[schema(example = "round_over")]
     pub code: String,
-    /// The round at which the episode stands.
+    /// The current round of the episode.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub round: Option<u32>,
     /// After how many milliseconds it is worth trying again.

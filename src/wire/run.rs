@@ -1,4 +1,4 @@
-//! Runs: how they are asked for, and how they are shown.
+//! Runs: requests and responses.
 
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
@@ -208,7 +208,7 @@ impl SuiteView {
         let seconds = |millis| Seconds::of(std::time::Duration::from_millis(millis));
         Self {
             name: suite.name.clone(),
-            // Whoever has the digest could try which seeds lead to it.
+            // From the digest the seeds could be found by trying.
             digest: with_seeds.then(|| suite.digest()),
             rules: suite.rules.clone(),
             tasks: suite.tasks.clone(),
@@ -273,7 +273,7 @@ pub struct RunSummary {
     pub closes_at: Option<jiff::Timestamp>,
     /// The number of the attempt, where the run is one in a competition.
     pub attempt: Option<u32>,
-    /// Why it does not count as an attempt, where the host broke it.
+    /// Why it was voided as an attempt, if it was.
     pub void_reason: Option<String>,
     /// When it was created.
     #[schema(value_type = String, format = DateTime)]
@@ -285,7 +285,7 @@ pub struct RunSummary {
     pub played: u32,
     /// How many games of the plan count.
     pub planned: u32,
-    /// How many games the host broke.
+    /// How many games were voided.
     pub voided: u32,
     /// What it came to, task by task.
     pub tasks: Vec<TaskResult>,
@@ -298,7 +298,7 @@ pub struct RunSummary {
     pub waits_for: Option<Limit>,
 }
 
-/// What a run came to in one task. While it goes on these are means over what has ended; once it is over, a
+/// The result of a run in one task. While it is running these are means over what has ended; once it is over, a
 /// game that was never played counts as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TaskResult {
@@ -312,7 +312,7 @@ pub struct TaskResult {
     pub played: u32,
     /// How many games of the plan count.
     pub planned: u32,
-    /// How many games the host broke.
+    /// How many games were voided.
     pub voided: u32,
 }
 
@@ -321,7 +321,7 @@ pub struct TaskResult {
 pub struct ActTally {
     /// How many players sent.
     pub sent: u64,
-    /// Of these, answers of language models that were none.
+    /// Of these, invalid answers of language models.
     pub invalid: u64,
     /// Their share of all that were sent; null where none was.
     pub invalid_share: Option<f64>,
@@ -341,7 +341,7 @@ pub struct RunDetail {
     /// The run.
     #[serde(flatten)]
     pub run: RunSummary,
-    /// Its games in the order of the plan. One that the host broke stands before the one that was played
+    /// Its games in the order of the plan. A voided one comes before the one that was played
     /// in its place. Where all would be too much for one answer, those that were played again are left out from the
     /// first slot on.
     pub games: Vec<RunGame>,
@@ -366,7 +366,7 @@ pub struct RunGame {
     pub round: u32,
     /// The score so far; null where there is none, or the caller may not know it.
     pub score: Option<f64>,
-    /// Why it counts for nothing, where the host broke it.
+    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
 }
 

@@ -39,7 +39,7 @@ pub(crate) struct Setting {
     pub(crate) is_long: bool,
 }
 
-/// What came of playing for a while, in numbers.
+/// The results of playing for a while, in numbers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Phase {
     pub(crate) acts: [Spread; 3],
@@ -54,7 +54,7 @@ pub(crate) struct Phase {
     pub(crate) server_cpu_s: f64,
 }
 
-/// What came of an attack.
+/// The result of an attack.
 #[derive(Debug, Default)]
 pub(crate) struct Outcome {
     pub(crate) alone: Phase,
@@ -194,7 +194,7 @@ impl<'a> Bout<'a> {
     }
 }
 
-/// What is told of a score.
+/// The report of a score.
 fn shown(score: &Score) -> Phase {
     use std::sync::atomic::Ordering::Relaxed;
     Phase {

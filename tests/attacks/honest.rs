@@ -1,6 +1,6 @@
 //! An honest entrant beside the attackers: it enters a competition again and again, plays every attempt to its end by
 //! `/swarm/obs` and `/swarm/act`, and plays games of its own seat by seat by `/obs` and `/act`. It keeps to a pace, so
-//! that how long its acts take is told by the server and not by its own haste.
+//! that the latency of its acts depends on the server and not on its own pace.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -37,7 +37,7 @@ const AWAY: Duration = Duration::from_mins(1);
 /// Agents of each game: the standard setting.
 const AGENTS: usize = 12;
 
-/// Failures that are told word for word.
+/// Failures that are reported with their text.
 const FAILURES_MAX: usize = 8;
 
 const TASKS: [&str; 5] = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
@@ -51,7 +51,7 @@ pub(crate) struct Place {
     pub(crate) rounds: u32,
 }
 
-/// What came of playing for a while.
+/// The results of playing for a while.
 #[derive(Debug, Default)]
 pub(crate) struct Score {
     /// From sending an act until its receipt: by `/act`, `/act?wait` and `/swarm/act`.

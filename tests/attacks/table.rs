@@ -1,4 +1,4 @@
-//! What is told in the end, and what must hold.
+//! The final report, and what must hold.
 
 use std::time::Duration;
 

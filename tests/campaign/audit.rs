@@ -81,7 +81,7 @@ async fn journal(clients: &Clients, played: &Played, totals: &mut Totals) {
     let (rounds, end) = records(&text);
     let scores = played.scores();
     for (round, score) in rounds.iter().map(|record| (record.round + 1, record.score)) {
-        // Whoever saw the state after a round saw the score that the journal has.
+        // A client that saw the state after a round saw the score that the journal has.
         if let Some(seen) = scores.get(&round) {
             assert_eq!(seen.to_bits(), score.to_bits(), "{name}: the score after {round} rounds");
         }

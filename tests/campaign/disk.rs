@@ -1,5 +1,5 @@
 //! Disks that fail. After a failed commit nothing is acknowledged, the server says so, and after a restart with
-//! a sound disk all that was acknowledged is there and the games go on.
+//! a sound disk all that was acknowledged is there and the games continue.
 //!
 //! The faults come from `fault.c`, which is loaded into the server by `LD_PRELOAD`, so the program under test is
 //! the one that is shipped. That, and the tmpfs, need Linux; elsewhere this file is left out.
@@ -29,7 +29,7 @@ const TABLES: usize = 4;
 /// How often it is tried whether an act is taken.
 const TRIES: u64 = 20;
 
-/// A disk that fails when it is told to.
+/// A disk that fails on command.
 struct FaultyDisk {
     library: PathBuf,
     control: PathBuf,

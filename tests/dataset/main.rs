@@ -22,13 +22,13 @@ use sample::Size;
 
 /// Whatever was read.
 #[derive(Default)]
-struct Taken {
+struct Collected {
     games: Vec<ImportRow>,
     problems: Vec<Problem>,
     progress: Vec<(u64, u64)>,
 }
 
-impl Taker for Taken {
+impl Taker for Collected {
     fn game(&mut self, game: ImportRow) -> anyhow::Result<()> {
         self.games.push(game);
         Ok(())
@@ -43,7 +43,7 @@ impl Taker for Taken {
     }
 }
 
-impl Taken {
+impl Collected {
     fn of(path: &Path, bounds: &Bounds) -> Self {
         let mut taken = Self::default();
         read(path, bounds, &mut taken).expect("it can be read");
@@ -131,25 +131,25 @@ fn told(path: &Path) -> String {
 #[test]
 fn a_folder_and_an_archive_of_it_hold_the_same_games() {
     let (folder, batches) = small();
-    let from_folder = Taken::of(folder.path(), &Bounds::default());
+    let from_folder = Collected::of(folder.path(), &Bounds::default());
     assert_eq!(from_folder.problems, []);
     assert_eq!(from_folder.games.len(), 8);
     assert_eq!(from_folder.progress.last(), Some(&(8, 8)));
     let place = TempDir::new().expect("a folder");
     let archive = place.path().join("data.zip");
     pack(folder.path(), &archive);
-    let from_archive = Taken::of(&archive, &Bounds::default());
+    let from_archive = Collected::of(&archive, &Bounds::default());
     assert_eq!(from_archive.problems, []);
     assert_eq!(from_archive.games, from_folder.games);
     // A batch may also lie at the top.
-    assert_eq!(Taken::of(&batches[0], &Bounds::default()).games.len(), 4);
+    assert_eq!(Collected::of(&batches[0], &Bounds::default()).games.len(), 4);
 }
 
 /// Everything that the files tell is kept.
 #[test]
 fn what_was_read_is_what_was_written() {
     let (folder, batches) = small();
-    let taken = Taken::of(folder.path(), &Bounds::default());
+    let taken = Collected::of(folder.path(), &Bounds::default());
     let mut compared = 0;
     for game in &taken.games {
         let batch = &batches[usize::from(
@@ -221,7 +221,7 @@ fn what_is_missing_or_broken_is_told_by_name_and_the_rest_is_read() {
     // Files of no interest.
     std::fs::write(batches[1].join("notes.txt"), "nothing").expect("written");
 
-    let taken = Taken::of(folder.path(), &Bounds::default());
+    let taken = Collected::of(folder.path(), &Bounds::default());
     let names: Vec<(&str, u64)> =
         taken.games.iter().map(|game| (game.run_id.as_str(), game.acts)).collect();
     assert_eq!(names, [(without_acts.as_str(), 0), (first_run_of(&text).as_str(), 60)]);
@@ -232,7 +232,7 @@ fn what_is_missing_or_broken_is_told_by_name_and_the_rest_is_read() {
     assert!(taken.problem(&told(&file(&batches[0], "game", alone))).contains("meta_log.json"));
     let said = taken.problem(&told(&index));
     assert!(said.starts_with("breaks off") && said.contains("1 runs"), "{said}");
-    // The runs behind the place where the index breaks off are told, too.
+    // The runs behind the place where the index breaks off are reported, too.
     assert_eq!(taken.problems.len(), 5 + 3, "{:?}", taken.problems);
 }
 
@@ -261,7 +261,7 @@ fn what_cannot_be_is_told_and_skipped() {
         let (_folder, batches) = small();
         let states = file(&batches[0], "game", &first_run(&batches[0]));
         change(&states, changed);
-        let taken = Taken::of(&batches[0], &Bounds::default());
+        let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!((taken.games.len(), taken.problems.len()), (3, 1), "{:?}", taken.problems);
         assert!(taken.problems[0].problem.contains(expected), "{:?}", taken.problems);
         assert_eq!(taken.problems[0].file, states.file_name().expect("a name").to_string_lossy());
@@ -285,7 +285,7 @@ fn what_cannot_be_is_told_and_skipped() {
         let (_folder, batches) = small();
         let run = first_run(&batches[0]);
         change(&batches[0].join("meta_log.json"), |index| changed(&mut index[&run]));
-        let taken = Taken::of(&batches[0], &Bounds::default());
+        let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!((taken.games.len(), taken.problems.len()), (3, 1), "{:?}", taken.problems);
         let said = taken.problem("meta_log.json");
         assert!(said.contains(expected) && said.contains(&run), "{said}");
@@ -300,7 +300,7 @@ fn what_cannot_be_is_told_and_skipped() {
         let (_folder, batches) = small();
         let acts = file(&batches[0], "agent", &first_run(&batches[0]));
         change(&acts, changed);
-        let taken = Taken::of(&batches[0], &Bounds::default());
+        let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!((taken.games.len(), taken.problems.len()), (4, 1), "{:?}", taken.problems);
         assert!(taken.problems[0].problem.contains(expected), "{:?}", taken.problems);
         assert_eq!(taken.games.iter().filter(|game| game.acts == 0).count(), 1);
@@ -317,13 +317,13 @@ fn run_ids_are_checked_before_they_become_names_of_files() {
             let meta = index.remove(&run).expect("a run");
             index.insert(bad.to_owned(), meta);
         });
-        let taken = Taken::of(&batches[0], &Bounds::default());
+        let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!(taken.games.len(), 3, "{bad:?}");
         assert!(taken.problem("meta_log.json").contains("is not one"), "{bad:?}");
     }
     let (_folder, path) =
         archive(&[("../../game_log_../x.json", b"[]"), ("game_log_a..b.json", b"[]")]);
-    let taken = Taken::of(&path, &Bounds::default());
+    let taken = Collected::of(&path, &Bounds::default());
     assert!(taken.games.is_empty());
     assert_eq!(taken.problems.len(), 1, "{:?}", taken.problems);
     assert!(taken.problem("game_log_a..b.json").contains("is not one"));
@@ -336,9 +336,9 @@ fn archives_are_bounded() {
     let entries: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), &b""[..])).collect();
     let (_folder, path) = archive(&entries);
     let bounds = Bounds { entries_max: 29, ..Bounds::default() };
-    let error = read(&path, &bounds, &mut Taken::default()).expect_err("too many");
+    let error = read(&path, &bounds, &mut Collected::default()).expect_err("too many");
     assert!(matches!(error.downcast_ref(), Some(ReadError::Entries { most: 29, .. })), "{error}");
-    assert!(read(&path, &Bounds { entries_max: 30, ..bounds }, &mut Taken::default()).is_ok());
+    assert!(read(&path, &Bounds { entries_max: 30, ..bounds }, &mut Collected::default()).is_ok());
 
     // A bomb: it grows by much more than a game does. The bytes that come are counted.
     let meta = json!({ "r": {
@@ -350,12 +350,12 @@ fn archives_are_bounded() {
     let bomb: [(&str, &[u8]); 2] =
         [("meta_log.json", meta.as_bytes()), ("game_log_r.json", &spaces)];
     let (_folder, path) = archive(&bomb);
-    let taken = Taken::of(&path, &Bounds::default());
+    let taken = Collected::of(&path, &Bounds::default());
     assert!(taken.problem("game_log_r.json").contains("500 times"), "{:?}", taken.problems);
     let bounds = Bounds { file_bytes_max: 1024 * 1024, ..Bounds::default() };
-    assert!(Taken::of(&path, &bounds).problem("game_log_r.json").contains("1048576 bytes"));
+    assert!(Collected::of(&path, &bounds).problem("game_log_r.json").contains("1048576 bytes"));
     let bounds = Bounds { total_bytes_max: 1024 * 1024, ..Bounds::default() };
-    assert!(Taken::of(&path, &bounds).problem("game_log_r.json").contains("together"));
+    assert!(Collected::of(&path, &bounds).problem("game_log_r.json").contains("together"));
 
     // JSON within JSON, and archives within archives.
     let deep = "[".repeat(100_000);
@@ -368,7 +368,7 @@ fn archives_are_bounded() {
         ("b/inner.zip", &inner),
     ];
     let (_folder, path) = archive(&nested);
-    let taken = Taken::of(&path, &Bounds::default());
+    let taken = Collected::of(&path, &Bounds::default());
     assert!(taken.games.is_empty());
     assert!(taken.problem("a/game_log_r.json").contains("more than 16 arrays and objects"));
     assert!(taken.problem("b/meta_log.json").contains("more than 16 arrays and objects"));
@@ -381,14 +381,18 @@ fn what_is_no_archive_is_refused() {
     let path = folder.path().join("data.zip");
     for bytes in [&b"Dear reader, this is no archive."[..], b"", b"PK\x05\x06"] {
         std::fs::write(&path, bytes).expect("written");
-        let error = read(&path, &Bounds::default(), &mut Taken::default()).expect_err("no archive");
+        let error =
+            read(&path, &Bounds::default(), &mut Collected::default()).expect_err("no archive");
         assert!(error.to_string().contains("data.zip"), "{error}");
     }
     let (_folder, whole) = archive(&[("meta_log.json", b"{}")]);
     let bytes = std::fs::read(whole).expect("an archive");
     for length in 0..bytes.len() {
         std::fs::write(&path, &bytes[..length]).expect("written");
-        assert!(read(&path, &Bounds::default(), &mut Taken::default()).is_err(), "{length} bytes");
+        assert!(
+            read(&path, &Bounds::default(), &mut Collected::default()).is_err(),
+            "{length} bytes"
+        );
     }
 }
 
@@ -401,14 +405,14 @@ fn a_changed_byte_makes_no_other_game() {
     let archive = folder.path().join("data.zip");
     pack(&folder.path().join("data"), &archive);
     let bytes = std::fs::read(&archive).expect("an archive");
-    let original = Taken::of(&archive, &Bounds::default()).games;
+    let original = Collected::of(&archive, &Bounds::default()).games;
     let [original] = &original[..] else { panic!("one game") };
     let (mut whole, mut others) = (0, 0);
     for place in (0..bytes.len()).step_by(7) {
         let mut changed = bytes.clone();
         changed[place] ^= 1 << (place % 8);
         std::fs::write(&archive, changed).expect("written");
-        let mut taken = Taken::default();
+        let mut taken = Collected::default();
         match read(&archive, &Bounds::default(), &mut taken) {
             Ok(()) if taken.games.is_empty() => others += 1,
             Ok(()) => {
@@ -430,7 +434,7 @@ fn links_are_not_followed() {
     let (folder, _batches) = small();
     let place = TempDir::new().expect("a folder");
     std::os::unix::fs::symlink(folder.path(), place.path().join("batch")).expect("a link");
-    assert!(Taken::of(place.path(), &Bounds::default()).games.is_empty());
+    assert!(Collected::of(place.path(), &Bounds::default()).games.is_empty());
 }
 
 /// Runs the program as its user does.
@@ -498,9 +502,9 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     let args = ["export", "--imported", "--task", task.as_str().expect("a name")];
     let output = swarmbench(&[&args[..], &[&out.display().to_string()]].concat(), &db);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let taken = Taken::of(&out, &Bounds::default());
+    let taken = Collected::of(&out, &Bounds::default());
     assert_eq!(taken.problems, []);
-    assert_eq!(taken.games, Taken::of(&batches[0], &Bounds::default()).games);
+    assert_eq!(taken.games, Collected::of(&batches[0], &Bounds::default()).games);
 
     let empty = TempDir::new().expect("a folder");
     let output = swarmbench(&["import", &empty.path().display().to_string()], &db);

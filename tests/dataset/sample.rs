@@ -125,7 +125,7 @@ fn play(task: TaskName, seed: u64, size: Size, mut dice: Dice) -> Game {
 }
 
 fn state(world: &World, task: TaskName, time: f64, said: &[Value]) -> Value {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let grid: Vec<Vec<String>> =
         seen.grid.iter().map(|row| row.chars().map(String::from).collect()).collect();
     let agents: Vec<Value> = (seen.agents.iter())

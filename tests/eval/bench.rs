@@ -49,7 +49,7 @@ pub(crate) struct Bench {
     pub(crate) folder: TempDir,
 }
 
-/// A call that goes on.
+/// A running call.
 pub(crate) struct Running(Child);
 
 impl Bench {

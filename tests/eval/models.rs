@@ -162,7 +162,7 @@ async fn a_wrong_key_stops_at_once_and_is_kept_nowhere() {
     let in_text = |text: &str| text.contains(key);
     assert!(!in_text(&done.out) && !in_text(&done.err), "{}{}", done.out, done.err);
     assert!(!bench.bytes().windows(key.len()).any(|part| part == key.as_bytes()));
-    // With a good one the same command goes on.
+    // With a good one the same command resumes.
     drop(endpoint);
     let endpoint = Endpoint::start(|_, _| switch()).await;
     let args = with(&endpoint, &["--api-key-env", "MY_KEY", "--cassette", "tape.jsonl"]);
@@ -269,7 +269,7 @@ async fn a_recording_plays_the_same_games_without_an_endpoint() {
     done.says(&["no answer for Agent_0 in round 0 of Synchronization/3/"]);
 }
 
-/// The recording of the examples: whoever changes prompts records it anew, as its file says.
+/// The recording of the examples: after a change of prompts it has to be recorded again, as its file says.
 #[tokio::test]
 async fn the_committed_recording_plays() {
     let bench = Bench::new();

@@ -6,8 +6,8 @@ use serde_json::Value;
 use swarmbench::board::result::mean_and_deviation;
 use swarmbench::eval::conduct::{Conductor, Found, News};
 use swarmbench::eval::experiment::Experiment;
-use swarmbench::eval::halt::Halt;
 use swarmbench::eval::plan::{Plan, Who};
+use swarmbench::eval::stop_reason::StopReason;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_players::game;
 use tokio_util::sync::CancellationToken;
@@ -57,7 +57,7 @@ async fn the_same_games_come_to_the_same_in_process_and_over_http() {
     assert_eq!(compared, expected);
 }
 
-/// Whoever takes a game up in the middle remembers what was seen before.
+/// A player that joins a game in the middle knows what was seen before.
 #[tokio::test]
 async fn a_run_that_is_gone_on_with_comes_to_the_same() {
     let bench = Bench::new();
@@ -80,7 +80,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
                     ids.push(run.run.id.clone());
                     found.push(how.clone());
                 }
-                // In the middle of rounds of games that go on side by side.
+                // In the middle of rounds of parallel games.
                 News::Acted(..) => {
                     acts += 1;
                     if acts == 700 {
@@ -92,14 +92,14 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
             .await;
         match ended {
             Ok(run) => break run,
-            Err(Halt::Asked) => stops += 1,
+            Err(StopReason::Requested) => stops += 1,
             Err(other) => panic!("{other}"),
         }
     };
     assert!(stops >= 3, "{stops}");
     assert!(ids.iter().all(|id| *id == ids[0]), "{ids:?}");
     assert_eq!(found[0], Found::New(None));
-    // Whoever is stopped at the last act may not be told any more that it was the last.
+    // A client stopped at the last act may not learn any more that it was the last.
     let between = &found[1..found.len() - 1];
     assert!(between.iter().all(|how| *how == Found::GoesOn), "{found:?}");
     let Who::Player(player) = &planned.who else { panic!("a player") };

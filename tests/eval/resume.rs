@@ -1,4 +1,4 @@
-//! Stopped in the middle, by whatever: the same command goes on.
+//! After any interruption the same command resumes.
 
 use std::collections::BTreeMap;
 use std::process::{Command, Stdio};
@@ -70,7 +70,7 @@ async fn after_a_kill_no_game_starts_over_and_nothing_acknowledged_is_asked_agai
     assert_eq!(runs[0], runs[1]);
     let endpoint = answers(usize::MAX, "ACTION: STAY after").await;
     let done = bench.eval(&args(&endpoint, &["--parallel", "1", "--verify"])).await.ends(0);
-    done.says(&["goes on", &runs[0], "verified: 4 games"]);
+    done.says(&["resumes", &runs[0], "verified: 4 games"]);
     let (before, after) = acts_by_answer(&bench).await;
     // Of the round that was open at a kill the two acts may not have been kept yet, and are asked for again.
     assert!((answered - 2 * 2..=answered).contains(&before), "{before} of {answered}");
@@ -93,9 +93,9 @@ async fn an_interruption_loses_nothing_that_was_answered() {
         .end()
         .await
         .ends(130)
-        .says(&["goes on where this one stopped", "of 4 games were played"]);
+        .says(&["run the same command again to resume", "of 4 games were played"]);
     let other = answers(usize::MAX, "ACTION: STAY after").await;
-    bench.eval(&args(&other, &[])).await.ends(0).says(&["goes on"]);
+    bench.eval(&args(&other, &[])).await.ends(0).says(&["resumes"]);
     let (before, after) = acts_by_answer(&bench).await;
     assert_eq!((before, after), (7, ALL - 7));
     assert_eq!(other.seen().len(), after);
@@ -116,14 +116,14 @@ async fn another_definition_is_another_run() {
     assert_eq!(other.seen().len(), ALL);
     // How much is done at once is no difference.
     let more = ["--temperature", "1", "--requests", "2", "--budget", "1000000", "--timeout", "60"];
-    bench.eval(&args(&other, &more)).await.ends(0).says(&["goes on"]);
+    bench.eval(&args(&other, &more)).await.ends(0).says(&["resumes"]);
     assert_eq!(other.seen().len(), ALL + ALL - 3);
 }
 
-/// A disk that is full is told, and the same command goes on where there is room. Here no file may become large.
+/// A full disk is reported, and the same command resumes once there is space. Here no file may become large.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_full_disk_is_told_and_with_more_room_it_goes_on() {
+async fn a_full_disk_is_reported_and_with_more_space_it_resumes() {
     let bench = Bench::new();
     let game = ["--player", "random", "--task", "Foraging", "--seeds", "0..3", "--max-round", "60"];
     let (within, whole) =
@@ -132,7 +132,7 @@ async fn a_full_disk_is_told_and_with_more_room_it_goes_on() {
     limited.args(["-c", r#"trap "" XFSZ; ulimit -f 1000; exec "$0" "$@""#]);
     limited.arg(within.get_program()).args(within.get_args()).current_dir(bench.folder.path());
     limited.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let told = ["a commit failed", "0 of 3 games", "the same command goes on"];
+    let told = ["a commit failed", "0 of 3 games", "run the same command again to resume"];
     Running::of(limited).end().await.ends(1).says(&told);
-    Running::of(whole).end().await.ends(0).says(&["goes on", "verified: 3 games"]);
+    Running::of(whole).end().await.ends(0).says(&["resumes", "verified: 3 games"]);
 }

@@ -7,7 +7,7 @@ use bolero::TypeGenerator;
 use jiff::Timestamp;
 use swarmbench::clock::after;
 use swarmbench::episode::lockstep::{
-    Clocks, Effect, Event, Given, Lockstep, Refusal, Standing, Submission,
+    Clocks, Effect, Event, Lockstep, RecordedAct, Refusal, ResumeState, Submission,
 };
 use swarmbench::episode::quota::Full;
 use swarmbench::episode::{Ending, Status};
@@ -43,7 +43,7 @@ enum Move {
     Abort,
 }
 
-/// What an act without room is told.
+/// The refusal of an act without room.
 const FULL: Full = Full::BytesOfEpisode(1);
 
 /// Whether the journal has room for an act: for one agent it takes one of the two actions only.
@@ -66,12 +66,12 @@ struct Setting {
 }
 
 /// The machine, and what is known of it from the outside.
-struct Table {
+struct Subject {
     machine: Lockstep,
     now: Timestamp,
     round: u32,
     alive: Vec<bool>,
-    kept: BTreeMap<(u32, AgentId), Given>,
+    kept: BTreeMap<(u32, AgentId), RecordedAct>,
     banks: Vec<Duration>,
     /// When the open round began.
     began_at: Timestamp,
@@ -83,7 +83,7 @@ fn tenths(count: u8) -> Duration {
     Duration::from_millis(100 * u64::from(count))
 }
 
-impl Table {
+impl Subject {
     fn new(setting: Setting) -> Self {
         let now = Timestamp::UNIX_EPOCH;
         let clocks = Clocks {
@@ -97,16 +97,16 @@ impl Table {
             closes_at: setting.closes_tenths.map(|count| after(now, tenths(count.max(1)))),
         };
         let closes_at = clocks.closes_at;
-        let standing = Standing {
+        let resume = ResumeState {
             waiting: setting.waiting,
             outcome: None,
             round: 0,
             alive: vec![true; AGENTS.into()],
             bank_spent: vec![Duration::ZERO; AGENTS.into()],
-            given: Vec::new(),
+            recorded: Vec::new(),
             last_act_at: now,
         };
-        let machine = Lockstep::new(clocks, standing, now);
+        let machine = Lockstep::new(clocks, resume, now);
         let (banks, alive) = (machine.banks(), vec![true; AGENTS.into()]);
         let kept = BTreeMap::new();
         Self { machine, now, round: 0, alive, kept, banks, began_at: now, closes_at, setting }
@@ -137,20 +137,20 @@ impl Table {
         assert_eq!(answers, usize::from(matches!(event, Event::Submit { .. })), "{effects:?}");
         for effect in &effects {
             match effect {
-                Effect::KeepAct { agent, given } => {
+                Effect::KeepAct { agent, recorded } => {
                     assert!(self.alive[agent.index()], "an act of nobody");
-                    let before = self.kept.insert((self.round, *agent), given.clone());
+                    let before = self.kept.insert((self.round, *agent), recorded.clone());
                     assert_eq!(before, None, "one act a seat and round");
-                    assert_eq!(given.waiting_for as usize, self.missing(), "{given:?}");
+                    assert_eq!(recorded.waiting_for as usize, self.missing(), "{recorded:?}");
                     let bank = self.banks[agent.index()];
-                    assert!(Duration::from_millis(given.record.bank_spent_ms) <= bank);
+                    assert!(Duration::from_millis(recorded.record.bank_spent_ms) <= bank);
                     let late = self.setting.round_tenths.is_some_and(|count| {
                         let time = tenths(count.max(1)) + bank;
                         self.machine
                             .opened_at()
                             .is_some_and(|opened| self.now > after(opened, time))
                     });
-                    assert!(!late || given.record.source == Source::Clock, "it came too late");
+                    assert!(!late || recorded.record.source == Source::Clock, "it came too late");
                 }
                 Effect::Answer(answer) => self.check_answer(event, answer.as_ref()),
                 Effect::Resolve => {
@@ -206,12 +206,12 @@ impl Table {
     ) {
         let Event::Submit { agent, submission, .. } = event else { panic!("an answer to nobody") };
         let kept = self.kept.get(&(submission.round, *agent));
-        let kept = kept.filter(|given| given.record.source == Source::Player);
-        let same = kept.filter(|given| given.record.action == submission.record.action);
+        let kept = kept.filter(|recorded| recorded.record.source == Source::Player);
+        let same = kept.filter(|recorded| recorded.record.action == submission.record.action);
         match answer {
             Ok(receipt) => {
                 assert_eq!(receipt.round, submission.round);
-                assert_eq!(Some(&receipt.given), same, "the receipt is that of what was kept");
+                assert_eq!(Some(&receipt.recorded), same, "the receipt is that of what was kept");
             }
             Err(refusal) => {
                 assert_eq!(same, None, "the same act gets the same receipt");
@@ -223,7 +223,7 @@ impl Table {
                     }
                     Refusal::RoundOver { sent, round } => {
                         let clock =
-                            self.kept.get(&(*sent, *agent)).map(|given| given.record.source);
+                            self.kept.get(&(*sent, *agent)).map(|recorded| recorded.record.source);
                         assert!(sent < round || clock == Some(Source::Clock));
                     }
                     Refusal::NoRoom { full, round } => {
@@ -251,8 +251,8 @@ impl Table {
             *alive &= u32::from(round % 16) != self.round;
         }
         for (bank, agent) in self.banks.iter_mut().zip(0..) {
-            let given = self.kept.get(&(self.round, AgentId(agent)));
-            let spent = given.map_or(0, |given| given.record.bank_spent_ms);
+            let recorded = self.kept.get(&(self.round, AgentId(agent)));
+            let spent = recorded.map_or(0, |recorded| recorded.record.bank_spent_ms);
             *bank -= Duration::from_millis(spent);
         }
         let banks = self.banks.clone();
@@ -293,7 +293,7 @@ impl Table {
                 self.apply(&Event::Tick);
             }
             Move::Start => self.apply(&Event::Start),
-            // Most games are to go on.
+            // Most games continue.
             Move::Abort if self.now.as_second() % 16 == 15 => self.apply(&Event::Abort),
             Move::Abort => {}
         }
@@ -309,9 +309,9 @@ fn every_order_of_events_keeps_the_barrier() {
             bolero::produce::<Vec<Move>>().with().len(0..200_usize),
         ))
         .for_each(|(setting, moves)| {
-            let mut table = Table::new(setting.clone());
+            let mut subject = Subject::new(setting.clone());
             for step in moves {
-                table.play(step);
+                subject.play(step);
             }
         });
 }

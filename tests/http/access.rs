@@ -120,7 +120,7 @@ struct Stage {
 
 /// The status that says no; none where the token is good for the route.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
-    // Whoever claimed a seat elsewhere has nothing here.
+    // A seat claimed elsewhere gives no rights here.
     let claimed = stage.mixed && matches!(kind, ClaimedSeat | ClaimedSwarm);
     // A creator who plays with others sees no more than they do.
     let oversees = || kind == Organizer || (kind.owns() && !stage.mixed);
@@ -131,7 +131,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     };
     let invited = stage.mixed && kind.is_key();
     let knows = || reads() || kind.owns() || claimed || invited || matches!(kind, Seat | OtherSeat);
-    // Whoever knows of a run reads it, too: only an attempt in a competition is known and not read.
+    // Callers who may know of a run may read it, too: only an attempt in a competition is known and not read.
     let reads_run = || {
         let anyone = stage.visibility == "public" || stage.ended;
         kind.owns_run() || (anyone && (!stage.private || kind.is_key()))
@@ -273,7 +273,7 @@ struct World {
     expired: String,
     revoked: String,
     elsewhere: Episode,
-    /// A claim in an episode of which nobody asks.
+    /// A claim in an episode without requests.
     claimed: Value,
     finished: Episode,
     replaced: Episode,

@@ -179,7 +179,7 @@ impl TestApp {
         for _ in 0..10_000 {
             let problems = self.problems().await;
             assert!(problems.contains("behind the newest entry"), "{problems}");
-            if !problems.contains("taken up") {
+            if !problems.contains("recovered") {
                 return;
             }
         }

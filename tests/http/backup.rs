@@ -1,4 +1,4 @@
-//! Backups: made by another process while the server goes on, and restored.
+//! Backups: made by another process while the server runs, and restored.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

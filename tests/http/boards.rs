@@ -346,10 +346,10 @@ async fn boards_follow_from_the_journals_to_the_byte() {
         let output = swarmbench(&[&["board", "rebuild", "--db", &db], args].concat()).await;
         let said = text(&output.stdout);
         assert!(output.status.success(), "{}", text(&output.stderr));
-        // Five runs: 5 + 5 + 5 + 5 + 3 games, and one of the run that goes on.
+        // Five runs: 5 + 5 + 5 + 5 + 3 games, and one of the running run.
         assert!(said.contains("24 results") && said.contains(expected), "{said}");
     }
-    // Whatever became of the table, it is made again.
+    // A damaged table is rebuilt.
     execute(
         &app,
         "UPDATE results SET score = 99 WHERE episode = 1; DELETE FROM results WHERE episode > 20;",
@@ -456,7 +456,7 @@ async fn a_board_has_what_is_durable() {
     // The host finds out later that it broke a game.
     offline.void_last(1).await;
     assert_eq!(names().await[0], "newer 4/4");
-    // A run may be closed while a game goes on: it is not over before that one is.
+    // A run may be closed while a game is running: it is not over before that one is.
     let did = [Did::Scored(10), Did::Scored(10), Did::GoesOn];
     let run = offline.open_run(definition("closed", 5), None, &did).await;
     offline.end(run, "closed").await;
@@ -549,7 +549,7 @@ async fn cross_play_tells_who_did_how_well_together() {
     let shown = text(&shown.stdout);
     assert!(shown.contains("built-in/random") && shown.contains("noise 0.25"), "{shown}");
     app.stop().await;
-    // What the host broke does not count.
+    // Voided games do not count.
     execute(&app, "UPDATE episodes SET voided_at = 1 WHERE key = 3;").await;
     app.start_again().await;
     assert_eq!(column(&app.get("/api/v1/cross-play").ok().await, "/mean"), [5.0, 3.0]);

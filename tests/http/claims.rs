@@ -109,7 +109,7 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
     let first = Held::of(&first);
     assert_eq!(first.agents(), ["Agent_2"]);
 
-    // Whoever has a key finds it as long as it waits.
+    // Every holder of a key finds it while it waits.
     let is_listed = async || {
         let items = app.get("/api/v1/episodes").token(&green).ok().await["items"].clone();
         list(&items).iter().any(|item| item["id"] == creator.episode.as_str())

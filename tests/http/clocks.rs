@@ -180,7 +180,7 @@ async fn the_clock_of_a_game_that_takes_long_to_play_again_begins_when_it_is_bac
     }
     app.pass(seconds(6));
     app.restart().await;
-    // Whether it is back already or not: whoever asks waits until it is.
+    // Recovered already or not: a request waits until it is.
     assert_eq!(left(&app, &episode, 0).await, (10_000, 0));
     assert_eq!(app.obs(episode.seat(0)).await["round"], 12);
     app.pass(seconds(10));

@@ -244,7 +244,7 @@ async fn attempts_are_started_within_their_number_and_their_windows() {
     for again in [json!({}), json!({ "attempt": 1 }), json!({ "attempt": 3 })] {
         start(again).problem(409, "closed").await;
     }
-    // The first window closes for whoever has not come.
+    // The first window closes for entrants that have not started.
     let red = cup.enter(&app, "red").await;
     app.pass(Duration::from_millis(10 * 60_000 - 1));
     let last = app.post(&cup.path("/attempts")).token(&red.key).json(&json!({ "attempt": 1 }));
@@ -814,7 +814,7 @@ async fn what_organizers_do_is_in_the_audit_log() {
     let log = app.get("/api/v1/audit").token(&app.organizer).ok().await;
     let mut items = list(&log["items"]);
     items.reverse();
-    let deeds: Vec<(String, String)> =
+    let audited: Vec<(String, String)> =
         texts(&items, "action").into_iter().zip(texts(&items, "subject")).collect();
     let expected = [
         ("competition.create", cup.id.as_str()),
@@ -827,8 +827,8 @@ async fn what_organizers_do_is_in_the_audit_log() {
         ("episode.abort", &of_member.id),
         ("competition.export", &cup.id),
     ];
-    assert_eq!(deeds.len(), expected.len(), "{deeds:#?}");
-    for ((action, subject), (what, of)) in deeds.iter().zip(expected) {
+    assert_eq!(audited.len(), expected.len(), "{audited:#?}");
+    for ((action, subject), (what, of)) in audited.iter().zip(expected) {
         assert!(action == what && (of.is_empty() || of == subject), "{action} {subject}");
     }
     assert!(texts(&items, "who").iter().all(|who| who.starts_with("key_")), "{log}");

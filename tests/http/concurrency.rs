@@ -1,4 +1,4 @@
-//! Many clients at once: every seat acts once a round, whoever is first.
+//! Many clients at once: every seat acts once a round, in any order.
 
 use std::sync::Arc;
 

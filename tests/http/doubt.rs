@@ -1,4 +1,4 @@
-//! The host's clock is set, jumps, or lies behind: what takes time goes on, and nothing happens by a wrong time of
+//! The host's clock is set, jumps, or is behind: durations are not affected, and nothing happens by a wrong time of
 //! day that cannot be undone.
 
 use std::time::Duration;
@@ -158,9 +158,9 @@ async fn an_organizer_confirms_a_clock_that_was_set() {
     assert_eq!(app.problems().await, "");
     cup.closed(&app).await;
     let audit = app.get("/api/v1/audit").token(&app.organizer).ok().await;
-    let deed = &list(&audit["items"])[0];
+    let entry = &list(&audit["items"])[0];
     assert_eq!(
-        (&deed["action"], &deed["detail"]["moved_ms"]),
+        (&entry["action"], &entry["detail"]["moved_ms"]),
         (&json!("clock.confirm"), &json!(HOUR_MS))
     );
     assert_eq!(confirm(&app).await["doubt"], Value::Null);
@@ -204,7 +204,7 @@ async fn a_jump_that_is_confirmed_abandons_no_episode_outside_of_memory() {
     until_in_memory(&app, 0).await;
     app.step(4 * HOUR_MS);
     confirm(&app).await;
-    // The sweep asks when it ends, and so does whoever takes it up.
+    // The sweep checks when it ends, and so does the recovery.
     for _ in 0..20 {
         app.pass(seconds(10));
         assert_eq!(app.show(&episode).await["status"], "running");

@@ -892,7 +892,7 @@ mod journals {
     }
 }
 
-/// A layout that solves the task leaves nothing to act in; whoever starts it is told so at once.
+/// A layout that solves the task leaves nothing to act in; its creator sees that at once.
 #[tokio::test]
 async fn a_manual_start_of_a_solved_layout_is_its_end() {
     let app = TestApp::start().await;

@@ -85,7 +85,7 @@ async fn whoever_waits_at_an_episode_that_failed_is_answered() {
     assert_eq!(sent(&app, episode.seat(0), &refused(0)).await, 503);
     let seen = seat.await.expect("no panic");
     assert_eq!((seen.status, &seen.json()["round"]), (200, &json!(0)));
-    // It is recovered for all who come, and the one who still waits sees it go on.
+    // It is recovered for new requests, and the waiting one sees it continue.
     app.act(episode.seat(0), &act(0)).await;
     app.act(episode.seat(1), &act(0)).await;
     let seen = app.pass_until(again).await.json();

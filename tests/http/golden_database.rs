@@ -44,15 +44,15 @@ struct Facts {
     member: String,
     refused_keys: Vec<String>,
     /// What was answered. Later versions may answer with more fields, never with other values.
-    answers: Vec<Told>,
+    answers: Vec<RecordedAnswer>,
     /// Journals: the path, head, score and number of rounds of each.
     journals: Vec<Journal>,
-    /// Episodes that go on, as they were created; all that had begun, and one that waits for its start.
+    /// Running episodes, as they were created; all that had begun, and one that waits for its start.
     running: Vec<Value>,
     waiting: Value,
     /// An episode with open seats.
     lobby: Value,
-    /// Runs that go on, as they were created.
+    /// Running runs, as they were created.
     runs: Vec<Value>,
     /// Creations that are repeated find what they created.
     repeated: Vec<Repeated>,
@@ -77,7 +77,7 @@ struct Cups {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-struct Told {
+struct RecordedAnswer {
     path: String,
     /// The token with which it was asked; empty for none.
     token: String,
@@ -502,7 +502,7 @@ async fn ask(app: &TestApp, facts: &mut Facts, paths: &[String]) {
                 let status = answer.status;
                 let answer = if status == 200 { answer.json() } else { Value::Null };
                 let (path, token) = (path.clone(), token.to_owned());
-                facts.answers.push(Told { path, token, status, answer });
+                facts.answers.push(RecordedAnswer { path, token, status, answer });
             }
         }
     }

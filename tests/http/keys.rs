@@ -36,7 +36,7 @@ async fn a_key_is_made_shown_once_listed_and_revoked() {
     app.post("/api/v1/episodes").token(&secret).json(&request()).problem(401, "unauthorized").await;
     app.delete("/api/v1/keys/key_0").token(&app.organizer).problem(404, "not_found").await;
 
-    // What was created with it goes on, also after a restart, and the key stays revoked.
+    // What was created with it continues, also after a restart, and the key stays revoked.
     app.restart().await;
     app.all_act(&episode, "SWITCH").await;
     app.get(&episode.path("")).token(&secret).problem(401, "unauthorized").await;

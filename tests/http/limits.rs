@@ -215,7 +215,7 @@ fn metric(text: &str, name: &str) -> u64 {
         .unwrap_or_else(|| panic!("{name} is missing in {text}"))
 }
 
-/// Waits until the server has looked after what nobody asks for.
+/// Waits for the server's next sweep.
 pub(crate) async fn until_in_memory(app: &TestApp, expected: u64) {
     for _ in 0..2_000 {
         let metrics = app.get("/metrics").send().await.text();

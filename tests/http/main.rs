@@ -34,7 +34,7 @@ mod files;
 mod golden;
 mod golden_database;
 mod host;
-mod house;
+mod hosted;
 mod keys;
 mod limits;
 mod organizer;

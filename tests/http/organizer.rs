@@ -77,7 +77,7 @@ impl Shell {
         shell.arg("-c").arg(script).env("PATH", path).current_dir(self.folder.path());
         shell.env("SWARMBENCH_SERVER", &self.server).env("SWARMBENCH_KEY", &self.key);
         shell.stdin(Stdio::null());
-        // The server goes on meanwhile.
+        // The server continues meanwhile.
         let output = tokio::task::spawn_blocking(move || shell.output()).await;
         let output = output.expect("no panic").expect("there is a bash");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();

@@ -16,15 +16,15 @@ use serde_json::{Value, json};
 
 use crate::app::{Episode, TestApp, list};
 use crate::dice::Dice;
-use crate::oracle::{self, Blind, Body, Deed, Game, State};
+use crate::oracle::{self, Blind, Body, Game, PlannedAct, State};
 
-/// How many pairs are played where nobody asks for more.
+/// The default number of pairs.
 const CASES: u64 = 200;
 
 /// A game as it is played on a server.
 struct Played {
     episode: Episode,
-    /// Whoever holds seats: the last of them, and the token for all. Every third game has several holders.
+    /// The seat holders: the last of them, and the token for all. Every third game has several holders.
     holders: Vec<(usize, String)>,
     /// The tokens of all seats, whosever they are.
     seats: Vec<String>,
@@ -54,9 +54,9 @@ impl Played {
             "height": settings.height, "view_size": settings.view_size, "memory": settings.memory,
             "max_round": settings.max_round, "noise": settings.noise, "max_delay": settings.max_delay,
         });
-        let game = Game { settings, states: Vec::new(), deeds: Vec::new() };
+        let game = Game { settings, states: Vec::new(), planned: Vec::new() };
         let mut claims = Vec::new();
-        // Who holds what is drawn apart: the games of a seed are the same, whoever plays them.
+        // Who holds what is drawn apart: the games of a seed are the same for all players.
         let mut dice = Dice(!seed);
         if dice.below(3) == 0 {
             let agents = usize::try_from(game.settings.num_agents).expect("a few");
@@ -117,11 +117,11 @@ impl Played {
     }
 
     /// Plays a round; how the acts are worded, and what they cost, is drawn from `words`.
-    async fn step(&mut self, app: &TestApp, deeds: Vec<Deed>, words: &mut Dice) {
-        let round = self.game.deeds.len();
+    async fn step(&mut self, app: &TestApp, planned: Vec<PlannedAct>, words: &mut Dice) {
+        let round = self.game.planned.len();
         let acts: Vec<Value> = (self.alive(round).into_iter())
             .map(|agent| {
-                let mut act = worded(&deeds[agent], words);
+                let mut act = worded(&planned[agent], words);
                 act["episode"] = json!(self.episode.id);
                 act["agent"] = json!(format!("Agent_{agent}"));
                 act["round"] = json!(round);
@@ -138,7 +138,7 @@ impl Played {
             receipts.extend(answer.receipts.iter().map(|receipt| self.anonymous(receipt.get())));
         }
         self.receipts = receipts;
-        self.game.deeds.push(deeds);
+        self.game.planned.push(planned);
         self.look(app).await;
     }
 
@@ -152,7 +152,7 @@ impl Played {
     /// ended: its result names a head, which stands for everything.
     async fn sent(&self, app: &TestApp) -> Option<Vec<String>> {
         let mut sent = vec![String::new(); self.game.state().agents.len()];
-        for (token, living) in self.by_holder(&self.alive(self.game.deeds.len())) {
+        for (token, living) in self.by_holder(&self.alive(self.game.planned.len())) {
             let call = app.get("/swarm/obs?prompt=true&limit=1024").token(token);
             let text = call.send().await.text();
             let many: Many<'_> = serde_json::from_str(&text).expect("observations");
@@ -186,17 +186,17 @@ impl Played {
 }
 
 /// An act, as an action or as the answer of a language model, with what nobody else is to know.
-fn worded(deed: &Deed, words: &mut Dice) -> Value {
-    let mut act = if words.below(2) == 0 || deed.to.is_some() {
-        json!({ "action": deed.action, "message": deed.message })
+fn worded(planned: &PlannedAct, words: &mut Dice) -> Value {
+    let mut act = if words.below(2) == 0 || planned.to.is_some() {
+        json!({ "action": planned.action, "message": planned.message })
     } else {
-        let message = deed.message.as_ref().map(|text| format!("\n**MSG:** \"{text}\""));
+        let message = planned.message.as_ref().map(|text| format!("\n**MSG:** \"{text}\""));
         let thought = words.below(1_000);
         let response =
-            format!("I saw {thought}.\nACTION: {}{}", deed.action, message.unwrap_or_default());
+            format!("I saw {thought}.\nACTION: {}{}", planned.action, message.unwrap_or_default());
         json!({ "response": response })
     };
-    if let Some(to) = deed.to {
+    if let Some(to) = planned.to {
         act["to"] = json!(format!("Agent_{to}"));
     }
     if words.below(2) == 0 {
@@ -207,7 +207,7 @@ fn worded(deed: &Deed, words: &mut Dice) -> Value {
     act
 }
 
-/// How often two agents were to be sent the same, and what came of it.
+/// How often two agents were to be sent the same, and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,
@@ -244,12 +244,12 @@ async fn compare_pair(app: &TestApp, seed: u64, blind: Blind) -> Count {
     let observer = dice.below(one.game.state().agents.len());
     for round in 0..alike + 1 + dice.below(4) {
         let is_alike = round < alike;
-        let deeds = oracle::deeds(&mut dice, &one.game);
-        let changed = oracle::changed(&mut dice, &one.game, &deeds, observer);
+        let planned = oracle::planned(&mut dice, &one.game);
+        let changed = oracle::changed(&mut dice, &one.game, &planned, observer);
         let [mut words, mut others] =
             [1, 2].map(|stream| Dice(seed << 8 | stream << 4 | round as u64));
-        other.step(app, if is_alike { deeds.clone() } else { changed }, &mut others).await;
-        one.step(app, deeds, &mut words).await;
+        other.step(app, if is_alike { planned.clone() } else { changed }, &mut others).await;
+        one.step(app, planned, &mut words).await;
         let (Some(mine), Some(theirs)) = (one.sent(app).await, other.sent(app).await) else {
             break;
         };
@@ -286,17 +286,17 @@ async fn compare_round(
         return;
     }
     // One agent also asks for itself: it is sent the same as by the swarm's token.
-    let agent = one.game.deeds.len() % mine.len();
+    let agent = one.game.planned.len() % mine.len();
     for (played, sent) in [(one, mine), (other, theirs)] {
         assert_eq!(played.obs(app, agent).await, sent[agent], "SWARMBENCH_PRIVACY_SEED={seed}");
     }
     // A receipt says what the agent did itself, and for how many of the living the round still waited.
-    let round = one.game.deeds.len() - 1;
+    let round = one.game.planned.len() - 1;
     let [alive, theirs] = [one, other].map(|played| played.alive(round));
     if alive == theirs {
         for (place, agent) in alive.into_iter().enumerate() {
             let did = |played: &Played| {
-                let Deed { action, message, .. } = &played.game.deeds[round][agent];
+                let PlannedAct { action, message, .. } = &played.game.planned[round][agent];
                 (*action, message.clone())
             };
             let is_same = one.receipts[place] == other.receipts[place];

@@ -11,7 +11,7 @@ use swarmbench_engine::physics::Solver;
 use crate::cup::{Cup, Entrant, server};
 
 /// The export of a closed competition of two entrants: `blue` has two attempts, of which the second counts, `red` one
-/// that the host broke and one that counts; and of `green`, who was disqualified.
+/// that was voided and one that counts; and of `green`, who was disqualified.
 async fn published() -> (String, Value) {
     let app = server().await;
     let cup = Cup::open(&app, json!({})).await;

@@ -41,7 +41,7 @@ async fn an_episode_goes_on_where_it_stood() {
     let again = app.act(episode.seat(1), &act(1)).await;
     assert_eq!((&again["duplicate"], &again["waiting_for"]), (&json!(true), &first["waiting_for"]));
 
-    // The rest is played, and the journal goes on from the same bytes.
+    // The rest is played, and the journal continues from the same bytes.
     app.all_act(&episode, "STAY").await;
     app.restart().await;
     app.all_act(&episode, "STAY").await;

@@ -186,7 +186,7 @@ mod playing {
         let other = app.get("/api/v1/episodes?run=run_0").ok().await;
         assert_eq!(other["items"], json!([]));
 
-        // The token goes on answering.
+        // The token stays valid.
         let looked = look(&app, &run, "?wait=60").await;
         assert_eq!((&looked["observations"], &looked["finished"]), (&json!([]), &json!(true)));
         let (episode, agent, _) = &shown[0];
@@ -233,7 +233,7 @@ mod playing {
             let seen = seen(looked).into_iter().filter(|seen| seen["episode"] == episode);
             seen.map(|seen| stay(&seen)).collect::<Vec<_>>()
         };
-        // The second game goes on while the first is waited for, too.
+        // The second game continues while the first is waited for, too.
         let place = format!("?wait=60&after={}", text(&looked, "cursor"));
         let second = acts(&looked, &of(1));
         let (next, _) = tokio::join!(look(&app, &run, &place), send(&app, &run, &second));
@@ -414,7 +414,7 @@ mod playing {
         for slot in 0..4 {
             assert_eq!(states[&slot].last().expect("an event"), "finished", "{states:?}");
         }
-        // Who comes later is told how it came out.
+        // A later client gets the result.
         let again = app.get(&run.path("/events")).token(&run.token).send().await.text();
         assert_eq!(again.matches("event: game").count(), 4);
         assert_eq!(again.matches("event: finished").count(), 1);
@@ -436,7 +436,7 @@ mod ending {
         assert_eq!(before["tasks"][0]["mean"], before["games"][0]["score"]);
         assert_eq!(before["tasks"][1]["mean"], Value::Null);
 
-        // Both games that are open are seen; whatever is told of them next is their end.
+        // Both open games are seen; the next event of them is their end.
         let seen = |place: &Value| {
             let all = place["observations"].as_array().expect("observations").iter();
             all.map(|seen| text(seen, "episode").to_owned()).collect::<BTreeSet<_>>().len()
@@ -482,7 +482,7 @@ mod ending {
         let request = with(small(), &json!({ "parallel": 2, "idle_timeout_s": 100 }));
         let run = create(&app, request).await;
         app.pass(Duration::from_mins(1));
-        // One of the two games goes on a little.
+        // One of the two games advances a little.
         let act = json!({
             "episode": run.created["games"][1]["episode"], "agent": "Agent_0", "round": 0, "action": "UP",
         });
@@ -940,7 +940,7 @@ mod voiding {
 mod seeing {
     use super::*;
 
-    /// What each caller is told of a run that is not theirs to read, or is.
+    /// The answer to each caller for a run that they may or may not read.
     #[tokio::test]
     async fn a_run_is_seen_like_its_episodes() {
         let app = TestApp::builder().keys().start().await;

@@ -54,7 +54,7 @@ fn canary(what: &'static str, text: impl Into<String>) -> Canary {
     Canary { what, text: text.into() }
 }
 
-/// A score, as an answer would have it; it is told of nobody's game that it is 0.
+/// A score, as an answer would have it; of no game it may be shown that it is 0.
 fn score(score: &Value) -> Option<Canary> {
     (score.as_f64() != Some(0.0)).then(|| canary("score", format!("\"score\":{score}")))
 }
@@ -119,7 +119,7 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
     for (path, item) in DOCUMENT["paths"].as_object().expect("paths") {
         for (method, operation) in item.as_object().expect("operations") {
             let id = operation["operationId"].as_str().expect("an id");
-            // These would go on for ever, or take the token away that is to be tried next.
+            // These would never end, or take the token away that is to be tried next.
             let skipped = ["stream_run_events", "replace_run_token", "start_attempt"];
             if skipped.contains(&id) {
                 continue;

@@ -1,4 +1,4 @@
-//! Shares of what is scarce: whoever wants all of it leaves enough to others.
+//! Fair shares: a client that wants all of a resource leaves enough to others.
 
 use std::time::Duration;
 
@@ -236,7 +236,7 @@ async fn a_board_is_made_once_and_again_when_something_has_changed() {
     assert_eq!((attempts(&blue.key).await, attempts(&app.organizer).await), (0, 0));
     cup.start(&app, &blue).await;
     assert_eq!((attempts(&blue.key).await, attempts(&app.organizer).await), (1, 1));
-    // What organizers see is nobody else's, whoever asks first.
+    // The answer for organizers is cached for nobody else, in any order of requests.
     let shows = async |token: Option<&str>| {
         let call = || app.get(&cup.path("/board"));
         let call = token.map_or_else(call, |token| call().token(token));

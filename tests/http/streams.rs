@@ -110,7 +110,7 @@ async fn open_exports_and_event_streams_have_places_by_party() {
     let listening = app.get(&events).token(&episode.swarm).open().await;
     let problem = app.get(&events).token(&episode.swarm).problem(503, "overloaded").await;
     assert_eq!(problem["limit"], json!({ "name": "event_streams_per_party_max", "value": 1 }));
-    // Whoever has gone has no place any more.
+    // A client that has gone has no permit any more.
     drop(listening);
     while app.get(&events).token(&episode.swarm).open().await.status() != 200 {}
     talk(&app, &episode, 40, 100_000).await;
@@ -189,7 +189,7 @@ async fn a_full_server_refuses_what_is_large_and_plays_on_what_is_small() {
     for game in &games {
         app.all_act(game, "STAY").await;
     }
-    // The same holds for games that are taken up after a restart.
+    // The same holds for games that are recovered after a restart.
     app.restart().await;
     let mut found = 0;
     for game in &games {

@@ -216,7 +216,7 @@ async fn a_recording_takes_up_what_is_new_beside_what_it_has() {
         let cassette = open(&recorded.path());
         let model = bench.model_on(Some(&cassette));
         assert_eq!(model.answer(&other).await.expect("an answer").response, "ACTION: UP");
-        // Another model goes on the same cassette.
+        // Another model is recorded on the same cassette.
         bench.settings.model = "swarm-2".to_owned();
         let second = bench.model_on(Some(&cassette));
         assert_eq!(second.answer(&asked).await.expect("an answer").response, "ACTION: UP");

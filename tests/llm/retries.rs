@@ -334,7 +334,7 @@ async fn fewer_are_in_flight_after_a_refusal_and_more_after_answers() {
 #[tokio::test]
 async fn an_endpoint_that_bears_one_at_a_time_answers_all() {
     const SEATS: u32 = 40;
-    // It refuses whoever comes while another is there.
+    // It refuses a client while another is connected.
     let busy = Arc::new(Mutex::new(Vec::new()));
     let clock = Arc::new(Leaps::leaping());
     let (seen, now) = (busy.clone(), clock.clone());

@@ -18,7 +18,7 @@ pub(crate) enum Flaw {
     FindsAnotherReceipt,
     /// The journal never finds the act of an earlier round.
     ForgetsEarlierActs,
-    /// Whoever waits for the journal does not wait for what was handed over before.
+    /// A waiter for the journal does not wait for what was handed over before.
     DoesNotWait,
     /// The journal keeps another digest.
     AltersDigests,
@@ -40,7 +40,7 @@ pub(crate) enum Flaw {
     ClockAhead,
     /// Now and then the clock is 20 seconds behind.
     ClockBehind,
-    /// Whoever sleeps never wakes.
+    /// Sleeping tasks never wake.
     NeverWakes,
     /// Chance does not come from the seed alone.
     OtherChance,
@@ -69,7 +69,7 @@ pub(crate) const FLAWS: [(Flaw, Invariant); 17] = [
 ];
 
 impl Flaw {
-    /// What becomes of entries on their way to the disk.
+    /// Faults of entries on their way to the disk.
     pub(crate) fn on_the_way_to_the_disk(self, mut entries: Vec<Entry>) -> Vec<Entry> {
         match self {
             Self::LosesActs => entries.retain(|entry| match entry {

@@ -9,14 +9,14 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench::clock::{after, millis, until};
 use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
-use swarmbench::episode::lockstep::{Given, Receipt, Refusal, Submission};
+use swarmbench::episode::lockstep::{Receipt, RecordedAct, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
-use swarmbench::episode::seating::Taken;
+use swarmbench::episode::seating::SeatTaken;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
-use swarmbench::house;
+use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, RawRecord, Record, Source, round_record};
@@ -29,7 +29,7 @@ use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 
 use crate::clients::{Acts, Answer, Request, RequestId};
-use crate::journal::{Lost, Told};
+use crate::journal::{JobResult, Lost};
 
 /// What must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -128,7 +128,7 @@ struct Arrived {
 
 /// A receipt that was given out first at some moment.
 struct Acked {
-    given: Given,
+    recorded: RecordedAct,
     moment: u64,
     was_first: bool,
 }
@@ -146,7 +146,7 @@ pub(crate) struct Episode {
     /// The seats that the server plays, once they have a holder.
     hosted: Vec<(AgentId, String)>,
     /// The players of them, shown everything so far.
-    players: Option<house::Players>,
+    players: Option<hosted::Players>,
     /// The head after the opening.
     opening_head: Head,
     seated: bool,
@@ -589,38 +589,38 @@ impl Checker {
             self.stats.count("rounds over the closing time", 1);
         }
         episode.began_at = row.at;
-        let given = &episode.acts[row.round as usize];
+        let recorded = &episode.acts[row.round as usize];
         let missing: Vec<_> =
-            living(&episode.world).filter(|agent| !given.contains_key(agent)).collect();
+            living(&episode.world).filter(|agent| !recorded.contains_key(agent)).collect();
         if !missing.is_empty() {
             wrong.push((Invariant::Barrier, format!("{name} is resolved without {missing:?}")));
         }
         // What the server's players do follows from what they were shown, whatever happened to it.
         let players = episode.players.get_or_insert_with(|| {
             episode.hosted.sort_unstable();
-            house::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
+            hosted::Players::new(&episode.spec, &episode.hosted).expect("players that are built in")
         });
         for (agent, decided) in players.decide(&episode.world) {
-            let kept = given.get(&agent).filter(|kept| kept.by_player());
+            let kept = recorded.get(&agent).filter(|kept| kept.by_player());
             self.stats.count("acts of the server", usize::from(kept.is_some()));
             if kept.is_some_and(|kept| !same(&kept.record, &decided.record)) {
                 wrong.push((Invariant::Seats, format!("{name}: {agent} forgot something")));
             }
         }
         let mut banks = episode.banks[row.round as usize].clone();
-        for (agent, kept) in given {
+        for (agent, kept) in recorded {
             let spent = Duration::from_millis(kept.record.bank_spent_ms);
             match banks[agent.index()].checked_sub(spent) {
                 Some(left) => banks[agent.index()] = left,
                 None => wrong.push((Invariant::Clocks, format!("{name}: {agent} overspent"))),
             }
         }
-        match acts_of(&episode.spec.config, given.values().map(|kept| &kept.record)) {
+        match acts_of(&episode.spec.config, recorded.values().map(|kept| &kept.record)) {
             Ok(acts) => episode.world.step(&acts),
             Err(problem) => return self.broken(Invariant::Replay, format!("{name}: {problem}")),
         }
         let (digest, score) = (episode.world.digest(), episode.world.score());
-        let raw = given.values().map(|kept| &kept.raw);
+        let raw = recorded.values().map(|kept| &kept.raw);
         let record = round_record(row.round, raw, &digest.to_string(), score);
         let head = episode.heads[row.round as usize].link(record.as_str().as_bytes());
         if digest.0 != row.digest || score.to_bits() != row.score.to_bits() || head != row.head {
@@ -700,7 +700,7 @@ impl Checker {
     }
 
     /// The server was told of a job.
-    pub(crate) fn told(&mut self, told: &Told) {
+    pub(crate) fn told(&mut self, told: &JobResult) {
         let moment = self.next_moment();
         match told.result {
             Ok(()) => {}
@@ -809,7 +809,7 @@ impl Checker {
         if snapshot.world.digest().0 != *digest || snapshot.head != head {
             wrong.push((Invariant::Replay, format!("{name}, its journal says something else")));
         }
-        // Whoever asked before an actor ended by a fault may be shown what that one published last.
+        // A request from before an actor ended by a fault may get what that one published last.
         let may_be_old = is_refused && sent < episode.seen_first;
         if (round, is_over) < episode.seen && !may_be_old {
             wrong.push((Invariant::Durable, format!("{name} after {:?}", episode.seen)));
@@ -945,7 +945,7 @@ impl Checker {
         });
     }
 
-    /// What came of a claim, but for failures of the journal; true where it was acknowledged.
+    /// The result of a claim, except failures of the journal; true where it was acknowledged.
     fn claim_answered(&mut self, id: &EpisodeId, claimed: Result<Claimed, ClaimError>) -> bool {
         match claimed {
             Ok(Claimed { number, agents }) => {
@@ -962,11 +962,13 @@ impl Checker {
                 self.check(Invariant::TrueRefusals, is_over, || format!("{id} is not over"));
                 false
             }
-            Err(ClaimError::Taken(taken)) => {
+            Err(ClaimError::SeatTaken(taken)) => {
                 self.stats.count("refused: seat_taken", 1);
                 let is_true = self.episode(id).is_some_and(|episode| match taken {
-                    Taken::Seat(agent) => episode.holders[agent.index()].is_some(),
-                    Taken::Few { open, wanted } => open < wanted && episode.count_open() <= open,
+                    SeatTaken::Seat(agent) => episode.holders[agent.index()].is_some(),
+                    SeatTaken::Few { open, wanted } => {
+                        open < wanted && episode.count_open() <= open
+                    }
                 });
                 self.check(Invariant::TrueRefusals, is_true, || format!("{id}: {taken}"));
                 false
@@ -1006,7 +1008,7 @@ impl Checker {
         let (was, most) = match full {
             Full::Episodes(most) => (sent.held.0.max(all) - 1, most),
             Full::EpisodesOfKey(most) => (sent.held.1.max(owned) - 1, most),
-            Full::EpisodesOfShare { held, .. } => (held, usize::MAX),
+            Full::EpisodesOfShare { open, .. } => (open, usize::MAX),
             Full::BytesOfEpisode(_)
             | Full::BytesOfKey(_)
             | Full::BytesOfCompetition(_)
@@ -1030,31 +1032,31 @@ impl Checker {
         let acked = self.acked.get(&place);
         let known_before = acked.is_some_and(|acked| acked.moment < sent.moment);
         let is_same_as_acked =
-            acked.is_some_and(|acked| same(&acked.given.record, &submission.record));
+            acked.is_some_and(|acked| same(&acked.recorded.record, &submission.record));
         match outcome {
             Ok(receipt) => {
                 let stable = Invariant::StableReceipts;
-                let given = &receipt.given;
+                let recorded = &receipt.recorded;
                 let fits = receipt.round == submission.round
-                    && same(&given.record, &submission.record)
-                    && given.record.source == Source::Player;
+                    && same(&recorded.record, &submission.record)
+                    && recorded.record.source == Source::Player;
                 self.check(stable, fits, || format!("{name} got the receipt of another act"));
                 let acked = self.acked.get(&place);
                 let is_stable = acked.is_none_or(|acked| {
                     let may_be_first = !acked.was_first && acked.moment > sent.moment;
-                    acked.given == *given && (receipt.duplicate || may_be_first)
+                    acked.recorded == *recorded && (receipt.duplicate || may_be_first)
                 });
                 self.check(stable, is_stable, || format!("{name} got another receipt"));
                 let kept = self.episodes.get(&key).and_then(|e| e.act(place.1, agent));
                 let is_kept = kept.is_some_and(|kept| {
-                    kept.record == given.record && kept.waiting_for == given.waiting_for
+                    kept.record == recorded.record && kept.waiting_for == recorded.waiting_for
                 });
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
                 });
-                // Whoever has a receipt finds the state that goes with it.
+                // A client with a receipt finds the state that belongs to it.
                 let is_past = snapshot.status.is_over() || snapshot.world.round() > place.1;
-                let shows = is_past || (given.waiting_for > 0 && snapshot.has_acted(agent));
+                let shows = is_past || (recorded.waiting_for > 0 && snapshot.has_acted(agent));
                 self.check(Invariant::Barrier, shows, || {
                     format!("{name} is not shown to have acted")
                 });
@@ -1063,7 +1065,7 @@ impl Checker {
                     1,
                 );
                 let was_first = !receipt.duplicate;
-                let new = || Acked { given: receipt.given.clone(), moment, was_first: false };
+                let new = || Acked { recorded: receipt.recorded.clone(), moment, was_first: false };
                 self.acked.entry(place).or_insert_with(new).was_first |= was_first;
             }
             Err(ActError::Refused(refusal)) => {
@@ -1155,8 +1157,9 @@ impl Checker {
         let lost: Vec<_> = (self.acked.iter())
             .filter(|(place, acked)| {
                 !rows.get(place).is_some_and(|row| {
-                    row.waiting_for == acked.given.waiting_for
-                        && row.record.read::<ActRecord>().ok().as_ref() == Some(&acked.given.record)
+                    row.waiting_for == acked.recorded.waiting_for
+                        && row.record.read::<ActRecord>().ok().as_ref()
+                            == Some(&acked.recorded.record)
                 })
             })
             .map(|(place, _)| *place)

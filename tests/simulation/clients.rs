@@ -73,16 +73,16 @@ pub(crate) enum News {
     Answered(Answer),
 }
 
-/// What a client is told.
+/// The answer to a client.
 pub(crate) enum Answer {
     Created(Result<(), CreateError>),
     /// There is no such episode.
     Nothing,
-    /// The episode cannot be taken up.
+    /// The episode cannot be recovered.
     NotTakenUp(RecoveryError),
     /// What was to be seen was told before.
     Looked,
-    /// What became of acts, and what is published when that is known.
+    /// The outcomes of acts, and what is published when they are known.
     Acted(Acts, Outcomes, Arc<Snapshot>),
     Claimed(Wanted, Result<Claimed, ClaimError>),
     Started(Result<(), StartError>),

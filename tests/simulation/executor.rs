@@ -1,4 +1,4 @@
-//! Runs tasks on one thread. It never chooses: whoever drives it says which task goes on next.
+//! Runs tasks on one thread. It never chooses: its driver says which task is polled next.
 
 use std::collections::BTreeMap;
 use std::pin::Pin;
@@ -60,7 +60,7 @@ impl Executor {
         self.tasks.iter().filter(|(_, task)| woken(task)).map(|(&id, _)| id).collect()
     }
 
-    /// Lets a task go on until it waits; whether it has ended.
+    /// Polls a task until it waits; whether it has ended.
     pub(crate) fn poll(&mut self, id: TaskId) -> bool {
         let Some(task) = self.tasks.get_mut(&id) else { return true };
         task.woken.0.store(false, Ordering::Relaxed);

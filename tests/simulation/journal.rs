@@ -1,4 +1,4 @@
-//! A journal in memory. Nothing becomes durable, and nobody is told, before the run says so: a crash
+//! A journal in memory. Nothing becomes durable, and no result is delivered, before the run says so: a crash
 //! can come between any two of these.
 
 use std::collections::{BTreeSet, VecDeque};
@@ -52,7 +52,7 @@ struct Job {
 }
 
 /// A job of which the one who handed it over was told now.
-pub(crate) struct Told {
+pub(crate) struct JobResult {
     pub(crate) entries: Vec<Entry>,
     pub(crate) result: Result<(), Lost>,
 }
@@ -100,7 +100,7 @@ impl MemoryJournal {
         std::mem::take(&mut self.state().handed)
     }
 
-    /// How many jobs wait to be durable. The next group begins when all of the one before are told.
+    /// How many jobs wait to be durable. The next group begins when all results of the one before are delivered.
     pub(crate) fn queued(&self) -> usize {
         let state = self.state();
         if state.telling.is_empty() { state.queue.len() } else { 0 }
@@ -174,7 +174,7 @@ impl MemoryJournal {
     }
 
     /// Tells the one who handed over the oldest job that is not told.
-    pub(crate) fn tell(&self) -> Option<Told> {
+    pub(crate) fn next_result(&self) -> Option<JobResult> {
         let (job, result) = self.state().telling.pop_front()?;
         if self.flaw == Some(Flaw::ForgetsToTell) && self.state().dice.below(20) == 0 {
             // It will never be called, and never dropped.
@@ -182,7 +182,7 @@ impl MemoryJournal {
             return None;
         }
         (job.committed)(result.map_err(JournalError::from));
-        Some(Told { entries: job.entries, result })
+        Some(JobResult { entries: job.entries, result })
     }
 
     /// What is lost is lost; returns what was on the disk though nobody knew.
@@ -200,7 +200,7 @@ impl MemoryJournal {
         let lost = (std::mem::take(&mut state.queue), std::mem::take(&mut state.telling));
         state.handed.clear();
         drop(state);
-        // Whoever still listens to one of these hears that it is gone, without a lock.
+        // The remaining waiters of these notice the drop, without a lock.
         drop(lost);
         found
     }
@@ -227,7 +227,7 @@ impl MemoryJournal {
             .collect()
     }
 
-    /// Reads: others may go first before it, and before whoever asked goes on.
+    /// Reads: others may go first before it, and before the caller continues.
     async fn read<T>(&self, look: impl FnOnce(&State) -> T) -> T {
         let (before, after) = {
             let dice = &mut self.state().dice;

@@ -87,7 +87,7 @@ fn play(seed: u64, flaw: Option<Flaw>) -> Report {
     report
 }
 
-/// Plays seeds on all cores; `each` is told of every run.
+/// Plays seeds on all cores; `each` is called for every run.
 fn play_all(seeds: std::ops::Range<u64>, each: impl Fn(Report) + Sync) {
     let next = AtomicU64::new(seeds.start);
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);

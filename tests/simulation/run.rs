@@ -15,7 +15,7 @@ use swarmbench::episode::quota::{Caps, Purpose, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::fair::Party;
-use swarmbench::house;
+use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::journal::{Entry, EpisodeKey};
 use swarmbench::keys::OwnerKey;
@@ -45,7 +45,7 @@ const FAULT: &str = "does not hold: ";
 /// Lines of a trace that are shown before a fault.
 const LINES: usize = 150;
 
-/// Longer than an episode that nobody asks for stays in memory.
+/// Longer than an idle episode stays in memory.
 const UNUSED: Duration = Duration::from_secs(5 * 60 + 1);
 
 /// What a run is, drawn from its seed: not everything happens in every run, so that what happens
@@ -76,9 +76,9 @@ pub(crate) struct Options {
     /// How often a read of the journal lets others go first, at most, before and after.
     pauses: usize,
     caps: Caps,
-    /// How much more often than anything else a task goes on.
+    /// How much more often than anything else a task is polled.
     haste: usize,
-    /// Whether the run ends in silence: nobody asks for anything, and time passes.
+    /// Whether the run ends idle: no requests, and time passes.
     silence: bool,
     flaw: Option<Flaw>,
 }
@@ -93,7 +93,7 @@ impl Options {
             episodes_per_key_max: [1, 100][below(2)],
             journal_bytes_per_episode_max: [4_000, 1 << 30][below(2)],
             journal_bytes_per_key_max: [8_000, 1 << 30][below(2)],
-            // All clients share one key: whoever is alone may have all places.
+            // All clients share one key: a single key may open all episodes.
             episodes_reserved_percent: 0,
             episodes_of_free_percent_max: 10_000,
             journal_bytes_per_competition_max: 1 << 30,
@@ -161,11 +161,11 @@ impl Report {
 /// A step of a run.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// A task goes on.
+    /// A task is polled.
     Poll,
     /// Jobs become durable.
     Commit,
-    /// One who handed over a job is told.
+    /// The result of a job is delivered.
     Tell,
     /// Time passes.
     Pass,
@@ -173,7 +173,7 @@ enum Step {
     Ask,
     /// A client goes away.
     Leave,
-    /// The server looks after what nobody asks for.
+    /// The server sweeps idle episodes.
     Sweep,
     /// A commit fails.
     Fail,
@@ -289,7 +289,7 @@ impl Run {
             self.journal.last_key() + keys,
         );
         let recovery = registry.clone();
-        self.executor.spawn(async move { drop(recovery.take_up_unfinished().await) }.boxed());
+        self.executor.spawn(async move { drop(recovery.recover_unfinished().await) }.boxed());
         let hosted = registry.take_hosted().expect("nobody else plays");
         Server { registry, hosted, quotas, sweep: None }
     }
@@ -424,10 +424,10 @@ impl Run {
     }
 
     fn tell(&mut self) {
-        let Some(told) = self.journal.tell() else { return };
-        let result = if told.result.is_ok() { "durable" } else { "failed" };
-        self.note(format!("{} entries are told to be {result}", told.entries.len()));
-        self.checker.told(&told);
+        let Some(finished) = self.journal.next_result() else { return };
+        let result = if finished.result.is_ok() { "durable" } else { "failed" };
+        self.note(format!("{} entries are finished to be {result}", finished.entries.len()));
+        self.checker.told(&finished);
         self.look();
     }
 
@@ -464,11 +464,11 @@ impl Run {
                 continue;
             }
             let registry = server.registry.clone();
-            let task = async move { registry.look_after_idle().await };
+            let task = async move { registry.sweep_idle().await };
             self.servers[place].sweep = Some(self.executor.spawn(task.boxed()));
             let registry = &self.servers[place].registry;
             let before = registry.in_memory();
-            registry.let_go();
+            registry.evict_unused();
             let gone = before - registry.in_memory();
             self.checker.stats.count("evictions", gone);
             self.note(format!("the server sweeps and lets go of {gone}"));
@@ -491,12 +491,12 @@ impl Run {
         self.start();
     }
 
-    /// Starts whoever plays for the server.
+    /// Starts the players of hosted seats.
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let (host, turns) = (server.registry.host().clone(), house::turns());
-                let playing = async move { drop(house::play(handle, &host, &turns).await) };
+                let (host, turns) = (server.registry.host().clone(), hosted::turns());
+                let playing = async move { drop(hosted::play(handle, &host, &turns).await) };
                 self.executor.spawn(playing.boxed());
             }
         }
@@ -701,7 +701,7 @@ impl Run {
         }
     }
 
-    /// Whoever plays an agent that is gone tries to go on.
+    /// The player of an agent that is gone tries to continue.
     fn ask_for_the_escaped(&mut self, id: EpisodeId) {
         let Some(episode) = self.checker.episode(&id) else { return };
         let round = episode.world.round();
@@ -715,7 +715,7 @@ impl Run {
         }
     }
 
-    /// The last clients go away half-way. Then nobody asks for anything, and hours pass.
+    /// The last clients go away half-way. Then there are no requests, and hours pass.
     fn fall_silent(&mut self) {
         if self.options.crashes > 0 {
             self.crash();
@@ -862,7 +862,7 @@ fn told(answer: &Answer) -> String {
             let brief = outcomes.iter().map(|outcome| match outcome {
                 Ok(receipt) => format!(
                     "round {} {} to come, again: {}",
-                    receipt.round, receipt.given.waiting_for, receipt.duplicate
+                    receipt.round, receipt.recorded.waiting_for, receipt.duplicate
                 ),
                 Err(error) => error.to_string(),
             });

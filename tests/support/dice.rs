@@ -1,4 +1,4 @@
-//! Draws from a seed, and what a test that draws tells and is told.
+//! Draws from a seed, and the settings and output of tests that draw.
 
 use std::io::Write;
 use std::time::Duration;

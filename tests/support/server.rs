@@ -15,7 +15,7 @@ use tokio::sync::watch;
 /// Nothing takes this long; whatever does is a failure.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Within this time a server that is told to stop is gone.
+/// A server that is asked to stop ends within this time.
 const STOP: Duration = Duration::from_secs(10);
 
 /// Where clients find the server: they outlive it.
@@ -52,7 +52,7 @@ impl Door {
         self.ended.load(Ordering::SeqCst) >= run
     }
 
-    /// Whether a run is the one that goes on.
+    /// Whether it is the current run.
     pub(crate) fn is_open(&self, run: u64) -> bool {
         self.address.borrow().as_ref().is_some_and(|address| address.run == run)
     }
@@ -199,7 +199,7 @@ impl Server {
         kill_process(Pid::from_child(&self.child), Signal::STOP).expect("it can be told");
     }
 
-    /// SIGCONT: it goes on.
+    /// SIGCONT: it continues.
     pub(crate) fn thaw(&self) {
         kill_process(Pid::from_child(&self.child), Signal::CONT).expect("it can be told");
     }

@@ -170,7 +170,7 @@ pub struct Config {
 
 impl Config {
     /// Checks the settings of a new episode. They are limited further than those of episodes that
-    /// were created or announced before, which go on by [`Config::check`].
+    /// were created or announced before, which are checked by [`Config::check`].
     ///
     /// # Errors
     /// As [`Config::check`]; where that finds nothing, what a new episode may not have.

@@ -62,13 +62,13 @@ impl World {
                 bytes.text(message);
             }
         }
-        bytes.length(self.mail.letters.len());
-        for letter in &self.mail.letters {
-            bytes.u32(letter.sent);
-            bytes.u32(letter.due);
-            bytes.u16(letter.sender.0);
-            bytes.text(&letter.text);
-            match &letter.audience {
+        bytes.length(self.mail.pending.len());
+        for message in &self.mail.pending {
+            bytes.u32(message.sent);
+            bytes.u32(message.due);
+            bytes.u16(message.sender.0);
+            bytes.text(&message.text);
+            match &message.audience {
                 Audience::Decided(receivers) => {
                     bytes.u8(0);
                     bytes.length(receivers.len());

@@ -9,7 +9,7 @@
 //!
 //! let settings = Settings::standard(TaskName::Transport, 27);
 //! let mut world = World::new(Arc::new(Config::check(&settings)?));
-//! assert_eq!(world.spectacle().grid[1], "W....BBB.W");
+//! assert_eq!(world.spectator_view().grid[1], "W....BBB.W");
 //!
 //! let too_small = Settings { width: 4, ..settings };
 //! let refused = Config::check(&too_small).unwrap_err();
@@ -69,7 +69,7 @@ pub use config::{Config, RuleSet, SettingError, SettingErrors, Settings, limits}
 pub use digest::Digest;
 pub use grid::{Direction, Grid, Pos};
 pub use message::{Control, Message};
-pub use observe::{AgentState, Observation, PastView, Remembered, Seen, Spectacle, View};
+pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};
 pub use tasks::TaskName;
 pub use world::World;
 

@@ -80,7 +80,7 @@ impl std::fmt::Display for Message {
 
 /// A message on its way.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Letter {
+pub(crate) struct PendingMessage {
     /// The round with whose observations it is delivered.
     pub(crate) due: u32,
     /// The round in which it was sent.
@@ -90,26 +90,26 @@ pub(crate) struct Letter {
     pub(crate) audience: Audience,
 }
 
-/// To whom a letter goes.
+/// To whom a message goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Audience {
     /// To these agents; decided when it was sent.
     Decided(Vec<AgentId>),
-    /// To whoever is there when it is delivered; to one alone where the commander named it.
+    /// To the agents that are present when it is delivered; to one alone where the commander named it.
     Open { to: Option<AgentId> },
 }
 
-/// All letters on their way, and what was delivered with the current observations.
+/// All messages on their way, and what was delivered with the current observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Mail {
-    pub(crate) letters: Vec<Letter>,
+    pub(crate) pending: Vec<PendingMessage>,
     /// By agent; sorted by text.
     pub(crate) inbox: Vec<Vec<Message>>,
 }
 
 impl Mail {
     pub(crate) fn new(agents: usize) -> Self {
-        Self { letters: Vec::new(), inbox: vec![Vec::new(); agents] }
+        Self { pending: Vec::new(), inbox: vec![Vec::new(); agents] }
     }
 
     /// Messages that were delivered with the current observations, each as often as it is read.
@@ -119,25 +119,25 @@ impl Mail {
 
     /// Messages on their way, each as often as its receivers are known already, and at least once.
     pub(crate) fn under_way(&self) -> usize {
-        let copies = |letter: &Letter| match &letter.audience {
+        let copies = |message: &PendingMessage| match &message.audience {
             Audience::Decided(receivers) => receivers.len(),
             Audience::Open { .. } => 1,
         };
-        self.letters.iter().map(copies).sum()
+        self.pending.iter().map(copies).sum()
     }
 
     /// About how much memory it takes. Copies of a message share its text, unless there is noise.
     pub(crate) fn bytes(&self, config: &Config) -> usize {
-        let letters = self.letters.iter().map(|letter| {
-            let receivers = match &letter.audience {
+        let pending = self.pending.iter().map(|message| {
+            let receivers = match &message.audience {
                 Audience::Decided(receivers) => size_of_val(&**receivers),
                 Audience::Open { .. } => 0,
             };
-            size_of::<Letter>() + letter.text.bytes() + receivers
+            size_of::<PendingMessage>() + message.text.bytes() + receivers
         });
         let received = self.delivered();
         let texts = if config.noise > 0.0 { received } else { received.min(self.inbox.len()) };
-        letters.sum::<usize>()
+        pending.sum::<usize>()
             + size_of_val(&*self.inbox)
             + received * size_of::<Message>()
             + texts * 2 * Message::CHARS_MAX
@@ -164,7 +164,7 @@ impl Mail {
                     Stream::new(config.seed, "delay", &key).below(most + 1)
                 }
             };
-            self.letters.push(Letter {
+            self.pending.push(PendingMessage {
                 due: round + 1 + late,
                 sent: round,
                 sender,
@@ -182,21 +182,21 @@ impl Mail {
         let silenced = config.control == Control::Centralized
             && board.agents()[AgentId::COMMANDER.index()].gone;
         let inbox = &mut self.inbox;
-        self.letters.retain(|letter| {
-            if letter.due > round {
+        self.pending.retain(|message| {
+            if message.due > round {
                 return true;
             }
             let open;
-            let receivers = match &letter.audience {
+            let receivers = match &message.audience {
                 Audience::Decided(receivers) => receivers,
                 Audience::Open { to } => {
-                    open = audience(config, board, letter.sender, *to);
+                    open = audience(config, board, message.sender, *to);
                     &open
                 }
             };
             for &receiver in receivers {
                 if !silenced && !board.agents()[receiver.index()].gone {
-                    inbox[receiver.index()].push(corrupt(config, letter, receiver));
+                    inbox[receiver.index()].push(corrupt(config, message, receiver));
                 }
             }
             false
@@ -252,18 +252,18 @@ fn neighbours(reach: i32, board: &Board, center: Pos) -> Vec<AgentId> {
     }
 }
 
-/// The copy of a letter that a receiver reads: noise may have changed characters of it.
-fn corrupt(config: &Config, letter: &Letter, receiver: AgentId) -> Message {
+/// The copy of a message that a receiver reads: noise may have changed characters of it.
+fn corrupt(config: &Config, message: &PendingMessage, receiver: AgentId) -> Message {
     if config.noise <= 0.0 {
-        return letter.text.clone();
+        return message.text.clone();
     }
-    let key = [letter.sent, u32::from(letter.sender.0), u32::from(receiver.0)];
+    let key = [message.sent, u32::from(message.sender.0), u32::from(receiver.0)];
     let mut noise = Stream::new(config.seed, "noise", &key);
     if !noise.chance(config.noise) {
-        return letter.text.clone();
+        return message.text.clone();
     }
     let mut replace = |c: char| if noise.below(2) == 1 { printable(noise.below(95)) } else { c };
-    Message(letter.text.as_str().chars().map(&mut replace).collect::<String>().into())
+    Message(message.text.as_str().chars().map(&mut replace).collect::<String>().into())
 }
 
 /// The `n`-th printable ASCII character, counted from the space.

@@ -154,7 +154,7 @@ pub struct PastView {
 
 /// The whole state, as a spectator sees it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Spectacle {
+pub struct SpectatorView {
     /// Rounds resolved.
     pub round: u32,
     /// The score so far.
@@ -237,7 +237,7 @@ impl World {
 
     /// What a spectator sees now.
     #[must_use]
-    pub fn spectacle(&self) -> Spectacle {
+    pub fn spectator_view(&self) -> SpectatorView {
         let agents = self.agent_states().collect();
         let (mut prey, mut block, mut distance) = (None, None, None);
         match &self.task {
@@ -249,7 +249,7 @@ impl World {
         let grid = self.board.grid();
         let symbol = |i, j| self.board.kind_at(Pos::new(i, j)).map_or('.', symbol);
         let row = |i| (0..grid.width()).map(|j| symbol(i, j)).collect();
-        Spectacle {
+        SpectatorView {
             round: self.round,
             score: self.score,
             grid: (0..grid.height()).map(row).collect(),

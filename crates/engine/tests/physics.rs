@@ -155,7 +155,7 @@ fn solvers_agree_on_crowded_boards() {
                 let title = format!("{settings:?}, round {}", by_flow.round());
                 by_flow.step_with(&acts, Solver::Flow).expect("the flow cannot fail");
                 by_program.step_with(&acts, Solver::Ilp).expect(&title);
-                assert!(by_flow == by_program, "{title}: {:?}", by_flow.spectacle().grid);
+                assert!(by_flow == by_program, "{title}: {:?}", by_flow.spectator_view().grid);
             }
         }
     }

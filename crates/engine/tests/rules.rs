@@ -8,7 +8,7 @@ use common::{Dice, world};
 use rand_mt::Mt;
 use swarmbench_engine::tasks::flocking;
 use swarmbench_engine::{
-    Act, Action, AgentId, Message, Pos, Seen, Settings, Spectacle, TaskName, World,
+    Act, Action, AgentId, Message, Pos, Seen, Settings, SpectatorView, TaskName, World,
 };
 
 fn of(task: TaskName) -> Settings {
@@ -106,7 +106,7 @@ fn transport_is_laid_out_by_the_table() {
                 num_agents: 3,
                 ..Settings::standard(TaskName::Transport, seed.into())
             };
-            let seen = world(&settings).spectacle();
+            let seen = world(&settings).spectator_view();
             let grid: Vec<_> = seen.grid.iter().map(|row| row.replace('A', ".")).collect();
             assert_eq!(grid, expected.collect::<Vec<_>>(), "variant {variant}, {height} × {width}");
             assert_eq!(seen.block, Some(Pos::new(top, left)));
@@ -134,7 +134,7 @@ fn agents_are_spread_column_first_over_free_cells() {
             width: 14,
             ..Settings::standard(TaskName::Synchronization, seed.into())
         };
-        let agents = world(&settings).spectacle().agents;
+        let agents = world(&settings).spectator_view().agents;
         assert_eq!(agents.iter().map(|agent| agent.at).collect::<Vec<_>>(), expected);
         assert_eq!(agents.iter().map(|agent| agent.light_on).collect::<Vec<_>>(), lights);
     }
@@ -205,7 +205,7 @@ fn foraging_is_laid_out_on_maps_of_every_size() {
                 num_agents: 2,
                 ..Settings::standard(TaskName::Foraging, seed.into())
             };
-            let seen = world(&settings).spectacle();
+            let seen = world(&settings).spectator_view();
             let grid: Vec<_> = seen.grid.iter().map(|row| row.replace('A', ".")).collect();
             assert_eq!(grid, expected, "seed {seed}, {height} × {width}");
         }
@@ -217,7 +217,7 @@ fn flocking_has_one_layout_under_the_rules_of_the_public_toolkit() {
     let agents = |rules: &str, seed| {
         let settings =
             Settings { rules: rules.to_owned(), ..Settings::standard(TaskName::Flocking, seed) };
-        world(&settings).spectacle()
+        world(&settings).spectator_view()
     };
     let base = agents("paper", 42);
     for seed in [0, 1, 42, 1 << 40] {
@@ -287,7 +287,7 @@ fn preys_move_and_come_back_by_the_rules() {
             draws.randint(rows / 2 + 1, rows - 2),
             draws.randint(columns / 2 + 1, columns - 2),
         );
-        assert_eq!(world.spectacle().prey, Some(first));
+        assert_eq!(world.spectator_view().prey, Some(first));
         let mut placed = Vec::new();
         while placed.len() < usize::try_from(num_agents).expect("positive") {
             let j = draws.randint(1, (columns / 2).max(5));
@@ -299,9 +299,9 @@ fn preys_move_and_come_back_by_the_rules() {
         let mut dice = Dice(u64::from(seed));
         while !world.is_over() {
             let acts = dice.acts(&world);
-            let before: Spectacle = world.spectacle();
+            let before: SpectatorView = world.spectator_view();
             world.step(&acts);
-            let after = world.spectacle();
+            let after = world.spectator_view();
             let prey = before.prey.expect("there is one");
             // The board on which the prey decided: as it is now, with the prey where it was.
             let grid: Vec<String> = after.grid.iter().map(|row| row.replace('P', ".")).collect();
@@ -381,7 +381,7 @@ fn hearers(world: &World) -> Vec<usize> {
 
 /// The agents within `reach` rows and columns of one, itself included.
 fn near(world: &World, center: usize, reach: i32) -> Vec<usize> {
-    let agents = world.spectacle().agents;
+    let agents = world.spectator_view().agents;
     let at = agents[center].at;
     (0..agents.len()).filter(|&other| agents[other].at.is_within(reach, at)).collect()
 }
@@ -557,7 +557,7 @@ struct Rush {
 
 impl Rush {
     fn new(world: &World, seed: u64) -> Self {
-        let block = world.spectacle().block.expect("a task with a block");
+        let block = world.spectator_view().block.expect("a task with a block");
         let (toward_row, away_from_row) =
             if block.i > 0 { (Action::Down, Action::Up) } else { (Action::Up, Action::Down) };
         let (toward_column, away_from_column) =
@@ -609,7 +609,7 @@ fn who_has_escaped_sees_hears_and_does_nothing() {
         let settings = Settings { rules: rules.to_owned(), view_size: 21, memory: 50, ..crowd() };
         let (mut world, gone) = escape(&settings, |_| true);
         let lived = world.round();
-        let at = world.spectacle().agents[gone].at;
+        let at = world.spectator_view().agents[gone].at;
         for _ in 0..3 {
             let mut acts = vec![Act::default(); 24];
             acts[gone] = Act { message: Message::new("from outside"), ..Act::of(Action::Up) };
@@ -619,7 +619,7 @@ fn who_has_escaped_sees_hears_and_does_nothing() {
             let seen = world.observe(agent(gone));
             assert_eq!((seen.position, seen.view, seen.messages.len()), (None, None, 0));
             assert!(seen.history.iter().all(|past| past.round < lived));
-            assert_eq!(world.spectacle().agents[gone].at, at);
+            assert_eq!(world.spectator_view().agents[gone].at, at);
             let all: Vec<_> = (0..24).flat_map(|by| heard(&world, by)).collect();
             assert!(!all.is_empty() && all.iter().all(|text| text == "from inside"), "{all:?}");
         }
@@ -728,7 +728,8 @@ fn a_mark_is_a_light_that_is_on_or_under_reference_off() {
         let settings =
             Settings { rules: rules.to_owned(), view_size: 21, ..of(TaskName::Synchronization) };
         let world = world(&settings);
-        let lights: Vec<_> = world.spectacle().agents.iter().map(|agent| agent.light_on).collect();
+        let lights: Vec<_> =
+            world.spectator_view().agents.iter().map(|agent| agent.light_on).collect();
         let view = world.observe(AgentId(3)).view.expect("it lives");
         let mut met = 0;
         for seen in &view.cells {
@@ -769,7 +770,7 @@ fn escaping_early_scores_more() {
 fn lights_score_each_time_all_change_to_the_other_state() {
     let mut world = world(&Settings { num_agents: 3, ..of(TaskName::Synchronization) });
     let lights = |world: &World| -> Vec<bool> {
-        world.spectacle().agents.iter().filter_map(|agent| agent.light_on).collect()
+        world.spectator_view().agents.iter().filter_map(|agent| agent.light_on).collect()
     };
     let set = |world: &mut World, on: bool| {
         let switch = |light| if light == on { Act::default() } else { Act::of(Action::Switch) };

@@ -302,7 +302,7 @@ fn play(settings: &Settings, dice: &mut Dice) -> Vec<String> {
 
 /// Every agent that lives has its own cell, every other is outside.
 fn check_state(world: &World) {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let on_map = |at: Pos| {
         let row = usize::try_from(at.i).ok().and_then(|i| seen.grid.get(i));
         row.and_then(|row| row.as_bytes().get(usize::try_from(at.j).ok()?)).copied()

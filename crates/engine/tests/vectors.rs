@@ -101,7 +101,7 @@ fn compare_observations(world: &World, round: &Round, title: &str) {
 }
 
 fn compare(world: &World, expected: &State, title: &str) {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let agents: Vec<_> = seen.agents.iter().map(|agent| (agent.at.i, agent.at.j)).collect();
     assert_eq!(agents, expected.agents, "{title}: positions");
     assert_eq!(seen.score.to_bits(), expected.score.to_bits(), "{title}: score");

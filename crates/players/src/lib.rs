@@ -132,15 +132,15 @@ pub fn all() -> impl Iterator<Item = &'static BuiltIn> {
 }
 
 /// As a name: each task's own player, the best one.
-pub const EACH_TASKS_OWN: &str = "default";
+pub const DEFAULT_PLAYER: &str = "default";
 
-/// The player `name`, if it plays `task`; the task's own where that is [`EACH_TASKS_OWN`].
+/// The player `name`, if it plays `task`; the task's own where that is [`DEFAULT_PLAYER`].
 ///
 /// # Errors
 /// Where no player of that name plays the task; the error lists those that do.
 pub fn find(name: &str, task: TaskName) -> Result<&'static BuiltIn, UnknownPlayer> {
     of_task(task)
-        .find(|player| name == EACH_TASKS_OWN || player.name == name)
+        .find(|player| name == DEFAULT_PLAYER || player.name == name)
         .ok_or_else(|| UnknownPlayer { name: name.to_owned(), task })
 }
 

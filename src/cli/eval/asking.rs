@@ -1,4 +1,4 @@
-//! How models are asked.
+//! The options for requests to models.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -51,7 +51,7 @@ pub(super) struct Asking {
     /// Questions at once, over all games (16).
     #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=4096))]
     requests: Option<u32>,
-    /// Stop when this call has spent so many tokens of prompts and answers; the same command goes on with as many again.
+    /// The token budget of this call, prompts and answers: stop when it is spent. The same command resumes with a new one.
     #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
     budget: Option<u64>,
     /// Seconds that one request may take.

@@ -1,4 +1,4 @@
-//! Where an evaluation is played: on a server of its own, or on one that runs.
+//! The server of an evaluation: a temporary one, or one that runs already.
 
 use std::path::PathBuf;
 
@@ -67,7 +67,7 @@ impl Hosting {
             Some(key) => client.with_key(key),
             None => client,
         };
-        // Once games go on, a server that is away for a moment is waited for; here it is not.
+        // During games requests are retried while the server is away; here they are not.
         client.health().await?;
         if let (Some(hosted), None) = (&hosted, &self.key)
             && hosted.has_keys
@@ -91,7 +91,7 @@ pub(super) struct Hosted {
 
 impl Hosted {
     async fn open(db: PathBuf) -> anyhow::Result<Self> {
-        // Nobody else reads the log of this server, and a disk that is full is told nowhere else.
+        // Nobody else reads the log of this server, and a full disk is reported nowhere else.
         start_logs_of(LogFormat::Text, "swarmbench::store=error");
         let server = match Server::open(&db, Parts::default()).await {
             Err(error @ StartError::Open(OpenError::InUse(_))) => {
@@ -107,7 +107,7 @@ impl Hosted {
         let base = format!("http://{}", listener.local_addr()?);
         let (stop, stopped) = oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(listener, async {
-            // Whoever holds the other end lets go of it when it is done.
+            // The other end is dropped when it is done.
             drop(stopped.await);
         }));
         eprintln!("{} is served at {base} meanwhile: watch the games there", db.display());

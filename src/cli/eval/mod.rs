@@ -18,33 +18,33 @@ use showing::Showing;
 
 use crate::eval::conduct::{Conductor, News};
 use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
-use crate::eval::halt::Halt;
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
+use crate::eval::stop_reason::StopReason;
 use crate::eval::verify::{Fault, verify_run};
 use crate::llm::Model;
 use crate::players::client::{Client, ClientError};
 
-/// The exit code where something has to be mended.
+/// The exit code when something has to be fixed first.
 const FAILED: u8 = 1;
 
-/// The exit code where it stopped, and the same command goes on.
+/// The exit code when it stopped, and the same command resumes.
 const STOPPED: u8 = 3;
 
-/// The exit code where somebody interrupted it, and the same command goes on.
+/// The exit code when it was interrupted, and the same command resumes.
 const INTERRUPTED: u8 = 130;
 
-/// Games at once where nobody says how many.
+/// The default number of concurrent games.
 const PARALLEL: u32 = 4;
 
-/// Questions to models at once where nobody says how many.
+/// The default number of concurrent requests to models.
 const REQUESTS: u32 = 16;
 
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Every combination of a model (or player) and settings is a run on a server. Every seat is a conversation of its \
         own: each round the model is shown the server's prompt for that seat and nothing else. Whatever stops it, the \
-        same command goes on where it stopped; what was played is shown, not played again.\n\n\
+        same command resumes where it stopped; what was played is shown, not played again.\n\n\
         Examples:\n  \
         swarmbench eval --task all --seeds 27,42,57,72,87 --model gpt-4o --api-base https://api.openai.com/v1\n  \
         swarmbench eval --task Foraging --seeds 0..5 --model llama3.1:8b,qwen3:8b --api-base http://127.0.0.1:11434/v1\n  \
@@ -53,11 +53,11 @@ const REQUESTS: u32 = 16;
         The key of an endpoint comes from an environment variable, OPENAI_API_KEY or the one that --api-key-env names; it \
         is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
         Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
-        goes on (a budget, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
+        resumes (a budget, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
         docs/eval.md says more, and examples/eval has the experiments of the paper."
 )]
 pub(super) struct Args {
-    /// An experiment as a TOML file; what is said on the command line wins over it.
+    /// An experiment as a TOML file; options on the command line override it.
     file: Option<PathBuf>,
     #[command(flatten, next_help_heading = "What is played")]
     games: Games,
@@ -69,13 +69,13 @@ pub(super) struct Args {
     hosting: Hosting,
     #[command(flatten, next_help_heading = "What is shown")]
     showing: Showing,
-    /// Show what would be played and at most how often models would be asked, and play nothing.
+    /// Dry run: show what would be played and the maximum number of model requests, and play nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Play once more what was played to its end before.
+    /// Play again what was completed before.
     #[arg(long)]
     again: bool,
-    /// Play all journals again at the end, and fail if anything differs from what the server says.
+    /// Replay all journals at the end, and fail if anything differs from what the server reports.
     #[arg(long)]
     verify: bool,
 }
@@ -103,16 +103,16 @@ struct Games {
     /// Rows and columns of an agent's window (5).
     #[arg(long, value_delimiter = ',', value_name = "CELLS")]
     view_size: Vec<i64>,
-    /// How many rounds an agent remembers (5).
+    /// How many earlier rounds an agent remembers (5).
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     memory: Vec<i64>,
-    /// After how many rounds a game ends (100).
+    /// The maximum number of rounds of a game (100).
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     max_round: Vec<i64>,
     /// The probability with which a message is corrupted (0).
     #[arg(long, value_delimiter = ',', value_name = "PROBABILITY")]
     noise: Vec<f64>,
-    /// The most rounds by which a message is late (0).
+    /// The maximum delay of a message, in rounds (0).
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     max_delay: Vec<i64>,
     /// A prompt template for models instead of the server's own; docs/prompts.md.
@@ -142,7 +142,7 @@ fn list<T>(values: Vec<T>) -> Option<List<T>> {
 }
 
 impl Args {
-    /// What was said on the command line.
+    /// The options of the command line.
     fn said(&mut self) -> Experiment {
         let Games {
             task,
@@ -240,7 +240,7 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
     ended
 }
 
-/// Plays all runs of a plan and shows what came of them.
+/// Plays all runs of a plan and shows the results.
 async fn play(
     conductor: &Conductor<'_>,
     plan: &Plan,
@@ -262,8 +262,8 @@ async fn play(
         let ended = conductor.conduct(number, planned, model, watch).await;
         let planned = planned.clone();
         played.extend(stands.map(|run| Played { planned, run, verified: false }));
-        if let Err(halt) = ended {
-            halted = Some(halt);
+        if let Err(reason) = ended {
+            halted = Some(reason);
             break;
         }
     }
@@ -278,38 +278,40 @@ async fn play(
             args.showing.tell_more(&played, &args.hosting);
             Ok(ExitCode::SUCCESS)
         }
-        Some(halt) => Ok(tell(&halt, plan, &played)),
+        Some(reason) => Ok(tell(&reason, plan, &played)),
     }
 }
 
-/// Says why it stopped, and how to go on.
-fn tell(halt: &Halt, plan: &Plan, played: &[Played]) -> ExitCode {
+/// Prints why it stopped, and how to resume.
+fn tell(reason: &StopReason, plan: &Plan, played: &[Played]) -> ExitCode {
     let games = |run: &Planned| run.suite.tasks.len() * run.suite.seeds.len();
     let all: usize = plan.runs.iter().map(games).sum();
     let done: u32 = played.iter().map(|played| played.run.run.played).sum();
     let left = format!("{done} of {all} games were played");
-    match halt {
-        Halt::Asked => {
-            eprintln!("stopped: {left}; the same command goes on where this one stopped");
+    match reason {
+        StopReason::Requested => {
+            eprintln!("stopped: {left}; run the same command again to resume");
             ExitCode::from(INTERRUPTED)
         }
-        halt if halt.can_go_on() => {
-            eprintln!("stopped: {halt}\n{left}; the same command goes on where this one stopped");
+        reason if reason.can_resume() => {
+            eprintln!("stopped: {reason}\n{left}; run the same command again to resume");
             ExitCode::from(STOPPED)
         }
-        halt => {
+        reason => {
             let is_keyless = matches!(
-                halt,
-                Halt::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
+                reason,
+                StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
             );
             let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
-            eprintln!("error: {halt}{hint}\n{left}; when that is mended, the same command goes on");
+            eprintln!(
+                "error: {reason}{hint}\n{left}; fix that, then run the same command again to resume"
+            );
             ExitCode::from(FAILED)
         }
     }
 }
 
-/// Plays all journals again.
+/// Replays all journals.
 async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyhow::Result<()> {
     let games: u64 = plan.runs.iter().map(|run| run.suite.plan().len() as u64).sum();
     let bar = progress::plain_bar("verifying", games, "games");
@@ -332,7 +334,7 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
     Ok(())
 }
 
-/// Cancelled when the process is asked to stop. Whoever asks twice does not wait.
+/// Cancelled when the process is asked to stop; a second Ctrl-C does not wait.
 fn stopping() -> CancellationToken {
     let stop = CancellationToken::new();
     let (token, first) = (stop.clone(), super::asked_to_stop());

@@ -1,4 +1,4 @@
-//! What somebody sees while an evaluation goes on: a bar for each game, and one for all. Where there is no terminal:
+//! The progress of an evaluation on a terminal: a bar for each game, and one for all. Without a terminal:
 //! a line when a run begins, when a game ends, and now and then.
 
 use std::collections::BTreeMap;
@@ -54,7 +54,7 @@ struct Rounds {
     now: u64,
     /// What was played before this call.
     before: u64,
-    /// What the run that is played had when it was taken up.
+    /// The progress of the run that is played when it was resumed.
     found: u64,
 }
 
@@ -132,7 +132,7 @@ impl<'a> Progress<'a> {
             Found::GoesOn => {
                 let (played, planned) = (run.run.played, run.run.planned);
                 let parallel = run.run.parallel;
-                format!("{id} goes on: {played} of {planned} games were played, {parallel} at once")
+                format!("{id} resumes: {played} of {planned} games were played, {parallel} at once")
             }
             Found::New(None) => format!("{id} is new"),
             Found::New(Some((other, how))) => {

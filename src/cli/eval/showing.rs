@@ -1,4 +1,4 @@
-//! What an evaluation shows at its end.
+//! The report at the end of an evaluation.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;

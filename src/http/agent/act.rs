@@ -68,7 +68,7 @@ pub(in super::super) async fn post_act(
         return Ok(JsonBody(receipt).into_response());
     }
     let round = receipt.round;
-    // The act is durable: where there is no place to wait, its receipt is told all the same.
+    // The act is durable: its receipt is sent even if the limit of waiting requests is reached.
     let waited = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
         Some(snapshot) => {
@@ -100,21 +100,21 @@ impl App {
 }
 
 /// A receipt as it is written.
-pub(in super::super) fn receipt(episode: &EpisodeId, given: lockstep::Receipt) -> Receipt {
-    let record = given.given.record;
+pub(in super::super) fn receipt(episode: &EpisodeId, receipt: lockstep::Receipt) -> Receipt {
+    let record = receipt.recorded.record;
     Receipt {
         episode: episode.to_string(),
         agent: record.agent,
-        round: given.round,
+        round: receipt.round,
         action: record.action,
         message: record.message,
         valid: record.valid,
-        duplicate: given.duplicate,
-        waiting_for: given.given.waiting_for,
+        duplicate: receipt.duplicate,
+        waiting_for: receipt.recorded.waiting_for,
     }
 }
 
-/// Checks an act and makes of it what the barrier takes.
+/// Validates an act and makes a submission of it.
 pub(in super::super) fn submission(
     request: ActRequest,
     config: &Config,

@@ -1,4 +1,4 @@
-//! What seats see, written as JSON: a little of it where it is asked for, all else off the async threads.
+//! Observations as JSON: small ones are written on the async threads, all others off them.
 
 use std::sync::Arc;
 
@@ -18,10 +18,10 @@ use crate::prompt::{self, tasks};
 use crate::wire::episode::EpisodeResult;
 use crate::wire::observation::{Moment, Sight};
 
-/// Bytes of a sight (the larger part of an observation) that is kept for those who ask again.
+/// Bytes of a sight (the larger part of an observation) that is cached.
 const SIGHT_KEPT_BYTES_MAX: usize = 16 * 1024;
 
-/// Bytes of all sights that are kept.
+/// Bytes of all cached sights.
 const SIGHTS_KEPT_BYTES_MAX: u64 = 64 * 1024 * 1024;
 
 /// Bytes of a usual sight; the cache makes room for as many as fit.
@@ -233,7 +233,7 @@ pub(in super::super) async fn observations(
     Ok((body, given))
 }
 
-/// A turn to make a large answer; what is written in one piece needs none.
+/// A permit for a large answer; what is written in one piece needs none.
 async fn turn(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
     let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
     Ok(if cells > PIECE_CELLS_MAX { Some(app.large_answer().await?) } else { None })

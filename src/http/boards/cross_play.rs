@@ -101,5 +101,5 @@ pub(in super::super) async fn show_cross_play(
         });
         answer.await
     };
-    app.made_once(asked, Box::pin(make)).await
+    app.cached_answer(asked, Box::pin(make)).await
 }

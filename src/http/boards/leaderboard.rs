@@ -107,5 +107,5 @@ pub(in super::super) async fn show_leaderboard(
         });
         answer.await?
     };
-    app.made_once(asked, Box::pin(make)).await
+    app.cached_answer(asked, Box::pin(make)).await
 }

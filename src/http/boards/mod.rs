@@ -1,4 +1,4 @@
-//! Boards: who did how well in a suite, and who did how well together.
+//! Boards: leaderboards and cross-play.
 
 pub(super) mod cross_play;
 pub(super) mod leaderboard;
@@ -65,7 +65,7 @@ impl Format {
         }
     }
 
-    /// How many rows of a page, which has so many bytes, fit: at least one, as a list would never go on otherwise.
+    /// How many rows of a page, which has so many bytes, fit: at least one, as a list would never advance otherwise.
     fn fitting<T: Table>(self, page: &T, bytes: usize, bytes_max: usize) -> usize {
         let (rows, columns) = (page.rows(), page.columns());
         let size = |row: &T::Row| match self {

@@ -73,8 +73,8 @@ pub(in super::super) async fn create_claim(
     let name = name.map(|name| format!("{}/{name}", stored.id));
     let idempotency = name.map(|name| (name, Sha256::digest(&body).into()));
     let handle = app.episode(&stored.id).await?;
-    // A repeat must find what the first one claims, whoever has hung up meanwhile.
-    App::to_its_end(
+    // A repeat must find what the first one claims, also if its client hangs up.
+    App::run_detached(
         async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await },
     )
     .await
@@ -91,7 +91,7 @@ async fn claim_or_repeat(
     let Some((name, body)) = idempotency else {
         return new_claim(app, handle, holder, wanted, None).await;
     };
-    let _one_by_one = app.one_by_one(&name).await;
+    let _lock = app.idempotency_lock(&name).await;
     match app.store.claimed_with(&name).await? {
         None => new_claim(app, handle, holder, wanted, Some((name, body))).await,
         Some((_, first)) if first != body => Err(ApiError::other_body()),
@@ -166,7 +166,7 @@ fn created(handle: &Handle, claimed: &Claimed, tokens: &Tokens) -> Response {
     answer::with_tokens(StatusCode::CREATED, body)
 }
 
-/// Which seats are asked for.
+/// The seats of the request.
 fn wanted(request: &ClaimRequest, spec: &Spec, problems: &mut Problems) -> Option<Wanted> {
     let agents = spec.config.num_agents();
     let seats = request.seats.unwrap_or(1);

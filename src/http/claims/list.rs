@@ -65,7 +65,7 @@ pub(in super::super) async fn list_claims(
     Ok(Json(SeatList { open: u16::try_from(open).expect("at most 1,024 agents"), seats }))
 }
 
-/// Whose name stands at seats that the server plays.
+/// The holder name of seats that the server plays.
 const SERVER: &str = "server";
 
 #[cfg(test)]

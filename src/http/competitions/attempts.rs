@@ -42,7 +42,7 @@ pub(in super::super) async fn list_attempts(
             let field = app.field(competition, Declared::Short).await?;
             page(&app, &params, app.render(move || field.summaries()).await??).await
         };
-        return app.made_once(question, Box::pin(make)).await;
+        return app.cached_answer(question, Box::pin(make)).await;
     }
     let own = match number {
         Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,

@@ -11,9 +11,9 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::boards::Format;
+use super::super::cache::{Cached, Weighted};
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, page_limit};
-use super::super::made::{Kept, Made};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
 use crate::store::competitions::{Declared, StoredCompetition};
@@ -38,7 +38,7 @@ pub(in super::super) struct BoardParams {
 /// Show the board of a competition, as JSON or CSV.
 ///
 /// As long as seeds are sealed it shows ranks and totals, or nothing, as the organizer decided; organizers see all of
-/// it at any time. A game that was planned and not played counts as 0; one that the host broke does not count.
+/// it at any time. A game that was planned and not played counts as 0; a voided one does not count.
 /// A page that is not the last names the next in `next_cursor`, and in the header `X-Next-Cursor`.
 #[utoipa::path(
     get,
@@ -98,7 +98,7 @@ pub(in super::super) async fn show_board(
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let ranked = match view {
-            BoardView::Nothing => Arc::new(Made { of: app.results(), what: Ranking::default() }),
+            BoardView::Nothing => Arc::new(Cached { of: app.results(), what: Ranking::default() }),
             BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
                 app.ranking(competition, view, before).await?
             }
@@ -111,7 +111,7 @@ pub(in super::super) async fn show_board(
         };
         Ok((of, app.render(write).await?))
     };
-    app.made_once_of(question, Box::pin(make)).await
+    app.cached_answer_of(question, Box::pin(make)).await
 }
 
 /// Which part of a board somebody wants.
@@ -141,7 +141,7 @@ pub(in super::super) struct Ranking {
     bytes: usize,
 }
 
-impl Kept for Ranking {
+impl Weighted for Ranking {
     fn bytes(&self) -> usize {
         self.bytes
     }
@@ -182,15 +182,15 @@ impl App {
         competition: StoredCompetition,
         view: BoardView,
         before: Option<Timestamp>,
-    ) -> Result<Arc<Made<Ranking>>, ApiError> {
+    ) -> Result<Arc<Cached<Ranking>>, ApiError> {
         let question = format!("{}: {view:?}", competition.id);
         let make = async {
             let of = self.results();
             let field = self.field(competition, Declared::Short).await?;
             let rank = move || field.shown(before, view == BoardView::All).map(Ranking::new);
-            Ok(Made { of, what: self.render(rank).await?? })
+            Ok(Cached { of, what: self.render(rank).await?? })
         };
-        self.kept(&self.rankings, question, Box::pin(make)).await
+        self.cached(&self.rankings, question, Box::pin(make)).await
     }
 }
 

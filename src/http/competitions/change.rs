@@ -16,7 +16,7 @@ use crate::wire::problem::Problem;
 
 /// Withdraw or disqualify an entrant, take it back, or answer for its model.
 ///
-/// Whoever takes no part stays on the board without a rank, with the reason.
+/// An entrant that is withdrawn or disqualified stays on the board without a rank, with the reason.
 #[utoipa::path(
     patch,
     path = "/api/v1/competitions/{id}/entrants/{entrant}",
@@ -67,11 +67,11 @@ pub(in super::super) async fn change_entrant(
         }
         _ => {}
     }
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let stored = app.store.find_competition(&id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
         // What two organizers decide at once is decided one after the other.
-        let _one_by_one = app.one_by_one(&format!("entrant {entrant}")).await;
+        let _lock = app.idempotency_lock(&format!("entrant {entrant}")).await;
         let before = app.entrant(&competition, &entrant).await?;
         let reason = if status.is_some() { reason } else { before.entrant.reason };
         let status = status.unwrap_or(before.entrant.status).name();
@@ -79,9 +79,9 @@ pub(in super::super) async fn change_entrant(
         let detail = json!({
             "competition": id, "status": status, "reason": reason, "vouched": vouched,
         });
-        let deed = organizer.deed(&app, "entrant.change", &entrant, detail);
+        let audit_entry = organizer.audit_entry(&app, "entrant.change", &entrant, detail);
         let entry = Entry::SetEntrant { entry: before.key, status, reason, vouched };
-        app.store.keep(vec![entry, deed]).await?;
+        app.store.keep(vec![entry, audit_entry]).await?;
         let after = app.entrant(&competition, &entrant).await?;
         Ok(axum::Json((&after.entrant).into()))
     })

@@ -23,7 +23,7 @@ const CODES_MAX: usize = 1000;
 
 /// Make invitation codes, each good for one entrant.
 ///
-/// They are shown this once; only their hashes are kept.
+/// They are shown only once; only their hashes are stored.
 #[utoipa::path(
     post,
     path = "/api/v1/competitions/{id}/codes",
@@ -70,8 +70,9 @@ pub(in super::super) async fn create_codes(
         labels.iter().map(|_| Token::new(TokenKind::Invitation, &*app.entropy)).collect();
     let codes = tokens.iter().zip(&labels).map(|(token, label)| (token.hash(), label.clone()));
     let entry = Entry::AddInvitations { competition: stored.key, codes: codes.collect(), at: now };
-    let deed = organizer.deed(&app, "competition.codes", &id, json!({ "labels": labels }));
-    app.store.keep(vec![entry, deed]).await?;
+    let audit_entry =
+        organizer.audit_entry(&app, "competition.codes", &id, json!({ "labels": labels }));
+    app.store.keep(vec![entry, audit_entry]).await?;
     let items = tokens
         .iter()
         .zip(labels)

@@ -67,15 +67,15 @@ pub(in super::super) async fn create_competition(
     };
     let commitment = data_encoding::HEXLOWER.encode(&commitment);
     let detail = json!({ "name": definition.name, "commitment": commitment });
-    let deed = organizer.deed(&app, "competition.create", &id, detail);
-    app.store.keep(vec![Entry::AddCompetition(Box::new(row)), deed]).await?;
+    let audit_entry = organizer.audit_entry(&app, "competition.create", &id, detail);
+    app.store.keep(vec![Entry::AddCompetition(Box::new(row)), audit_entry]).await?;
     tracing::info!(competition = %id, commitment, "created");
     let stored = app.store.find_competition(&id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition, ApiError> {
     let mut problems = Problems::default();
     let clocks = request.clocks.unwrap_or_default();

@@ -51,7 +51,7 @@ pub(in super::super) async fn list_entrants(
         }
         Ok(page.answer())
     };
-    app.made_once(format!("entrants of {id} {params:?}"), Box::pin(make)).await
+    app.cached_answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.
@@ -83,7 +83,8 @@ pub(in super::super) async fn show_entrant(
     let competition = app.competition(&caller, &id).await?;
     let stored = app.entrant(&competition, &entrant).await?;
     if !caller.is_organizer() && key.number != Some(stored.owner) {
-        let detail = "an entrant's results are shown to its own key; the board is at …/board";
+        let detail =
+            "the results of an entrant can be read with its own key only; the board is at …/board";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let field = app.part_of_field(competition, vec![stored.clone()]).await?;

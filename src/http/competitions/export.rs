@@ -53,11 +53,12 @@ pub(in super::super) async fn export_competition(
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
     if competition.revealed_at.is_none() {
-        let Some(deed) = caller.deed(&app, "competition.export", &id, json!({})) else {
-            let detail = "an export holds the seeds: until the competition is closed only organizers may read it";
+        let Some(audit_entry) = caller.audit_entry(&app, "competition.export", &id, json!({}))
+        else {
+            let detail = "an export contains the seeds: until the competition is closed only organizers may read it";
             return Err(ApiError::new(Code::Forbidden, detail));
         };
-        app.store.keep(vec![deed]).await?;
+        app.store.keep(vec![audit_entry]).await?;
     }
     let field = app.field(competition, Declared::Short).await?;
     let lines = app.in_parts(Reader::new(app.clone(), &field)?).await?;
@@ -176,7 +177,7 @@ impl Reader {
             Piece::End => Line::End(End { episodes: self.episodes }),
             Piece::Episode { slot, id } => {
                 let stored = self.app.store.find_summary(&id).await?;
-                let missing = || JournalError(format!("{id} is not there any more").into());
+                let missing = || JournalError(format!("{id} no longer exists").into());
                 let stored = stored.ok_or_else(missing)?;
                 let end = usize::from(stored.ended_at.is_some());
                 let header = Episode {

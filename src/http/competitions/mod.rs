@@ -1,4 +1,4 @@
-//! Competitions: created and looked after by organizers, entered and played by entrants, watched by everybody.
+//! Competitions: created and managed by organizers, entered and played by entrants, watched by everybody.
 
 pub(super) mod attempts;
 pub(super) mod board;
@@ -139,7 +139,7 @@ impl Field {
                 score: game.score,
                 answers: game.tally.acts,
                 invalid: game.tally.invalid,
-                clock_outs: game.tally.clock_outs,
+                timeouts: game.tally.timeouts,
                 voided: !game.counts(),
             })
         };

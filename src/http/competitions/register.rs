@@ -27,7 +27,7 @@ use crate::wire::problem::Problem;
 
 /// Enter a competition.
 ///
-/// Whoever shows a key enters with that; whoever has none gets one, shown this once, that starts the entrant's attempts
+/// A caller with a key enters with that; a caller without one gets a key, shown only once, that starts the entrant's attempts
 /// and shows its results, and does nothing else. What is declared never changes: another model is another entrant.
 #[utoipa::path(
     post,
@@ -60,7 +60,8 @@ pub(in super::super) async fn register_entrant(
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
         Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {
-            let detail = "a token of an episode enters nothing; send a key, or nothing";
+            let detail =
+                "a token of an episode cannot enter a competition; send a key, or no token";
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };
@@ -68,9 +69,9 @@ pub(in super::super) async fn register_entrant(
     let stored = app.store.find_competition(&id).await?;
     let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     check(&request, &app)?;
-    // Whoever enters at the same time is counted, and a code is good once.
-    App::to_its_end(async move {
-        let _one_by_one = app.one_by_one(&format!("enter {}", competition.id)).await;
+    // Concurrent entries are counted, and a code is valid once.
+    App::run_detached(async move {
+        let _lock = app.idempotency_lock(&format!("enter {}", competition.id)).await;
         register(&app, &competition, own_key, client.address, request).await
     })
     .await
@@ -107,7 +108,7 @@ async fn register(
         return Err(ApiError::disk_full(least));
     }
     // Nothing is revealed meanwhile.
-    let _open = app.runs.while_closed_competitions_wait().await;
+    let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();
     let definition = &competition.definition;
     if definition.closes_at <= now {
@@ -118,9 +119,9 @@ async fn register(
     let number = own_key.as_ref().and_then(|key| key.number);
     let room = app.store.room_for(competition.key, &request.name, &request.model, number).await?;
     let most = app.limits.entrants_max;
-    // Whoever was excluded leaves a place to somebody else.
+    // An excluded entrant does not count for the limit.
     if room.active as usize >= most {
-        let detail = "as many have entered as there may be; ask the organizer";
+        let detail = "the competition has the maximum number of entrants; ask the organizer";
         return Err(ApiError::limit(Code::Forbidden, "entrants_max", most, detail));
     }
     if room.has_name {
@@ -134,7 +135,7 @@ async fn register(
     }
     if own_key.is_some() && room.of_owner >= definition.entries_per_key {
         let own = room.of_owner;
-        let detail = format!("this key has {own} entrants already, as many as it may");
+        let detail = format!("this key has {own} entrants already, the maximum");
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
@@ -181,7 +182,7 @@ async fn register(
     Ok(with_tokens(StatusCode::CREATED, body))
 }
 
-/// The invitation that a code stands for, where one is needed.
+/// The invitation of a code, where one is needed.
 async fn invitation(
     app: &App,
     competition: &StoredCompetition,

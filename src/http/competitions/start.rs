@@ -70,9 +70,9 @@ pub(in super::super) async fn start_attempt(
     let name = name.map(|name| format!("{}/{name}", entrant.entrant.id));
     let body: [u8; 32] = Sha256::digest(&body).into();
     let idempotency = name.map(|name| (name, body));
-    // An attempt that was begun is started, whoever has hung up meanwhile; and an entrant starts one at a time.
-    App::to_its_end(async move {
-        let _one_by_one = app.one_by_one(&format!("attempt {}", entrant.entrant.id)).await;
+    // The start of an attempt completes although the client hangs up; and an entrant starts one at a time.
+    App::run_detached(async move {
+        let _lock = app.idempotency_lock(&format!("attempt {}", entrant.entrant.id)).await;
         // It may have been excluded while others started.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
         if let Some((name, body)) = &idempotency
@@ -84,7 +84,7 @@ pub(in super::super) async fn start_attempt(
             let number = run.attempt.map_or(0, |(_, number)| number);
             if let Some(reason) = &run.void_reason {
                 let detail = format!(
-                    "this attempt does not count, start it again under another Idempotency-Key: {reason}"
+                    "this attempt was voided, start it again with another Idempotency-Key: {reason}"
                 );
                 return Err(ApiError::new(Code::Closed, detail));
             }
@@ -124,7 +124,7 @@ async fn entrant(
     }
 }
 
-/// Refuses whoever takes no part any more.
+/// Refuses entrants that were withdrawn or disqualified.
 fn check_active(entrant: &StoredEntrant) -> Result<(), ApiError> {
     if entrant.entrant.status == EntrantStatus::Active {
         return Ok(());
@@ -143,10 +143,10 @@ async fn start(
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // Nothing is revealed between the look at the clock and the new run.
-    let _open = app.runs.while_closed_competitions_wait().await;
+    let _open = app.runs.block_reveal().await;
     let stored = app.store.find_competition(&competition.id).await?;
     if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
-        let detail = "the competition is closed: its seeds are open to all";
+        let detail = "the competition is closed: its seeds are public";
         return Err(ApiError::new(Code::Closed, detail));
     }
     if let Some(doubt) = app.clock.doubt() {

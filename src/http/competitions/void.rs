@@ -16,7 +16,7 @@ use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
 use crate::wire::problem::Problem;
 
-/// Say that the host broke an attempt: it ends, does not count, and may be started again on the same seeds.
+/// Void an attempt after a fault of the server: it ends, does not count, and may be started again on the same seeds.
 ///
 /// Doing it again changes nothing; the first reason stays.
 #[utoipa::path(
@@ -49,22 +49,22 @@ pub(in super::super) async fn void_attempt(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let stored = app.store.find_competition(&id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
-        let _one_by_one = app.one_by_one(&format!("void {run}")).await;
+        let _lock = app.idempotency_lock(&format!("void {run}")).await;
         let attempts = app.store.attempts(competition.key, None).await?;
         let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;
         if attempt.void_reason.is_none() {
             let detail = json!({ "competition": id, "attempt": attempt.number, "reason": reason });
             let at = app.clock.wall();
-            let deeds = vec![
+            let audit_entries = vec![
                 Entry::VoidRun { run: attempt.run, reason, at },
-                organizer.deed(&app, "attempt.void", &run, detail),
+                organizer.audit_entry(&app, "attempt.void", &run, detail),
             ];
-            if !app.runs.end_with(attempt.run, RunStatus::Aborted, deeds.clone()).await? {
-                app.store.keep(deeds).await?;
+            if !app.runs.end_with(attempt.run, RunStatus::Aborted, audit_entries.clone()).await? {
+                app.store.keep(audit_entries).await?;
             }
         }
         let field = app.field(competition, Declared::Short).await?;

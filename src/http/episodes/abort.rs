@@ -42,8 +42,9 @@ pub(in super::super) async fn abort_episode(
     let handle = app.owned(&caller, id).await?;
     let owner = handle.owner.filter(|_| handle.spec.visibility != Visibility::Sealed);
     let now = app.clock.wall();
-    let deed = caller.audit(owner, now, "episode.abort", handle.id.as_str(), json!({}));
-    handle.abort_with(deed.into_iter().collect()).await?;
+    let audit_entry =
+        caller.audit_foreign(owner, now, "episode.abort", handle.id.as_str(), json!({}));
+    handle.abort_with(audit_entry.into_iter().collect()).await?;
     let snapshot = handle.snapshot();
     if snapshot.status != Status::Aborted {
         let detail = format!("the episode has ended already, as {}", snapshot.status.name());

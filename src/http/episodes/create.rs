@@ -23,7 +23,7 @@ use crate::episode::quota::Purpose;
 use crate::episode::registry::Creation;
 use crate::episode::spec::Spec;
 use crate::fair::Party;
-use crate::house;
+use crate::hosted;
 use crate::ids::{EpisodeId, Token, TokenKind};
 use crate::journal::{Entry, Journal, TokenRow};
 use crate::prompt;
@@ -65,8 +65,8 @@ pub(in super::super) async fn create_episode(
     let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
     let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
-    // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(
+    // A repeat must find what the first one creates, also if its client hangs up.
+    App::run_detached(
         async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await },
     )
     .await
@@ -81,7 +81,7 @@ async fn create_or_repeat(
     key: String,
     body: [u8; 32],
 ) -> Result<Response, ApiError> {
-    let _one_by_one = app.one_by_one(&key).await;
+    let _lock = app.idempotency_lock(&key).await;
     match app.store.created_with(&key).await? {
         None => new_episode(app, creator, spec, shows_seed, Some((key, body))).await,
         Some((_, first)) if first != body => Err(ApiError::other_body()),
@@ -106,7 +106,7 @@ async fn new_episode(
     shows_seed: bool,
     idempotency: Option<(String, [u8; 32])>,
 ) -> Result<Response, ApiError> {
-    // Whoever repeats a creation gets that episode, also where it was created under wider limits.
+    // A repeated creation gets that episode, also if it was created under wider limits.
     spec.config.check_new().map_err(|errors| ApiError::settings(errors, ""))?;
     let least = app.limits.disk_free_percent_min;
     if app.disk.is_full(least) {
@@ -165,7 +165,7 @@ fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
     answer::created(&format!("/api/v1/episodes/{}", handle.id), body)
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let mut problems = Problems::default();
     let defaults = Settings::default();
@@ -223,10 +223,10 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     }
     let task = request.task.as_deref().and_then(TaskName::parse);
     let mut built_in = |field: &str, name: &str| {
-        house::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
+        hosted::player(name, task?).map_err(|problem| problems.refuse(field, problem)).ok()
     };
     let fill_with = fill_after.and_then(|_| {
-        built_in("fill_with", request.fill_with.as_deref().unwrap_or(house::EACH_TASKS_OWN))
+        built_in("fill_with", request.fill_with.as_deref().unwrap_or(hosted::DEFAULT_PLAYER))
     });
     let player = request.player.as_deref().and_then(|name| built_in("player", name));
     let usual = || player.as_ref().map_or("unnamed".to_owned(), |name| format!("built-in/{name}"));

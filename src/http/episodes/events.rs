@@ -38,7 +38,7 @@ pub(in super::super) struct EventsParams {
     after: Option<u32>,
 }
 
-/// How long a reader may take for what is pending before it is dropped.
+/// How long a reader may leave events pending before it is dropped.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Listen to resolved rounds (Server-Sent Events).
@@ -84,7 +84,7 @@ pub(in super::super) async fn stream_events(
     let (feed, events) = app.feed().await?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            () = tell(&app, &handle, last.unwrap_or(0), &feed) => {}
+            () = send_events(&app, &handle, last.unwrap_or(0), &feed) => {}
             () = feed.gone() => {}
             () = app.stop.cancelled() => {}
         }
@@ -93,7 +93,7 @@ pub(in super::super) async fn stream_events(
 }
 
 /// Sends every round after `told`, then the end. Ends early where the reader is too slow.
-async fn tell(app: &App, handle: &Handle, mut told: u32, feed: &Feed) {
+async fn send_events(app: &App, handle: &Handle, mut told: u32, feed: &Feed) {
     let mut published = handle.follow();
     loop {
         let snapshot = published.borrow_and_update().clone();
@@ -109,7 +109,7 @@ async fn tell(app: &App, handle: &Handle, mut told: u32, feed: &Feed) {
                 Ok(world) => world,
                 Err(error) => {
                     if error.code() != Code::Overloaded {
-                        tracing::error!(?error, "events cannot be told");
+                        tracing::error!(?error, "events cannot be sent");
                     }
                     return;
                 }

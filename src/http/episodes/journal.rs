@@ -50,14 +50,14 @@ pub(in super::super) async fn read_journal(
     let (stored, spec) = app.known(&caller, id).await?;
     if !app.may_read_journal(&caller, &stored) {
         let detail = if spec.is_mixed() {
-            "a journal holds the seed and what all holders of seats answer: it is shown after the end"
+            "a journal contains the seed and the answers of all seat holders: it can be read after the end"
         } else {
-            "a journal holds the seed: until the end only the creator may read it"
+            "a journal contains the seed: until the end only the creator may read it"
         };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    app.note_look(&caller, &stored, spec.visibility).await?;
-    // As it stands now.
+    app.audit_sealed_read(&caller, &stored, spec.visibility).await?;
+    // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
     let lines = app.in_parts(JournalReader::new(app.store.clone(), stored)).await?;
@@ -68,13 +68,13 @@ pub(in super::super) async fn read_journal(
 pub(in super::super) struct JournalReader {
     store: Store,
     stored: StoredEpisode,
-    at: Place,
+    at: Position,
     acts: ActReader,
     /// Rounds that were read and not written yet.
     rounds: VecDeque<StoredRound>,
 }
 
-enum Place {
+enum Position {
     Opening,
     /// Before this round.
     Before(u32),
@@ -99,26 +99,26 @@ impl JournalReader {
         // Acts of the open round belong to the end.
         let end = stored.rounds.saturating_add(u32::from(stored.ended_at.is_some()));
         let acts = ActReader::new(store.clone(), stored.episode, end);
-        Self { store, stored, at: Place::Opening, acts, rounds: VecDeque::new() }
+        Self { store, stored, at: Position::Opening, acts, rounds: VecDeque::new() }
     }
 
     /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
     async fn write(&mut self, out: &mut String, bytes_max: usize) -> Result<bool, JournalError> {
-        self.at = match std::mem::replace(&mut self.at, Place::Done) {
-            Place::Opening => {
+        self.at = match std::mem::replace(&mut self.at, Position::Done) {
+            Position::Opening => {
                 out.push_str(&first_lines(&self.stored.opening, self.stored.seating.as_ref()));
-                Place::Before(0)
+                Position::Before(0)
             }
-            Place::Before(round) if round < self.stored.rounds => self.begin(round, out).await?,
-            Place::Before(_) => Place::End,
-            Place::In(line) => self.go_on(line, out, bytes_max).await?,
-            Place::End => self.end(out, bytes_max).await?,
-            Place::Done => return Ok(false),
+            Position::Before(round) if round < self.stored.rounds => self.begin(round, out).await?,
+            Position::Before(_) => Position::End,
+            Position::In(line) => self.resume_line(line, out, bytes_max).await?,
+            Position::End => self.end(out, bytes_max).await?,
+            Position::Done => return Ok(false),
         };
         Ok(true)
     }
 
-    async fn begin(&mut self, round: u32, out: &mut String) -> Result<Place, JournalError> {
+    async fn begin(&mut self, round: u32, out: &mut String) -> Result<Position, JournalError> {
         if self.rounds.is_empty() {
             let to = self.stored.rounds.min(round.saturating_add(ROUNDS));
             self.rounds = self.store.resolved(self.stored.episode, round, to).await?.into();
@@ -128,21 +128,21 @@ impl JournalReader {
         let digest = data_encoding::HEXLOWER.encode(&stored.digest);
         let Frame { before, after } = Frame::of_round(round, &digest, stored.score, stored.head);
         out.push_str(&before);
-        Ok(Place::In(OpenLine { round, after, has_acts: false, left: None }))
+        Ok(Position::In(OpenLine { round, after, has_acts: false, left: None }))
     }
 
     /// Writes the next act of a line, or its end.
-    async fn go_on(
+    async fn resume_line(
         &mut self,
         mut line: OpenLine,
         out: &mut String,
         bytes_max: usize,
-    ) -> Result<Place, JournalError> {
+    ) -> Result<Position, JournalError> {
         let Some(act) = self.acts.next_of(line.round, bytes_max).await? else {
             out.push_str(&line.after);
             return match line.left {
-                None => Ok(Place::Before(line.round + 1)),
-                Some(0) => Ok(Place::Done),
+                None => Ok(Position::Before(line.round + 1)),
+                Some(0) => Ok(Position::Done),
                 Some(_) => Err(self.broken("its end has other acts")),
             };
         };
@@ -151,18 +151,20 @@ impl JournalReader {
         line.has_acts = true;
         out.push_str(comma);
         out.push_str(&act);
-        Ok(Place::In(line))
+        Ok(Position::In(line))
     }
 
     /// Writes the end record: whole, or its beginning where it is large.
-    async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Place, JournalError> {
+    async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, JournalError> {
         let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
         let bytes = self.store.end_bytes(episode).await?;
-        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else { return Ok(Place::Done) };
+        let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else {
+            return Ok(Position::Done);
+        };
         if bytes <= bytes_max {
             let record = self.store.end_record(episode).await?;
             out.push_str(&record.line(head));
-            return Ok(Place::Done);
+            return Ok(Position::Done);
         }
         let end = End {
             status: self.stored.status.clone(),
@@ -175,7 +177,7 @@ impl JournalReader {
         out.push_str(&bare.before);
         let around = bare.before.len() + bare.after.len() - LINE_BYTES;
         let left = Some(bytes.wrapping_sub(around));
-        Ok(Place::In(OpenLine { round: rounds, after: bare.after, has_acts: false, left }))
+        Ok(Position::In(OpenLine { round: rounds, after: bare.after, has_acts: false, left }))
     }
 
     fn broken(&self, problem: &str) -> JournalError {

@@ -32,26 +32,27 @@ impl App {
             let detail = if spec.visibility == Visibility::Sealed {
                 "this game is sealed: until its competition is revealed only organizers may read this"
             } else if spec.is_mixed() {
-                "several hold seats of this episode: until its end nobody may read this"
+                "this episode has several seat holders: nobody may read this before its end"
             } else {
                 "until the end of this episode only its creator may read this"
             };
             return Err(ApiError::new(Code::Forbidden, detail));
         }
-        self.note_look(caller, &stored, spec.visibility).await?;
+        self.audit_sealed_read(caller, &stored, spec.visibility).await?;
         self.episode(&stored.id).await
     }
 
-    /// Keeps in mind that an organizer looks into a game whose seed is sealed.
-    pub(super) async fn note_look(
+    /// Adds an audit entry where an organizer reads a game whose seed is sealed.
+    pub(super) async fn audit_sealed_read(
         &self,
         caller: &Caller,
         stored: &StoredEpisode,
         visibility: Visibility,
     ) -> Result<(), ApiError> {
         if visibility == Visibility::Sealed && !stored.revealed {
-            let deed = caller.deed(self, "sealed.read", stored.id.as_str(), json!({}));
-            self.store.keep(deed.into_iter().collect()).await?;
+            let audit_entry =
+                caller.audit_entry(self, "sealed.read", stored.id.as_str(), json!({}));
+            self.store.keep(audit_entry.into_iter().collect()).await?;
         }
         Ok(())
     }
@@ -66,7 +67,7 @@ impl App {
         self.episode(&stored.id).await
     }
 
-    /// What is stored of an episode of which the caller may know. Nothing is taken up for somebody
+    /// What is stored of an episode of which the caller may know. Nothing is recovered for somebody
     /// who may not read it, or who wants to know no more.
     pub(super) async fn known(
         &self,
@@ -134,7 +135,7 @@ impl App {
     }
 }
 
-/// What decides who may do what with a stored episode.
+/// What the permissions of a stored episode depend on.
 fn subject<'a>(stored: &'a StoredEpisode, spec: &Spec) -> Subject<'a> {
     let is_over = Status::parse(&stored.status).is_some_and(Status::is_over);
     Subject {

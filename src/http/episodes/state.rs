@@ -54,5 +54,5 @@ pub(in super::super) async fn show_state(
         return Err(ApiError::new(Code::NotFound, detail).at_round(now.round()));
     }
     let world = if round == now.round() { now } else { app.state_at(&handle, round, None).await? };
-    Ok(Json(world.spectacle().into()))
+    Ok(Json(world.spectator_view().into()))
 }

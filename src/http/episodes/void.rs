@@ -16,9 +16,9 @@ use crate::keys::Key;
 use crate::wire::episode::{EpisodeSummary, VoidRequest};
 use crate::wire::problem::Problem;
 
-/// Void an episode that the host broke: it counts nowhere.
+/// Void an episode after a fault of the server: it counts nowhere.
 ///
-/// One that has not ended is aborted. As long as its run goes on, the game is played again. Voiding an
+/// One that has not ended is aborted. While its run is running, the game is played again. Voiding an
 /// episode again changes nothing.
 #[utoipa::path(
     post,
@@ -47,7 +47,7 @@ pub(in super::super) async fn void_episode(
     let mut problems = Problems::default();
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
-    App::to_its_end(async move { void(&app, key, id, reason).await }).await
+    App::run_detached(async move { void(&app, key, id, reason).await }).await
 }
 
 async fn void(

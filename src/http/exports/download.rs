@@ -140,8 +140,9 @@ pub(in super::super) async fn download_export(
     let turn = app.streams.exports.acquire(party, Rank::Normal).await;
     let turn = turn.map_err(|busy| refused(busy, "exports are being made"))?;
     // Organizers find sealed games in it, too.
-    let deed = caller.deed(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
-    app.store.keep(deed.into_iter().collect()).await?;
+    let audit_entry =
+        caller.audit_entry(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
+    app.store.keep(audit_entry.into_iter().collect()).await?;
     let (pieces, body) = mpsc::channel(PIECES_PENDING);
     let (selected, is_selected) = oneshot::channel();
     // Dropped with this handler, or with the body, where the client hangs up.
@@ -162,7 +163,7 @@ pub(in super::super) async fn download_export(
         let out = Pieces { gathered, to, turns, _held: (place, room) };
         let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
-            // Whoever reads is to notice that this is not the whole file.
+            // The reader has to notice that the file is incomplete.
             tracing::info!(%error, "an export broke off");
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
@@ -188,7 +189,7 @@ fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body
     Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
 
-/// What is asked for, checked.
+/// The query, validated.
 async fn selection(
     app: &App,
     caller: &Caller,
@@ -218,7 +219,7 @@ struct Pieces {
     _held: (Permit, Reservation),
 }
 
-/// The turn of an export: others have theirs while it waits for its reader.
+/// The permit of an export: it is returned while the export waits for its reader.
 struct Turns {
     limit: FairLimit,
     party: Party,

@@ -54,8 +54,8 @@ pub(in super::super) async fn create_key(
         .map_err(|problem| ApiError::field("name", problem))?;
     let created = CreatedKey { key: KeySummary::of(&key, now), secret: token.reveal().to_owned() };
     let detail = json!({ "name": key.name, "role": key.role.name() });
-    let deed = organizer.deed(&app, "key.create", &key.id, detail);
+    let audit_entry = organizer.audit_entry(&app, "key.create", &key.id, detail);
     let row = KeyRow { key, hash: token.hash() };
-    app.store.keep(vec![Entry::AddKey(Box::new(row)), deed]).await?;
+    app.store.keep(vec![Entry::AddKey(Box::new(row)), audit_entry]).await?;
     Ok(with_tokens(StatusCode::CREATED, created))
 }

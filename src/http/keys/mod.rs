@@ -1,4 +1,4 @@
-//! Keys for people: made, listed and revoked by organizers.
+//! Keys for people: created, listed and revoked by organizers.
 
 pub(super) mod create;
 pub(super) mod list;

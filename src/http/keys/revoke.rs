@@ -16,7 +16,7 @@ use crate::wire::problem::Problem;
 
 /// Revoke a key: from now on it opens nothing.
 ///
-/// Episodes that were created with it go on, and so do their tokens; an organizer may abort them.
+/// Episodes that were created with it continue, and their tokens stay valid; an organizer may abort them.
 /// Revoking a key again changes nothing.
 #[utoipa::path(
     delete,
@@ -39,16 +39,16 @@ pub(in super::super) async fn revoke_key(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Json<KeySummary>, ApiError> {
-    // What is revoked must be forgotten, too, whoever has hung up meanwhile.
-    App::to_its_end(async move {
+    // A revoked key must be removed from the cache, too, also if the client hangs up.
+    App::run_detached(async move {
         let now = app.clock.wall();
         let find = async || {
             let key = app.store.keys().await?.into_iter().find(|key| key.id == id);
             key.ok_or_else(|| ApiError::not_found("the key"))
         };
         if find().await?.revoked_at.is_none() {
-            let deed = organizer.deed(&app, "key.revoke", &id, json!({}));
-            app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, deed]).await?;
+            let audit_entry = organizer.audit_entry(&app, "key.revoke", &id, json!({}));
+            app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
         app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
         let key = find().await?;

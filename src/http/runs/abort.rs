@@ -48,11 +48,11 @@ pub(in super::super) async fn abort_run(
         };
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    App::to_its_end(async move {
+    App::run_detached(async move {
         let run = known.stored.run;
         let at = app.clock.wall();
-        let deed = caller.audit(known.stored.owner, at, "run.abort", &id, json!({}));
-        app.runs.end_with(run, RunStatus::Aborted, deed.into_iter().collect()).await?;
+        let audit_entry = caller.audit_foreign(known.stored.owner, at, "run.abort", &id, json!({}));
+        app.runs.end_with(run, RunStatus::Aborted, audit_entry.into_iter().collect()).await?;
         let known = app.known_run(&caller, &id).await?;
         if known.stored.status != RunStatus::Aborted.name() {
             let detail = format!("the run has ended already, as {}", known.stored.status);

@@ -21,7 +21,7 @@ use super::Known;
 use crate::clock::millis;
 use crate::episode::quota::Purpose;
 use crate::fair::Party;
-use crate::house;
+use crate::hosted;
 use crate::ids::Token;
 use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
@@ -63,8 +63,8 @@ pub(in super::super) async fn create_run(
     let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
     let definition = definition(request, &app)?;
     let body: [u8; 32] = Sha256::digest(&body).into();
-    // A repeat must find what the first one creates, whoever has hung up meanwhile.
-    App::to_its_end(async move {
+    // A repeat must find what the first one creates, also if its client hangs up.
+    App::run_detached(async move {
         let (stored, token) = match key {
             None => {
                 check_new(&definition.suite)?;
@@ -88,7 +88,7 @@ async fn create_or_repeat(
     key: String,
     body: [u8; 32],
 ) -> Result<(StoredRun, Option<Token>), ApiError> {
-    let _one_by_one = app.one_by_one(&key).await;
+    let _lock = app.idempotency_lock(&key).await;
     match app.store.run_created_with(&key).await? {
         None => {
             check_new(&definition.suite)?;
@@ -107,7 +107,7 @@ async fn create_or_repeat(
     }
 }
 
-/// Checks everything that was asked for; all that is wrong is named at once.
+/// Validates the request; all errors are reported at once.
 fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     let limits = &app.limits;
     let mut problems = Problems::default();
@@ -234,7 +234,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
     (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
 }
 
-/// Checks that a suite may be played by a new run. Whoever repeats a creation gets that run, also where
+/// Checks that a suite may be played by a new run. A repeated creation gets that run, also where
 /// it was created under wider limits.
 fn check_new(suite: &Suite) -> Result<(), ApiError> {
     let games = suite.plan();
@@ -261,7 +261,7 @@ fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
             }
         }
         if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
-            && let Err(problem) = house::player(name, task)
+            && let Err(problem) = hosted::player(name, task)
             && told.insert(("player".to_owned(), problem.clone()))
         {
             problems.refuse("player", problem);

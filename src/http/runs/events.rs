@@ -1,4 +1,4 @@
-//! `GET /api/v1/runs/{id}/events`: what becomes of a run's games, as Server-Sent Events.
+//! `GET /api/v1/runs/{id}/events`: the games of a run as they are opened and end, as Server-Sent Events.
 
 use std::collections::HashMap;
 
@@ -11,12 +11,12 @@ use super::super::episodes::events::{Events, Feed};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::run::manager::Table;
+use crate::run::manager::OpenGames;
 use crate::wire::run::StreamedRunEvent;
 
 /// Watch a run (Server-Sent Events).
 ///
-/// A `game` event for each game that is opened, and another when it has ended or the host broke it; first
+/// A `game` event for each game that is opened, and another when it has ended or was voided; first
 /// come the games that there are already. `finished` comes when the run is over, with all of it. The rounds
 /// of a game are in the events of its episode.
 #[utoipa::path(
@@ -40,13 +40,13 @@ pub(in super::super) async fn stream_run_events(
     _: Params<Nothing>,
 ) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
-    let table = app.runs.follow(known.stored.run).await?;
+    let open_games = app.runs.follow(known.stored.run).await?;
     let (feed, events) = app.feed().await?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            told = tell(&app, &caller, &id, table, &feed) => {
+            told = send_events(&app, &caller, &id, open_games, &feed) => {
                 if let Err(error) = told {
-                    tracing::warn!(?error, "events of a run cannot be told");
+                    tracing::warn!(?error, "events of a run cannot be sent");
                 }
             }
             () = feed.gone() => {}
@@ -56,19 +56,19 @@ pub(in super::super) async fn stream_run_events(
     Ok(events)
 }
 
-/// Tells what every game has become, and what it becomes, until the run is over. Ends early where the reader is
+/// Sends the state of every game, and its changes, until the run is over. Ends early where the reader is
 /// too slow.
-async fn tell(
+async fn send_events(
     app: &App,
     caller: &Caller,
     id: &str,
-    mut table: watch::Receiver<Table>,
+    mut open_games: watch::Receiver<OpenGames>,
     feed: &Feed,
 ) -> Result<(), ApiError> {
     let mut told: HashMap<String, (String, bool)> = HashMap::new();
     loop {
-        // What changes after this is told in the next turn.
-        let is_over = table.borrow_and_update().is_over;
+        // Later changes are sent in the next turn.
+        let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
         let shown = app.run_detail(caller, &known).await?;
         for game in &shown.games {
@@ -87,7 +87,7 @@ async fn tell(
             return Ok(());
         }
         drop((known, shown));
-        if table.changed().await.is_err() {
+        if open_games.changed().await.is_err() {
             return Ok(());
         }
     }

@@ -38,7 +38,7 @@ impl Known {
         Ok(Self { stored, definition, visibility })
     }
 
-    /// What decides who may do what with it.
+    /// What its permissions depend on.
     fn subject(&self) -> Subject<'_> {
         Subject {
             id: None,
@@ -133,7 +133,7 @@ impl Known {
                 });
             }
             let is_again = shown[before..].iter().all(|game| game.void_reason.is_some());
-            // What the host broke after the end of the run is not played again.
+            // A game that was voided after the end of the run is not played again.
             if shown.len() == before || (is_again && self.stored.ended_at.is_none()) {
                 shown.push(RunGame {
                     slot: planned.slot,
@@ -185,7 +185,7 @@ impl App {
         if caller.may_know(&self.access, known.subject()) { Ok(known) } else { Err(unknown()) }
     }
 
-    /// A run as it stands now, with its games.
+    /// The current state of a run, with its games.
     async fn run_detail(&self, caller: &Caller, known: &Known) -> Result<RunDetail, ApiError> {
         let games = self.store.games_of(known.stored.run).await?;
         Ok(RunDetail {
@@ -201,7 +201,7 @@ fn tally(games: &[StoredGame]) -> ActTally {
     for game in games.iter().filter(|game| game.counts()) {
         sum.acts += game.tally.acts;
         sum.invalid += game.tally.invalid;
-        sum.clock_outs += game.tally.clock_outs;
+        sum.timeouts += game.tally.timeouts;
         sum.prompt_tokens = sum.prompt_tokens.saturating_add(game.tally.prompt_tokens);
         sum.completion_tokens = sum.completion_tokens.saturating_add(game.tally.completion_tokens);
     }
@@ -211,8 +211,8 @@ fn tally(games: &[StoredGame]) -> ActTally {
         sent: sum.acts,
         invalid: sum.invalid,
         invalid_share: share(sum.invalid, sum.acts),
-        clock_outs: sum.clock_outs,
-        clock_out_share: share(sum.clock_outs, sum.acts + sum.clock_outs),
+        clock_outs: sum.timeouts,
+        clock_out_share: share(sum.timeouts, sum.acts + sum.timeouts),
         prompt_tokens: sum.prompt_tokens,
         completion_tokens: sum.completion_tokens,
     }

@@ -19,7 +19,7 @@ use crate::wire::run::RunToken;
 
 /// Get a new token for a run, in place of one that was lost.
 ///
-/// The earlier token is revoked. The games go on.
+/// The earlier token is revoked. The games continue.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{id}/token",
@@ -43,8 +43,8 @@ pub(in super::super) async fn replace_run_token(
 ) -> Result<Response, ApiError> {
     let known = app.known_run(&caller, &id).await?;
     let (run, owner) = (known.stored.run, known.stored.owner);
-    // Whoever plays an attempt in a competition may not read it, but plays it.
-    if !caller.owns(known.subject()) && !caller.has_made(owner) {
+    // The player of an attempt in a competition may play it, but not read it.
+    if !caller.owns(known.subject()) && !caller.created(owner) {
         let detail =
             "only the creator of a run may do this: send the key with which it was created";
         return Err(ApiError::new(Code::Forbidden, detail));
@@ -53,9 +53,10 @@ pub(in super::super) async fn replace_run_token(
         let detail = "the server itself plays this run; it has no token";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
-    App::to_its_end(async move {
-        let deed = caller.audit(owner, app.clock.wall(), "run.token", &id, json!({}));
-        let token = app.new_run_token(run, deed.into_iter().collect()).await?;
+    App::run_detached(async move {
+        let audit_entry =
+            caller.audit_foreign(owner, app.clock.wall(), "run.token", &id, json!({}));
+        let token = app.new_run_token(run, audit_entry.into_iter().collect()).await?;
         let body = RunToken { id, swarm_token: token.reveal().to_owned() };
         Ok(with_tokens(StatusCode::OK, body))
     })
@@ -67,9 +68,9 @@ impl App {
     pub(super) async fn new_run_token(
         &self,
         run: RunKey,
-        deeds: Vec<Entry>,
+        audit_entries: Vec<Entry>,
     ) -> Result<Token, ApiError> {
-        let token = self.runs.replace_token(run, deeds).await?;
+        let token = self.runs.replace_token(run, audit_entries).await?;
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
         self.forget_tokens(is_old);
         Ok(token)

@@ -53,7 +53,7 @@ pub(in super::super) async fn post_swarm_act(
     let Envelope { acts: Acts { acts, count } } = read(body.as_ref())?;
     let most = app.limits.acts_max;
     if count > most {
-        let detail = format!("{count} acts came, at most {most} are taken at once");
+        let detail = format!("{count} acts were sent, at most {most} are accepted in one request");
         return Err(ApiError::limit(Code::TooLarge, "acts_max", most, detail));
     }
     let mut source = Source::of(&app, swarm).await?;
@@ -105,7 +105,7 @@ struct Envelope {
     acts: Acts,
 }
 
-/// So many acts are kept; what comes beyond is counted.
+/// The acts that are kept; further ones are counted.
 const ACTS_KEPT: usize = 4096;
 
 /// The acts of a body, and how many came.
@@ -184,7 +184,7 @@ async fn take(
     let agent = AgentId::parse(&agent).filter(|agent| agent.0 < config.num_agents());
     let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
     if !group.seated.holds(agent) {
-        let detail = format!("this token does not stand for the seat of {agent}");
+        let detail = format!("this token is not valid for the seat of {agent}");
         return Err(ApiError::new(Code::Forbidden, detail));
     }
     group.submissions.push((agent, submission(act, config, agent)?));

@@ -15,10 +15,10 @@ use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
 use crate::ids::EpisodeId;
 use crate::journal::RunKey;
-use crate::run::manager::Table;
+use crate::run::manager::OpenGames;
 use crate::store::tokens::Seats;
 
-/// Seats of one episode, among those for which a token stands.
+/// Seats of one episode, among those that a token authorizes.
 struct Seated {
     handle: Handle,
     seats: Seats,
@@ -37,7 +37,7 @@ impl Seated {
 /// Where the seats of a token are found.
 enum Source {
     Episode(Seated),
-    Run { run: RunKey, table: watch::Receiver<Table>, games: Option<HashSet<EpisodeId>> },
+    Run { run: RunKey, open_games: watch::Receiver<OpenGames>, games: Option<HashSet<EpisodeId>> },
 }
 
 impl Source {
@@ -46,7 +46,9 @@ impl Source {
             Swarm::Episode(id, seats) => {
                 Self::Episode(Seated { handle: app.episode(&id).await?, seats })
             }
-            Swarm::Run(run) => Self::Run { run, table: app.runs.follow(run).await?, games: None },
+            Swarm::Run(run) => {
+                Self::Run { run, open_games: app.runs.follow(run).await?, games: None }
+            }
         })
     }
 
@@ -57,8 +59,8 @@ impl Source {
             Self::Episode(Seated { handle, seats }) => {
                 Ok((vec![Seated { handle: handle.clone(), seats: seats.clone() }], None))
             }
-            Self::Run { table, .. } => {
-                let Table { open, is_over } = table.borrow_and_update().clone();
+            Self::Run { open_games, .. } => {
+                let OpenGames { open, is_over } = open_games.borrow_and_update().clone();
                 let mut seated = Vec::with_capacity(open.len());
                 for found in join_all(open.iter().map(|id| app.episode(id))).await {
                     match found {
@@ -81,16 +83,16 @@ impl Source {
         Ok(())
     }
 
-    /// The seats in one episode, also after its end; none where the token stands for no seat there.
+    /// The seats in one episode, also after its end; none where the token authorizes no seat there.
     async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
                 let is_it = handle.id.as_str() == episode;
                 Ok(is_it.then(|| Seated { handle: handle.clone(), seats: seats.clone() }))
             }
-            Self::Run { run, table, games } => {
+            Self::Run { run, open_games, games } => {
                 let id = EpisodeId::from_text(episode.to_owned());
-                let is_open = table.borrow().open.contains(&id);
+                let is_open = open_games.borrow().open.contains(&id);
                 if !is_open {
                     if games.is_none() {
                         let all = app.store.games_of(*run).await?.into_iter();
@@ -109,7 +111,7 @@ impl Source {
     async fn changed(&mut self) {
         let is_told = match self {
             Self::Episode(_) => false,
-            Self::Run { table, .. } => table.changed().await.is_ok(),
+            Self::Run { open_games, .. } => open_games.changed().await.is_ok(),
         };
         if !is_told {
             std::future::pending::<()>().await;

@@ -45,7 +45,7 @@ pub(in super::super) struct SwarmObsParams {
 /// Look for several seats: the observations that wait for an act, oldest first.
 ///
 /// At least one, unless the time was up or all is over. An answer has at most 8 MB: it may have fewer
-/// observations than `limit`, and its cursor stands at the last one that it has.
+/// observations than `limit`, and its cursor is that of its last one.
 #[utoipa::path(
     get,
     path = "/swarm/obs",
@@ -120,12 +120,12 @@ async fn wait_for_seats(
     let mut is_up = patience.is_zero();
     let mut up = app.clock.sleep_until(clock::after(app.clock.now(), patience));
     loop {
-        // What changes from here on is told by `changed`.
+        // Changes from here on are reported by `changed`.
         let (seated, is_over) = source.open(app).await?;
         let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
         loop {
             let (open, are_over) = look(app, &mut followed, after);
-            // A run goes on when the games that are open are over.
+            // A run continues when its open games are over.
             let is_over = is_over.unwrap_or(are_over);
             if !open.is_empty() || is_over || is_up {
                 return Ok((open, is_over));
@@ -189,7 +189,7 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
 /// oldest first; and whether all of these episodes are over.
 fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool) {
     let (snapshots, are_over) = {
-        // Rounds get their places from whoever sees them first. If that were not the same for all of a
+        // Rounds get their places from the first look that sees them. If that were not the same for all of a
         // look, another one could take the next place for what this one has passed already.
         let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
         let mut snapshots: Vec<_> = followed

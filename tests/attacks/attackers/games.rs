@@ -1,4 +1,4 @@
-//! Games whose rounds are dear: to play, to host, to take up again.
+//! Games whose rounds are expensive: to play, to host, to recover.
 
 use std::fmt::Write as _;
 use std::io;
@@ -157,7 +157,7 @@ pub(super) async fn hosted_players(ctx: Arc<Ctx>) -> io::Result<()> {
 /// Games of the attack on a restart.
 const RESTARTED: usize = 6;
 
-/// Six heavy games with clocks, which a server takes up again before it is ready.
+/// Six heavy games with clocks, which a server recovers before it is ready.
 pub(super) async fn restart(ctx: Arc<Ctx>) -> io::Result<()> {
     let agents = ctx.of(32, 256);
     let mut games = Vec::new();

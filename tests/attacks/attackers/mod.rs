@@ -55,7 +55,7 @@ const PREPARATION_MAX: Duration = Duration::from_mins(2);
 /// After this time the attackers end, whatever else happens.
 const LIFE_MAX: Duration = Duration::from_mins(15);
 
-/// What the attackers are told.
+/// The settings of the attackers.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Brief {
     pub(crate) attack: String,
@@ -381,7 +381,7 @@ async fn play(attack: &Attack, ctx: Arc<Ctx>) {
     std::future::pending::<()>().await;
 }
 
-/// Does what is told on the standard input, on a thread of its own; completes at its end.
+/// Follows commands on the standard input, on a thread of its own; completes at its end.
 fn listen(ctx: Arc<Ctx>, at: watch::Sender<SocketAddr>) -> tokio::sync::oneshot::Receiver<()> {
     let (over, is_over) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || {

@@ -35,12 +35,12 @@ const ROUNDS: u32 = 10;
 /// The time of a round, where it has one.
 const DEADLINE: Duration = Duration::from_mins(1);
 
-/// What became of a game.
+/// The outcome of a game.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Did {
     /// It was played to its end.
     Scored(u32),
-    /// The same, with answers that were none and clocks that ran out.
+    /// The same, with invalid answers and timeouts.
     Wrong { score: u32, invalid: u32, late: u32 },
     /// It was aborted as soon as it had this score.
     Aborted(u32),
@@ -48,7 +48,7 @@ pub(super) enum Did {
     Voided(u32),
     /// Several agents played until they had this score; then it was aborted.
     Together(u32),
-    /// It was opened and goes on.
+    /// It was opened and is running.
     GoesOn,
     /// It was never opened.
     NotBegun,
@@ -154,7 +154,7 @@ impl Offline {
         self.end(run, status).await;
     }
 
-    /// Plays games of a run that goes on.
+    /// Plays games of a running run.
     pub(super) async fn open_run(
         &mut self,
         definition: Definition,
@@ -234,7 +234,7 @@ impl Offline {
         self.store.keep(vec![entry]).await.expect("it is kept");
     }
 
-    /// The host broke the game that was played last, and notices it so often.
+    /// Voids the last game, this many times.
     pub(super) async fn void_last(&self, times: usize) {
         let reason = "a test".to_owned();
         let entry = Entry::VoidEpisode { episode: self.last, reason, at: self.clock.now() };
@@ -385,7 +385,7 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
     }
 }
 
-/// Acts for all agents; what is no action is the answer of a language model that was none.
+/// Acts for all agents; anything but an action is an invalid answer of a language model.
 async fn submit(handle: &Handle, round: u32, actions: &[&str]) {
     let act = |(number, action): (u16, &&str)| {
         let is_action = ["SWITCH", "STAY"].contains(action);

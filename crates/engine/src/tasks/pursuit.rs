@@ -63,7 +63,7 @@ pub fn flight(ground: &impl Ground, rules: RuleSet, prey: Pos) -> Option<Pos> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pursuit {
     pub(crate) prey: BodyId,
-    /// The layout's generator, which goes on to place new preys.
+    /// The layout's generator, which also places new preys.
     pub(crate) rng: LayoutRng,
 }
 

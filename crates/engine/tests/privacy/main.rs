@@ -1,5 +1,5 @@
 //! An observation depends on nothing that the agent may not know: two games are played in which others do hidden
-//! things differently, and whoever may not know of them sees the same.
+//! things differently, and agents that may not know of them see the same.
 
 #[path = "../common/dice.rs"]
 mod dice;
@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use dice::Dice;
-use oracle::{Blind, Body, Deed, Game, State};
+use oracle::{Blind, Body, Game, PlannedAct, State};
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, World};
 
 /// How many pairs of games are played.
@@ -25,29 +25,29 @@ impl Played {
     fn new(dice: &mut Dice) -> Self {
         let settings = oracle::settings(dice);
         let world = World::new(Arc::new(Config::check(&settings).expect("settings to be played")));
-        let game = Game { settings, states: vec![state(&world)], deeds: Vec::new() };
+        let game = Game { settings, states: vec![state(&world)], planned: Vec::new() };
         Self { game, world }
     }
 
-    fn step(&mut self, deeds: Vec<Deed>) {
-        let acts: Vec<Act> = deeds.iter().map(|deed| self.act(deed)).collect();
+    fn step(&mut self, planned: Vec<PlannedAct>) {
+        let acts: Vec<Act> = planned.iter().map(|act| self.act(act)).collect();
         self.world.step(&acts);
-        self.game.deeds.push(deeds);
+        self.game.planned.push(planned);
         self.game.states.push(state(&self.world));
     }
 
-    fn act(&self, deed: &Deed) -> Act {
+    fn act(&self, act: &PlannedAct) -> Act {
         let id = |to: usize| AgentId(u16::try_from(to).expect("an agent's number"));
         Act {
-            action: Action::parse(self.world.config().task(), deed.action),
-            message: deed.message.as_deref().and_then(Message::new),
-            to: deed.to.map(id),
+            action: Action::parse(self.world.config().task(), act.action),
+            message: act.message.as_deref().and_then(Message::new),
+            to: act.to.map(id),
         }
     }
 }
 
 fn state(world: &World) -> State {
-    let seen = world.spectacle();
+    let seen = world.spectator_view();
     let body = |agent: &swarmbench_engine::AgentState| Body {
         at: (agent.at.i.into(), agent.at.j.into()),
         alive: agent.alive,
@@ -60,7 +60,7 @@ fn state(world: &World) -> State {
     }
 }
 
-/// How often two observations were to be the same, and what came of it.
+/// How often two observations were to be the same, and the result.
 #[derive(Debug, Default)]
 struct Count {
     alike: u32,
@@ -80,8 +80,8 @@ fn compare(seeds: Range<u64>, blind: Blind) -> Count {
         let first = dice.below(6);
         for _ in 0..first {
             if !one.world.is_over() {
-                let deeds = oracle::deeds(&mut dice, &one.game);
-                one.step(deeds);
+                let planned = oracle::planned(&mut dice, &one.game);
+                one.step(planned);
             }
         }
         let mut other = Played { game: one.game.clone(), world: one.world.clone() };
@@ -90,9 +90,9 @@ fn compare(seeds: Range<u64>, blind: Blind) -> Count {
             if one.world.is_over() || other.world.is_over() {
                 break;
             }
-            let deeds = oracle::deeds(&mut dice, &one.game);
-            let changed = oracle::changed(&mut dice, &one.game, &deeds, observer);
-            one.step(deeds);
+            let planned = oracle::planned(&mut dice, &one.game);
+            let changed = oracle::changed(&mut dice, &one.game, &planned, observer);
+            one.step(planned);
             other.step(changed);
             for (agent, number) in one.world.agents().zip(0..) {
                 let knowledge = one.game.knowledge(number, blind);
@@ -154,8 +154,8 @@ fn windows_are_those_of_the_oracle() {
                 let window = played.game.window(round, number, Blind::Nothing);
                 assert_eq!((round, corner, cells), window, "seed {seed}, {agent}");
             }
-            let deeds = oracle::deeds(&mut dice, &played.game);
-            played.step(deeds);
+            let planned = oracle::planned(&mut dice, &played.game);
+            played.step(planned);
         }
     }
 }

@@ -28,7 +28,7 @@ pub(crate) struct State {
 
 /// What an agent does in a round.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Deed {
+pub(crate) struct PlannedAct {
     pub(crate) action: &'static str,
     pub(crate) message: Option<String>,
     pub(crate) to: Option<usize>,
@@ -53,7 +53,7 @@ pub(crate) enum Blind {
 pub(crate) struct Game {
     pub(crate) settings: Settings,
     pub(crate) states: Vec<State>,
-    pub(crate) deeds: Vec<Vec<Deed>>,
+    pub(crate) planned: Vec<Vec<PlannedAct>>,
 }
 
 /// A window: its round, its corner and its cells.
@@ -91,7 +91,7 @@ impl Game {
 
     /// Whether anything at all differs from the other game: now, and ever.
     pub(crate) fn differs_from(&self, other: &Self) -> [bool; 2] {
-        let ever = self.states != other.states || self.deeds != other.deeds;
+        let ever = self.states != other.states || self.planned != other.planned;
         [self.state() != other.state(), ever]
     }
 
@@ -109,8 +109,8 @@ impl Game {
         let lived = |round: &usize| self.states[*round].agents[agent].alive;
         let past = if blind == Blind::Past { 1 } else { memory.max(1) };
         let history = (round.saturating_sub(memory)..round).filter(lived).map(|round| {
-            let deed = &self.deeds[round][agent];
-            (round, deed.action, deed.message.clone())
+            let act = &self.planned[round][agent];
+            (round, act.action, act.message.clone())
         });
         Knowledge {
             round,
@@ -172,11 +172,11 @@ impl Game {
         let late = usize::try_from(self.settings.max_delay).expect("not negative");
         let mut messages = Vec::new();
         for sent in last.saturating_sub(1 + late)..last {
-            for (sender, deed) in self.deeds[sent].iter().enumerate() {
-                let Some(text) = deed.message.clone() else { continue };
+            for (sender, act) in self.planned[sent].iter().enumerate() {
+                let Some(text) = act.message.clone() else { continue };
                 let before = &self.states[sent];
                 let decisive = if self.is_reference() { now } else { before };
-                if before.agents[sender].alive && self.hears(decisive, sender, deed.to, agent) {
+                if before.agents[sender].alive && self.hears(decisive, sender, act.to, agent) {
                     messages.push((sent, sender, text));
                 }
             }
@@ -221,17 +221,17 @@ pub(crate) fn settings(dice: &mut Dice) -> Settings {
 }
 
 /// What all agents do in a round, at random.
-pub(crate) fn deeds(dice: &mut Dice, game: &Game) -> Vec<Deed> {
-    (0..game.state().agents.len()).map(|agent| deed(dice, game, agent)).collect()
+pub(crate) fn planned(dice: &mut Dice, game: &Game) -> Vec<PlannedAct> {
+    (0..game.state().agents.len()).map(|agent| act(dice, game, agent)).collect()
 }
 
-fn deed(dice: &mut Dice, game: &Game, agent: usize) -> Deed {
+fn act(dice: &mut Dice, game: &Game, agent: usize) -> PlannedAct {
     let task = TaskName::parse(&game.settings.task).expect("a task");
     let actions = Action::of_task(task);
     let agents = game.state().agents.len();
     let says = dice.below(2) == 0;
     let names = says && game.is_centralized() && agent == 0 && dice.below(2) == 0;
-    Deed {
+    PlannedAct {
         action: actions[dice.below(actions.len())].name(),
         message: says.then(|| format!("message {}", dice.below(1_000))),
         to: names.then(|| 1 + dice.below(agents - 1)),
@@ -240,13 +240,18 @@ fn deed(dice: &mut Dice, game: &Game, agent: usize) -> Deed {
 
 /// The same round in the other game: agents do something else of which `observer` hears and sees nothing at once,
 /// and now and then any agent does.
-pub(crate) fn changed(dice: &mut Dice, game: &Game, deeds: &[Deed], observer: usize) -> Vec<Deed> {
+pub(crate) fn changed(
+    dice: &mut Dice,
+    game: &Game,
+    planned: &[PlannedAct],
+    observer: usize,
+) -> Vec<PlannedAct> {
     let anybody = dice.below(16) == 0;
-    let mut changed = deeds.to_vec();
+    let mut changed = planned.to_vec();
     for (agent, changed) in changed.iter_mut().enumerate() {
-        let other = deed(dice, game, agent);
+        let other = act(dice, game, agent);
         let is_told =
-            |deed: &Deed| deed.message.is_some() && deed.to.is_none_or(|to| to == observer);
+            |act: &PlannedAct| act.message.is_some() && act.to.is_none_or(|to| to == observer);
         let is_hidden = match (game.is_centralized(), agent) {
             (true, 0) => !is_told(changed) && !is_told(&other),
             (true, _) => observer != 0,
@@ -257,7 +262,7 @@ pub(crate) fn changed(dice: &mut Dice, game: &Game, deeds: &[Deed], observer: us
         }
         if game.is_centralized() {
             // Whatever is done is seen by all.
-            *changed = Deed { action: changed.action, ..other };
+            *changed = PlannedAct { action: changed.action, ..other };
         } else {
             *changed = other;
         }

@@ -83,7 +83,7 @@ fn flocking_is_always_done() {
     for seed in 1000..1050 {
         let settings = Settings::standard(TaskName::Flocking, seed);
         let config = Config::check(&settings).expect("playable settings");
-        let most = World::new(Arc::new(config)).spectacle().distance.expect("it is Flocking");
+        let most = World::new(Arc::new(config)).spectator_view().distance.expect("it is Flocking");
         let score = play(best, &settings, seed).0;
         assert!((score - most).abs() < 1e-9, "seed {seed}: {score} of {most}");
     }

@@ -4,7 +4,7 @@
 //! and nothing else, and its acts go the way of all acts, to the barrier and into the journal. What a
 //! player decides follows from what it was shown before. So it is shown every round in which its agent
 //! lives, once and in order, also those that went by without it; after a restart that are all rounds
-//! so far, and the game goes on as if nothing had happened.
+//! so far, and the game continues as if nothing had happened.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use std::time::Duration;
 use futures::future::{Either, select};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, TaskName, World};
-pub use swarmbench_players::EACH_TASKS_OWN;
+pub use swarmbench_players::DEFAULT_PLAYER;
 use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
@@ -36,7 +36,7 @@ pub const HOSTED_ROUNDS_MAX: usize = 4;
 /// How long a game waits whose players could not be shown what they had seen, as too many others read.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
-/// Turns of hosted games to play a round: a group has no more than three of four.
+/// Permits of hosted games to play a round: a group has no more than three of four.
 #[must_use]
 pub fn turns() -> FairLimit {
     let shares = Shares {
@@ -60,7 +60,7 @@ pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     Ok(found.name.to_owned())
 }
 
-/// Plays the server's seats of all episodes that come, until it is told to stop.
+/// Plays the server's seats of all episodes that come, until it is asked to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
     host: Host,
@@ -77,12 +77,12 @@ pub async fn run(
             loop {
                 let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
                 match select(playing, Box::pin(stop.cancelled())).await {
-                    Either::Left((Err(error), _)) if error.will_pass() && !handle.is_dead() => {
-                        tracing::warn!(episode = %id, %error, "the server plays its seats again soon");
+                    Either::Left((Err(error), _)) if error.is_temporary() && !handle.is_dead() => {
+                        tracing::warn!(episode = %id, %error, "hosted seats are not played at the moment; retrying soon");
                         host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;
                     }
                     Either::Left((Err(error), _)) => {
-                        tracing::error!(episode = %id, %error, "the server plays its seats no more");
+                        tracing::error!(episode = %id, %error, "hosted seats are no longer played");
                         return;
                     }
                     Either::Left((Ok(()), _)) | Either::Right(_) => return,
@@ -92,26 +92,26 @@ pub async fn run(
     }
 }
 
-/// Why seats are not played on.
+/// Why hosted seats cannot be played.
 #[derive(Debug, thiserror::Error)]
-pub enum HouseError {
+pub enum HostedError {
     /// An episode names a player that is not built in.
     #[error("{0}")]
     Unknown(String),
-    /// What was shown before cannot be shown again.
+    /// Earlier observations cannot be replayed.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
     /// A player failed.
     #[error(transparent)]
     Work(#[from] WorkError),
-    /// An act could not be kept.
+    /// An act could not be stored.
     #[error(transparent)]
     Journal(#[from] JournalError),
 }
 
-impl HouseError {
+impl HostedError {
     /// Whether the same will work later: too many others read or wanted heavy work at the moment.
-    fn will_pass(&self) -> bool {
+    fn is_temporary(&self) -> bool {
         match self {
             Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
             Self::Recovery(RecoveryError::Work(error)) | Self::Work(error) => {
@@ -125,8 +125,8 @@ impl HouseError {
 /// Plays the server's seats of one episode to its end.
 ///
 /// # Errors
-/// Where players or their memory cannot be had, or the journal keeps nothing.
-pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HouseError> {
+/// Where players or their memory cannot be created, or the journal fails.
+pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -165,7 +165,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
             }
         }
         if published.changed().await.is_err() {
-            // Its actor is gone; whoever takes it up again tells of it.
+            // Its actor is gone; its recovery sends it again.
             return Ok(());
         }
     }
@@ -183,13 +183,13 @@ impl Players {
     ///
     /// # Errors
     /// Where one is not built in.
-    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HouseError> {
+    pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HostedError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
-            let built_in = built_in.map_err(|error| HouseError::Unknown(error.to_string()))?;
+            let built_in = built_in.map_err(|error| HostedError::Unknown(error.to_string()))?;
             Ok((*agent, built_in.make(&seat(spec, *agent))))
         });
-        let seats = made.collect::<Result<_, HouseError>>()?;
+        let seats = made.collect::<Result<_, HostedError>>()?;
         Ok(Self { seats, shown: 0 })
     }
 
@@ -210,7 +210,7 @@ impl Players {
         world: &Arc<World>,
         host: &Host,
         party: Party,
-    ) -> Result<(Self, Vec<(AgentId, Submission)>), HouseError> {
+    ) -> Result<(Self, Vec<(AgentId, Submission)>), HostedError> {
         let world = Arc::clone(world);
         let work = move |_: &Cancelled<'_>| {
             let decided = self.decide(&world);
@@ -222,7 +222,7 @@ impl Players {
 
 fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submission {
     let act = player.decide(&world.observe(agent));
-    // Whoever decides nothing stays where it is.
+    // A player without a decision stays.
     let action = act.action.map_or("STAY", |action| action.name());
     let record = ActRecord {
         agent: agent.to_string(),

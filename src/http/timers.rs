@@ -1,8 +1,8 @@
-//! The clocks of a connection: for the head of a request, between requests, and for taking an answer.
+//! The timeouts of a connection: for the head of a request, between requests, and for reading an answer.
 //!
 //! hyper's own timer cannot tell a slow head from an idle connection, and has none for writing. So the
 //! stream notes what is read and written, the service notes when a request is there and when its
-//! answer is handed over, and whoever serves the connection waits for [`Pace::late`] beside it. The
+//! answer is handed over, and the task that serves the connection waits for [`ConnectionTimers::timed_out`] beside it. The
 //! clock of a body is not here but where bodies are read, in `extract.rs`.
 
 use std::io;
@@ -17,12 +17,12 @@ use hyper::body::{Frame, SizeHint};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
-use super::client::Asked;
+use super::client::RequestContext;
 use super::limits::Limits;
 
 /// How long each part of a connection may take.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Patience {
+pub(super) struct Timeouts {
     /// From the first byte of a head to its end; for the first head from the beginning.
     pub(super) head: Duration,
     /// From the end of an answer to the first byte of the next head.
@@ -33,10 +33,10 @@ pub(super) struct Patience {
     pub(super) bytes_per_s_min: u64,
 }
 
-/// Over how long a time of waiting the pace of a client is looked at.
+/// Over how long a time of waiting the throughput of a client is measured.
 const WINDOW: Duration = Duration::from_secs(30);
 
-impl From<&Limits> for Patience {
+impl From<&Limits> for Timeouts {
     fn from(limits: &Limits) -> Self {
         Self {
             head: Duration::from_millis(limits.head_ms_max),
@@ -47,15 +47,15 @@ impl From<&Limits> for Patience {
     }
 }
 
-/// What took too long.
+/// Which part of a connection took too long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Late {
+pub(super) enum Timeout {
     Head,
     Idle,
     Write,
 }
 
-impl Late {
+impl Timeout {
     /// Its name in the metrics.
     pub(super) const fn name(self) -> &'static str {
         match self {
@@ -66,7 +66,7 @@ impl Late {
     }
 }
 
-/// What a connection does with its place. The least is the first to be closed where places are needed.
+/// What a connection does with its place. The least is the first to be closed where permits are needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Usage {
     /// No request is in flight, since then: it is idle, or its head is not complete.
@@ -77,17 +77,17 @@ pub(super) enum Usage {
 
 /// The clocks of one connection. Cloning shares them.
 #[derive(Clone, Debug)]
-pub(super) struct Pace(Arc<Mutex<State>>);
+pub(super) struct ConnectionTimers(Arc<Mutex<State>>);
 
-impl Pace {
-    /// Those of a connection that was just accepted.
-    pub(super) fn new(patience: Patience) -> Self {
-        Self(Arc::new(Mutex::new(State::new(patience, Instant::now()))))
+impl ConnectionTimers {
+    /// The clocks of a connection that was just accepted.
+    pub(super) fn new(timeouts: Timeouts) -> Self {
+        Self(Arc::new(Mutex::new(State::new(timeouts, Instant::now()))))
     }
 
-    /// Completes when something has taken too long. It must be polled by the task that serves the
+    /// Completes when a timeout has expired. It must be polled by the task that serves the
     /// connection, after it: only what that task does moves the clocks.
-    pub(super) async fn late(&self) -> Late {
+    pub(super) async fn timed_out(&self) -> Timeout {
         let mut timer = pin!(tokio::time::sleep(Duration::ZERO));
         std::future::poll_fn(|context| {
             let Some((at, late)) = self.state().deadline() else { return Poll::Pending };
@@ -99,13 +99,13 @@ impl Pace {
         .await
     }
 
-    /// Notes that the head of a request is there, until the answer to it is handed over.
-    pub(super) fn answering(&self) -> Answering {
-        self.state().asked(Instant::now());
-        Answering(self.clone())
+    /// Notes that the head of a request was received. Until the result is dropped the request is in flight.
+    pub(super) fn pending(&self) -> PendingResponse {
+        self.state().head_received(Instant::now());
+        PendingResponse(self.clone())
     }
 
-    /// What the connection does with its place.
+    /// What the connection is used for.
     pub(super) fn usage(&self) -> Usage {
         self.state().usage(Instant::now())
     }
@@ -115,24 +115,24 @@ impl Pace {
     }
 }
 
-/// A request that is not answered yet. Dropping it says that the connection is idle again.
+/// A request that is not answered yet. Dropping it makes the connection idle again.
 #[derive(Debug)]
-pub(super) struct Answering(Pace);
+pub(super) struct PendingResponse(ConnectionTimers);
 
-impl Drop for Answering {
+impl Drop for PendingResponse {
     fn drop(&mut self) {
         self.0.state().answered(Instant::now());
     }
 }
 
-/// The body of an answer; the request is answered when it is dropped, be it to its end or not.
-pub(super) struct Answer {
+/// The body of an answer; the request counts as answered when it is dropped, complete or not.
+pub(super) struct TimedBody {
     pub(super) body: Body,
-    pub(super) _answering: Answering,
-    pub(super) asked: Option<Asked>,
+    pub(super) _pending: PendingResponse,
+    pub(super) request: Option<RequestContext>,
 }
 
-impl hyper::body::Body for Answer {
+impl hyper::body::Body for TimedBody {
     type Data = Bytes;
     type Error = axum::Error;
 
@@ -140,10 +140,10 @@ impl hyper::body::Body for Answer {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let Self { body, asked, .. } = &mut *self;
+        let Self { body, request, .. } = &mut *self;
         let mut poll = || Pin::new(&mut *body).poll_frame(context);
-        match asked {
-            Some(asked) => asked.origin.enter(poll),
+        match request {
+            Some(request) => request.origin.enter(poll),
             None => poll(),
         }
     }
@@ -158,23 +158,23 @@ impl hyper::body::Body for Answer {
 }
 
 /// A stream that notes what is read and written.
-pub(super) struct Paced<S> {
+pub(super) struct TimedStream<S> {
     pub(super) stream: S,
-    pub(super) pace: Pace,
+    pub(super) timers: ConnectionTimers,
 }
 
-impl<S> Paced<S> {
+impl<S> TimedStream<S> {
     fn noted(&self, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
         match &written {
-            Poll::Ready(Ok(count)) => self.pace.state().wrote(Instant::now(), *count),
+            Poll::Ready(Ok(count)) => self.timers.state().wrote(Instant::now(), *count),
             Poll::Ready(Err(_)) => {}
-            Poll::Pending => self.pace.state().blocked(Instant::now()),
+            Poll::Pending => self.timers.state().blocked(Instant::now()),
         }
         written
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Paced<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for TimedStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -184,13 +184,13 @@ impl<S: AsyncRead + Unpin> AsyncRead for Paced<S> {
         ready!(Pin::new(&mut self.stream).poll_read(context, buffer))?;
         let count = buffer.filled().len() - before;
         if count > 0 {
-            self.pace.state().read(Instant::now(), count);
+            self.timers.state().read(Instant::now(), count);
         }
         Poll::Ready(Ok(()))
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Paced<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for TimedStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -222,7 +222,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Paced<S> {
     }
 }
 
-/// Where a connection stands.
+/// The phase of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// A head is being read.
@@ -236,7 +236,7 @@ enum Phase {
 /// The clocks as a pure machine.
 #[derive(Debug)]
 struct State {
-    patience: Patience,
+    timeouts: Timeouts,
     phase: Phase,
     /// When the phase began.
     since: Instant,
@@ -251,10 +251,10 @@ struct State {
 }
 
 impl State {
-    const fn new(patience: Patience, now: Instant) -> Self {
+    const fn new(timeouts: Timeouts, now: Instant) -> Self {
         let (blocked_since, waited, taken) = (None, Duration::ZERO, 0);
         let (phase, since, moved) = (Phase::Head, now, 0);
-        Self { patience, phase, since, blocked_since, waited, taken, moved }
+        Self { timeouts, phase, since, blocked_since, waited, taken, moved }
     }
 
     fn read(&mut self, now: Instant, bytes: usize) {
@@ -271,9 +271,9 @@ impl State {
         }
         self.moved = self.moved.saturating_add(bytes as u64);
         self.taken = self.taken.saturating_add(bytes as u64);
-        let least = self.patience.bytes_per_s_min.saturating_mul(WINDOW.as_secs());
+        let least = self.timeouts.bytes_per_s_min.saturating_mul(WINDOW.as_secs());
         if self.taken >= least {
-            // A client that keeps pace begins a new window, however long it has waited.
+            // A client that is fast enough begins a new window, however long it has waited.
             (self.waited, self.taken) = (Duration::ZERO, 0);
         }
         if self.phase != Phase::Request {
@@ -286,7 +286,7 @@ impl State {
         self.blocked_since.get_or_insert(now);
     }
 
-    const fn asked(&mut self, now: Instant) {
+    const fn head_received(&mut self, now: Instant) {
         self.phase = Phase::Request;
         self.since = now;
         self.moved = 0;
@@ -307,16 +307,16 @@ impl State {
 
     /// When it is too late, and for what. None while a request is being answered, unless the client
     /// does not take the answer.
-    fn deadline(&self) -> Option<(Instant, Late)> {
+    fn deadline(&self) -> Option<(Instant, Timeout)> {
         let read = match self.phase {
-            Phase::Head => Some((self.since + self.patience.head, Late::Head)),
+            Phase::Head => Some((self.since + self.timeouts.head, Timeout::Head)),
             Phase::Request => None,
-            Phase::Idle => Some((self.since + self.patience.idle, Late::Idle)),
+            Phase::Idle => Some((self.since + self.timeouts.idle, Timeout::Idle)),
         };
-        let write = self.blocked_since.map(|since| (since + self.patience.write, Late::Write));
+        let write = self.blocked_since.map(|since| (since + self.timeouts.write, Timeout::Write));
         let left = WINDOW.saturating_sub(self.waited);
-        let pace = self.blocked_since.map(|since| (since + left, Late::Write));
-        [read, write, pace].into_iter().flatten().min_by_key(|&(at, _)| at)
+        let throughput = self.blocked_since.map(|since| (since + left, Timeout::Write));
+        [read, write, throughput].into_iter().flatten().min_by_key(|&(at, _)| at)
     }
 }
 
@@ -324,7 +324,7 @@ impl State {
 mod tests {
     use super::*;
 
-    const PATIENCE: Patience = Patience {
+    const PATIENCE: Timeouts = Timeouts {
         head: Duration::from_secs(10),
         idle: Duration::from_secs(75),
         write: Duration::from_secs(20),
@@ -348,8 +348,8 @@ mod tests {
             self.0.read(self.at(second), 1);
         }
 
-        fn asked(&mut self, second: u64) {
-            self.0.asked(self.at(second));
+        fn head_received(&mut self, second: u64) {
+            self.0.head_received(self.at(second));
         }
 
         fn wrote(&mut self, second: u64) {
@@ -368,7 +368,7 @@ mod tests {
             self.0.answered(self.at(second));
         }
 
-        fn expect(&self, expected: Option<(u64, Late)>) {
+        fn expect(&self, expected: Option<(u64, Timeout)>) {
             let deadline = self.0.deadline().map(|(at, late)| ((at - self.1).as_secs(), late));
             assert_eq!(deadline, expected);
         }
@@ -377,22 +377,22 @@ mod tests {
     #[test]
     fn a_head_has_its_time_from_its_first_byte_however_many_come() {
         let mut case = Case::new();
-        case.expect(Some((10, Late::Head)));
+        case.expect(Some((10, Timeout::Head)));
         case.read(9);
-        case.expect(Some((10, Late::Head)));
-        case.asked(0);
+        case.expect(Some((10, Timeout::Head)));
+        case.head_received(0);
         case.answered(20);
-        case.expect(Some((95, Late::Idle)));
+        case.expect(Some((95, Timeout::Idle)));
         for second in [80, 81, 89] {
             case.read(second);
-            case.expect(Some((90, Late::Head)));
+            case.expect(Some((90, Timeout::Head)));
         }
     }
 
     #[test]
     fn a_request_waits_as_long_as_its_handler_lets_it() {
         let mut case = Case::new();
-        case.asked(0);
+        case.head_received(0);
         case.expect(None);
         case.read(60);
         case.wrote(61);
@@ -402,23 +402,23 @@ mod tests {
     #[test]
     fn a_client_has_to_take_something_now_and_then() {
         let mut case = Case::new();
-        case.asked(0);
+        case.head_received(0);
         case.blocked(5);
         case.blocked(15);
-        case.expect(Some((25, Late::Write)));
+        case.expect(Some((25, Timeout::Write)));
         case.took(24, 3000);
         case.expect(None);
         case.blocked(24);
-        case.expect(Some((44, Late::Write)));
+        case.expect(Some((44, Timeout::Write)));
         // Handed over is not taken.
         case.answered(30);
-        case.expect(Some((44, Late::Write)));
+        case.expect(Some((44, Timeout::Write)));
     }
 
     #[test]
     fn a_client_that_takes_a_little_now_and_then_is_too_slow() {
         let mut case = Case::new();
-        case.asked(0);
+        case.head_received(0);
         for second in (0..25).step_by(5) {
             case.blocked(second);
             case.took(second + 5, 499);
@@ -426,22 +426,22 @@ mod tests {
         // 25 of 30 seconds something waited, and 2,495 bytes were taken: 100 a second would be 3,000.
         case.expect(None);
         case.blocked(100);
-        case.expect(Some((105, Late::Write)));
+        case.expect(Some((105, Timeout::Write)));
         case.took(104, 505);
         case.blocked(104);
-        case.expect(Some((124, Late::Write)));
+        case.expect(Some((124, Timeout::Write)));
     }
 
     #[test]
     fn no_clock_of_the_next_request_runs_out_while_an_answer_is_taken() {
         let mut case = Case::new();
-        case.asked(0);
+        case.head_received(0);
         case.answered(1);
         case.wrote(70);
-        case.expect(Some((145, Late::Idle)));
+        case.expect(Some((145, Timeout::Idle)));
         case.read(71);
         case.wrote(79);
-        case.expect(Some((89, Late::Head)));
+        case.expect(Some((89, Timeout::Head)));
     }
 
     #[test]
@@ -449,7 +449,7 @@ mod tests {
         let at = |case: &Case, second| case.0.usage(case.at(second));
         let mut case = Case::new();
         assert_eq!(at(&case, 5), Usage::None(case.at(0)));
-        case.asked(6);
+        case.head_received(6);
         assert_eq!(at(&case, 6), Usage::Request(0));
         case.took(7, 300);
         case.0.read(case.at(8), 100);
@@ -458,7 +458,7 @@ mod tests {
         assert_eq!(at(&case, 60), Usage::None(case.at(10)));
         case.read(61);
         assert_eq!(at(&case, 62), Usage::None(case.at(61)));
-        case.asked(63);
+        case.head_received(63);
         assert_eq!(at(&case, 63), Usage::Request(0));
         assert!(Usage::None(case.at(1)) < Usage::None(case.at(2)));
         assert!(Usage::None(case.at(90)) < Usage::Request(0));

@@ -1,5 +1,5 @@
-//! Answers that are the same for all who ask: boards and lists. Each is made once, however many ask, and kept as long
-//! as no result has changed. So is the ranking of which the pages of a competition's board are parts.
+//! A cache of answers that are the same for all callers: boards and lists. Each is computed once for concurrent requests
+//! and cached until a result changes. The ranking behind the pages of a competition's board is cached in the same way.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,80 +17,80 @@ use super::error::{ApiError, Code};
 use crate::clock::after;
 use crate::fair::Rank;
 
-/// Bytes of all answers that are kept.
+/// Bytes of all cached answers.
 pub(super) const ANSWERS_BYTES_MAX: u64 = 48 * 1024 * 1024;
 
-/// Bytes of all rankings that are kept.
+/// Bytes of all cached rankings.
 pub(super) const RANKINGS_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
-/// From so many bytes on something is large: it takes long to make, and is made once a second at most.
+/// An entry of at least this size is large: it takes long to compute, and is computed once a second at most.
 const LARGE_BYTES: usize = 64 * 1024;
 
-/// How old may be what is large.
-const LARGE_STAYS: Duration = Duration::from_secs(1);
+/// How long a large entry is served although results have changed.
+const LARGE_FRESH_FOR: Duration = Duration::from_secs(1);
 
-/// The results of which something was made.
+/// The results from which an entry was computed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Results {
-    /// Which of them were known before it was made.
+    /// The revision that was known before.
     revision: u64,
     at: Timestamp,
 }
 
-/// Something as it was made.
+/// An entry with the results from which it was computed.
 #[derive(Debug)]
-pub(super) struct Made<T> {
+pub(super) struct Cached<T> {
     pub(super) of: Results,
     pub(super) what: T,
 }
 
-/// What is kept in memory.
-pub(super) trait Kept {
-    /// How much it takes.
+/// What an entry takes in memory.
+pub(super) trait Weighted {
+    /// Its size in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// An answer that was made.
+/// A response as it is cached.
 #[derive(Debug)]
 pub(super) struct Answer {
     headers: HeaderMap,
     body: Bytes,
 }
 
-/// What was made, by what was asked.
-pub(super) struct MadeOnce<T>(Cache<String, Arc<Made<T>>, BytesOf>);
+/// Entries by what was asked.
+pub(super) struct SharedCache<T>(Cache<String, Arc<Cached<T>>, ByBytes>);
 
 #[derive(Clone)]
-struct BytesOf;
+struct ByBytes;
 
-impl<T: Kept> Weighter<String, Arc<Made<T>>> for BytesOf {
-    fn weight(&self, question: &String, made: &Arc<Made<T>>) -> u64 {
-        // Headers and what the cache itself needs.
+impl<T: Weighted> Weighter<String, Arc<Cached<T>>> for ByBytes {
+    fn weight(&self, question: &String, made: &Arc<Cached<T>>) -> u64 {
+        // Headers and the overhead of the cache.
         const AROUND: usize = 512;
         (question.len() + made.what.bytes() + AROUND) as u64
     }
 }
 
-impl<T: Kept> MadeOnce<T> {
-    /// Keeps so many bytes, in one piece: something large is to have room in it on a machine of many cores, too.
+impl<T: Weighted> SharedCache<T> {
+    /// A cache of `bytes_max` bytes in one shard: a large entry has to fit on a machine of many cores, too.
     pub(super) fn new(bytes_max: u64) -> Self {
         let mut options = OptionsBuilder::new();
         options.shards(1).estimated_items_capacity(1000).weight_capacity(bytes_max);
         let options = options.build().expect("both capacities are named");
         let hasher = DefaultHashBuilder::default();
-        Self(Cache::with_options(options, BytesOf, hasher, DefaultLifecycle::default()))
+        Self(Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default()))
     }
 }
 
-impl<T: Kept> Made<T> {
-    /// Whether it still serves somebody who asks when these results are known.
-    fn serves(&self, revision: u64, now: Timestamp) -> bool {
-        let is_young = self.of.at <= now && now < after(self.of.at, LARGE_STAYS);
+impl<T: Weighted> Cached<T> {
+    /// Whether it is still valid for a request that came at this revision.
+    fn is_valid(&self, revision: u64, now: Timestamp) -> bool {
+        let is_young = self.of.at <= now && now < after(self.of.at, LARGE_FRESH_FOR);
         self.of.revision >= revision || (self.what.bytes() >= LARGE_BYTES && is_young)
     }
 }
 
-impl Kept for Answer {
+impl Weighted for Answer {
     fn bytes(&self) -> usize {
         self.body.len()
     }
@@ -117,8 +117,8 @@ impl App {
         Results { revision: self.store.writer().changes().revision(), at: self.clock.now() }
     }
 
-    /// The answer to a question that has the same answer for all, made by `make` where none is kept.
-    pub(super) async fn made_once(
+    /// The answer to a question that has the same answer for all callers, computed by `make` on a cache miss.
+    pub(super) async fn cached_answer(
         &self,
         question: String,
         make: impl Future<Output = Result<Response, ApiError>>,
@@ -127,43 +127,43 @@ impl App {
             let of = self.results();
             Ok((of, make.await?))
         };
-        self.made_once_of(question, make).await
+        self.cached_answer_of(question, make).await
     }
 
-    /// The same where `make` knows of which results it made the answer.
-    pub(super) async fn made_once_of(
+    /// The same where `make` returns the results from which it computed the answer.
+    pub(super) async fn cached_answer_of(
         &self,
         question: String,
         make: impl Future<Output = Result<(Results, Response), ApiError>>,
     ) -> Result<Response, ApiError> {
         let make = async {
             let (of, response) = make.await?;
-            Ok(Made { of, what: Answer::read(response).await? })
+            Ok(Cached { of, what: Answer::read(response).await? })
         };
-        Ok(self.kept(&self.answers, question, make).await?.what.response())
+        Ok(self.cached(&self.answers, question, make).await?.what.response())
     }
 
-    /// What is kept for a question, made by `make` where nothing is. Whoever asks while it is being made waits for it;
-    /// where the one for whom it is made goes, the next goes on.
-    pub(super) async fn kept<T: Kept>(
+    /// The entry of a question, computed by `make` on a cache miss. Concurrent requests for it wait; if the request
+    /// that computes it is dropped, the next one takes over.
+    pub(super) async fn cached<T: Weighted>(
         &self,
-        kept: &MadeOnce<T>,
+        cache: &SharedCache<T>,
         question: String,
-        make: impl Future<Output = Result<Made<T>, ApiError>>,
-    ) -> Result<Arc<Made<T>>, ApiError> {
+        make: impl Future<Output = Result<Cached<T>, ApiError>>,
+    ) -> Result<Arc<Cached<T>>, ApiError> {
         let asked = self.results();
         loop {
-            match kept.0.get_value_or_guard_async(&question).await {
-                Ok(made) if made.serves(asked.revision, self.clock.now()) => return Ok(made),
+            match cache.0.get_value_or_guard_async(&question).await {
+                Ok(made) if made.is_valid(asked.revision, self.clock.now()) => return Ok(made),
                 Ok(old) => {
-                    kept.0.remove_if(&question, |made| Arc::ptr_eq(made, &old));
+                    cache.0.remove_if(&question, |made| Arc::ptr_eq(made, &old));
                 }
                 Err(place) => {
                     let mut made = Rank::Normal.scope(make).await?;
-                    // What takes long to make is not made again as soon as it is there.
+                    // Its age counts from the end of a long computation.
                     made.of.at = self.clock.now();
                     let made = Arc::new(made);
-                    // One that is larger than all that is kept is made for whoever waits for it now.
+                    // An entry larger than the cache serves only the requests that wait now.
                     drop(place.insert(Arc::clone(&made)));
                     return Ok(made);
                 }

@@ -5,12 +5,14 @@ use crate::players::client::ClientError;
 
 /// Why not everything was played.
 #[derive(Debug, thiserror::Error)]
-pub enum Halt {
-    /// Somebody asked for it.
+pub enum StopReason {
+    /// It was interrupted.
     #[error("stopped")]
-    Asked,
-    /// What this call might spend is spent.
-    #[error("the budget is spent: {spent} of {budget} tokens; the next call has as many again")]
+    Requested,
+    /// The token budget of this call is spent.
+    #[error(
+        "the budget is spent: {spent} of {budget} tokens; the next call has a new budget of this size"
+    )]
     Budget {
         /// Tokens that were spent.
         spent: u64,
@@ -38,12 +40,14 @@ pub enum Halt {
     Play(String),
 }
 
-impl Halt {
-    /// Whether the same command goes on, and nothing has to be mended first.
+impl StopReason {
+    /// Whether the same command resumes, and nothing has to be fixed first.
     #[must_use]
-    pub fn can_go_on(&self) -> bool {
+    pub fn can_resume(&self) -> bool {
         match self {
-            Self::Asked | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => true,
+            Self::Requested | Self::Budget { .. } | Self::Client(ClientError::Transport { .. }) => {
+                true
+            }
             Self::Model(stop) => matches!(
                 stop,
                 Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
@@ -53,7 +57,7 @@ impl Halt {
     }
 }
 
-impl From<Stop> for Halt {
+impl From<Stop> for StopReason {
     fn from(stop: Stop) -> Self {
         match stop {
             Stop::BudgetSpent { spent, budget } => Self::Budget { spent, budget },

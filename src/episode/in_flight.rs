@@ -1,8 +1,8 @@
-//! How much of each seat may wait for its episode.
+//! How many acts of each seat may be in flight.
 //!
-//! The acts of an episode are decided one after another. So that a seat that sends more than its game
-//! needs delays nobody but itself, only so many of its acts wait at once, from their arrival until they
-//! are answered; the others find their places free.
+//! The acts of an episode are decided one after another. So that a seat that sends more acts than its game
+//! needs delays nobody but itself, only a limited number of its acts wait at once, from their arrival until they
+//! are answered; the others are not affected.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -14,21 +14,21 @@ use swarmbench_engine::AgentId;
 /// act of the seat waits.
 pub const SEAT_ACTS_WAITING_MAX: u32 = 16;
 
-/// By agent, how many of its acts wait.
+/// Bounds the waiting acts of each seat; by agent, how many of its acts wait.
 #[derive(Debug)]
-pub(super) struct Places(Box<[AtomicU32]>);
+pub(super) struct InFlightLimit(Box<[AtomicU32]>);
 
-impl Places {
+impl InFlightLimit {
     pub(super) fn new(agents: u16) -> Arc<Self> {
         Arc::new(Self((0..agents).map(|_| AtomicU32::new(0)).collect()))
     }
 
-    /// Takes a place for each act of a call. Returns the places, and the agents that get none as too
+    /// Takes a permit for each act of a call. Returns the permits, and the agents that get none as too
     /// many of their acts wait already.
     pub(super) fn take(
         self: &Arc<Self>,
         acts: impl Iterator<Item = AgentId>,
-    ) -> (Taken, BTreeSet<AgentId>) {
+    ) -> (InFlightPermits, BTreeSet<AgentId>) {
         let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
         for agent in acts {
             *counts.entry(agent).or_default() += 1;
@@ -46,19 +46,19 @@ impl Places {
             }
             taken
         });
-        (Taken { places: Arc::clone(self), counts }, refused)
+        (InFlightPermits { limit: Arc::clone(self), counts }, refused)
     }
 }
 
-/// Places that are taken until this goes.
+/// The permits of some acts, returned when this is dropped.
 #[derive(Debug)]
-pub(super) struct Taken {
-    places: Arc<Places>,
+pub(super) struct InFlightPermits {
+    limit: Arc<InFlightLimit>,
     counts: BTreeMap<AgentId, u32>,
 }
 
-impl Taken {
-    /// Parts with the places of these acts.
+impl InFlightPermits {
+    /// Splits off the permits of these acts.
     pub(super) fn split(&mut self, acts: impl Iterator<Item = AgentId>) -> Self {
         let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
         for agent in acts {
@@ -67,14 +67,14 @@ impl Taken {
                 *counts.entry(agent).or_default() += 1;
             }
         }
-        Self { places: Arc::clone(&self.places), counts }
+        Self { limit: Arc::clone(&self.limit), counts }
     }
 }
 
-impl Drop for Taken {
+impl Drop for InFlightPermits {
     fn drop(&mut self) {
         for (agent, count) in &self.counts {
-            self.places.0[agent.index()].fetch_sub(*count, Ordering::AcqRel);
+            self.limit.0[agent.index()].fetch_sub(*count, Ordering::AcqRel);
         }
     }
 }
@@ -92,29 +92,29 @@ mod tests {
 
     #[test]
     fn a_seat_fills_its_own_places_and_no_others() {
-        let places = Places::new(2);
-        let (all, refused) = places.take(times(ONE, SEAT_ACTS_WAITING_MAX));
+        let limit = InFlightLimit::new(2);
+        let (all, refused) = limit.take(times(ONE, SEAT_ACTS_WAITING_MAX));
         assert!(refused.is_empty());
-        let (more, refused) = places.take([ONE, OTHER].into_iter());
+        let (more, refused) = limit.take([ONE, OTHER].into_iter());
         assert_eq!(refused, BTreeSet::from([ONE]));
         drop(all);
-        // The other's place is still taken, and counts for itself alone.
-        let (_, refused) = places.take(times(ONE, 1).chain(times(OTHER, SEAT_ACTS_WAITING_MAX)));
+        // The other's permit is still held, and counts for itself alone.
+        let (_, refused) = limit.take(times(ONE, 1).chain(times(OTHER, SEAT_ACTS_WAITING_MAX)));
         assert_eq!(refused, BTreeSet::from([OTHER]));
         drop(more);
-        assert!(places.take(times(OTHER, SEAT_ACTS_WAITING_MAX)).1.is_empty());
+        assert!(limit.take(times(OTHER, SEAT_ACTS_WAITING_MAX)).1.is_empty());
     }
 
     #[test]
     fn one_call_may_hold_many_acts_and_gives_back_what_it_took() {
-        let places = Places::new(2);
-        let (mut all, refused) = places.take(times(ONE, 1024).chain(times(OTHER, 3)));
+        let limit = InFlightLimit::new(2);
+        let (mut all, refused) = limit.take(times(ONE, 1024).chain(times(OTHER, 3)));
         assert!(refused.is_empty());
-        assert_eq!(places.take(times(ONE, 1)).1, BTreeSet::from([ONE]));
+        assert_eq!(limit.take(times(ONE, 1)).1, BTreeSet::from([ONE]));
         let part = all.split(times(ONE, 1020).chain(times(OTHER, 9)));
         drop(all);
         let counts =
-            || places.0.iter().map(|count| count.load(Ordering::Relaxed)).collect::<Vec<_>>();
+            || limit.0.iter().map(|count| count.load(Ordering::Relaxed)).collect::<Vec<_>>();
         assert_eq!(counts(), [1020, 3]);
         drop(part);
         assert_eq!(counts(), [0, 0]);
