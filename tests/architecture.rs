@@ -19,10 +19,7 @@ const MAY_NAME: &[(&str, &[&str])] = &[
     ("journal", &["ids", "keys"]),
     ("fair", &["journal", "keys"]),
     ("work", &["fair"]),
-    (
-        "store",
-        &["clock", "competition", "fair", "ids", "journal", "keys", "migrations", "names"],
-    ),
+    ("store", &["clock", "competition", "fair", "ids", "journal", "keys", "migrations", "names"]),
     ("episode", &["budget", "clock", "fair", "ids", "journal", "keys", "telemetry", "work"]),
     ("hosted", &["clock", "episode", "fair", "journal", "work"]),
     ("wire", &["board", "competition", "episode", "journal", "keys", "run"]),
