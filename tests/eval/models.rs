@@ -158,7 +158,7 @@ async fn a_wrong_key_stops_at_once_and_is_kept_nowhere() {
     let args = with(&endpoint, &["--api-key-env", "MY_KEY", "--cassette", "tape.jsonl"]);
     let done = call(&args).end().await.ends(1);
     let done =
-        done.says(&["asks for a good key (401)", "MY_KEY", "0 of 2 games", "when that is mended"]);
+        done.says(&["asks for a good key (401)", "MY_KEY", "0 of 2 games", "fix that, then run the same command again"]);
     let in_text = |text: &str| text.contains(key);
     assert!(!in_text(&done.out) && !in_text(&done.err), "{}{}", done.out, done.err);
     assert!(!bench.bytes().windows(key.len()).any(|part| part == key.as_bytes()));
@@ -185,7 +185,7 @@ async fn an_unknown_model_or_a_silent_endpoint_stops_with_a_sentence_that_helps(
             .filter(|arg| *arg != "--api-base" || std::mem::replace(&mut seen, true))
             .collect()
     };
-    bench.eval(&away).await.ends(3).says(&["gave no answer", "goes on where this one stopped"]);
+    bench.eval(&away).await.ends(3).says(&["gave no answer", "run the same command again"]);
 }
 
 #[tokio::test]
@@ -201,7 +201,7 @@ async fn a_budget_stops_it_and_the_same_command_goes_on() {
         if done.code() == Some(0) {
             break;
         }
-        done.ends(3).says(&["budget", "goes on where this one stopped"]);
+        done.ends(3).says(&["budget", "run the same command again"]);
     }
     assert_eq!(calls, 3);
     // Nothing that was paid for was asked again.
