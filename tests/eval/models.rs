@@ -157,8 +157,12 @@ async fn a_wrong_key_stops_at_once_and_is_kept_nowhere() {
     };
     let args = with(&endpoint, &["--api-key-env", "MY_KEY", "--cassette", "tape.jsonl"]);
     let done = call(&args).end().await.ends(1);
-    let done =
-        done.says(&["asks for a good key (401)", "MY_KEY", "0 of 2 games", "fix that, then run the same command again"]);
+    let done = done.says(&[
+        "asks for a good key (401)",
+        "MY_KEY",
+        "0 of 2 games",
+        "fix that, then run the same command again",
+    ]);
     let in_text = |text: &str| text.contains(key);
     assert!(!in_text(&done.out) && !in_text(&done.err), "{}{}", done.out, done.err);
     assert!(!bench.bytes().windows(key.len()).any(|part| part == key.as_bytes()));
