@@ -189,7 +189,7 @@ async fn a_game_that_goes_another_way_is_not_made_up() {
     let asked = question(1, 1);
     let other = Question { prompt: "Something else".to_owned(), ..asked.clone() };
     assert!(why(other).await.contains("the game has gone another way"));
-    assert!(why(question(1, ROUNDS)).await.contains("does not go that far"));
+    assert!(why(question(1, ROUNDS)).await.contains("the recording ends before this"));
     let other = Question { game: "Transport/28".to_owned(), ..asked };
     assert!(why(other).await.contains("no game of this name"));
     // Another temperature is another model.
