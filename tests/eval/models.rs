@@ -170,7 +170,7 @@ async fn a_wrong_key_stops_at_once_and_is_kept_nowhere() {
     drop(endpoint);
     let endpoint = Endpoint::start(|_, _| switch()).await;
     let args = with(&endpoint, &["--api-key-env", "MY_KEY", "--cassette", "tape.jsonl"]);
-    call(&args).end().await.ends(0).says(&["goes on: 0 of 2 games"]);
+    call(&args).end().await.ends(0).says(&["resumes: 0 of 2 games"]);
     assert!(!bench.bytes().windows(key.len()).any(|part| part == key.as_bytes()));
 }
 
