@@ -85,7 +85,7 @@ impl Used {
 }
 
 impl Budget {
-    /// A budget of `most` bytes, of which a group may have so many percent of those that are free.
+    /// A budget of `most` bytes. A group may use `of_free_percent` percent of the free bytes.
     #[must_use]
     pub fn new(most: usize, of_free_percent: u32) -> Arc<Self> {
         Arc::new(Self { most, of_free_percent, used: Mutex::default() })

@@ -146,6 +146,23 @@ pub struct Shares {
     pub waiting_per_group: usize,
 }
 
+impl Shares {
+    /// Half of the slots for a group and for a member at most, nothing reserved, and a quarter of the waiting
+    /// requests for a group.
+    #[must_use]
+    pub const fn halved(slots: usize, waiting: usize) -> Self {
+        let half = slots.div_ceil(2);
+        Self {
+            slots,
+            reserve: 0,
+            slots_per_group: half,
+            slots_per_member: half,
+            waiting,
+            waiting_per_group: waiting.div_ceil(4),
+        }
+    }
+}
+
 /// One of something for each rank.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ranked<T> {

@@ -33,7 +33,7 @@ pub fn expected(config: &Config, round: u32, hosted: usize) -> usize {
     beside_states(config) + of_players(config, hosted) + of_world(config, round)
 }
 
-/// Bytes of so many players that the server hosts: most keep what they saw of the map.
+/// Estimated bytes of `hosted` players of the server: most of them remember the map that they saw.
 fn of_players(config: &Config, hosted: usize) -> usize {
     let settings = config.settings();
     let cells = usize::try_from(settings.width * settings.height).unwrap_or(usize::MAX);

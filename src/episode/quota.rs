@@ -38,7 +38,7 @@ pub struct Caps {
     pub journal_bytes_per_competition_s_max: u64,
 }
 
-/// A record of an act of at most so many bytes is always stored: an action and a message
+/// Bytes up to which the record of an act is stored whatever the quotas say: an action and a message
 /// always fit, so that an episode can be played to its end.
 pub const ACT_BYTES_ALWAYS: u64 = 2048;
 

@@ -67,16 +67,8 @@ pub const RECOVERIES_MAX: usize = 32;
 
 /// Permits for recoveries: a group has no more than half of them.
 fn recoveries() -> FairLimit {
-    let shares = Shares {
-        slots: RECOVERIES_MAX,
-        reserve: 0,
-        slots_per_group: RECOVERIES_MAX / 2,
-        slots_per_member: RECOVERIES_MAX / 2,
-        // There is one for each episode at most.
-        waiting: usize::MAX,
-        waiting_per_group: usize::MAX,
-    };
-    FairLimit::new("take_ups_max", shares, Duration::MAX)
+    // One waits for each episode at most.
+    FairLimit::new("take_ups_max", Shares::halved(RECOVERIES_MAX, usize::MAX), Duration::MAX)
 }
 
 /// What belongs to a new episode beside its description.

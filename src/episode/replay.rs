@@ -43,7 +43,7 @@ pub(super) fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
     by_acts.min(by_time).clamp(1, ROUNDS_MAX)
 }
 
-/// Bytes of the acts of so many rounds while these are played again. They are reserved, free or not: only so
+/// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved, free or not: only so
 /// many replays and recoveries run at once (`replays_max`, `take_ups_max`).
 pub(super) fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX

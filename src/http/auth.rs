@@ -239,7 +239,7 @@ impl Caller {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
 
-    /// The audit entry of what an organizer did to something that belongs to somebody else; none where the caller is no organizer, or
+    /// The audit entry of what an organizer did to something that belongs to somebody else. None if the caller is not an organizer, or
     /// did it to their own.
     pub(super) fn audit_foreign(
         &self,

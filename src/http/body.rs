@@ -41,15 +41,8 @@ pub(super) struct Bodies {
 
 impl Bodies {
     pub(super) fn new(limits: &Limits) -> Self {
-        let slots = limits.large_bodies_max;
-        let shares = Shares {
-            slots,
-            reserve: 0,
-            slots_per_group: slots.div_ceil(2),
-            slots_per_member: 1,
-            waiting: limits.large_bodies_waiting_max,
-            waiting_per_group: limits.large_bodies_waiting_max.div_ceil(4),
-        };
+        let shares = Shares::halved(limits.large_bodies_max, limits.large_bodies_waiting_max);
+        let shares = Shares { slots_per_member: 1, ..shares };
         Self {
             most: limits.bodies_bytes_max,
             all: AtomicUsize::new(0),
@@ -198,12 +191,12 @@ impl App {
     }
 }
 
-fn busy(Busy { name, slots }: Busy) -> ApiError {
+fn busy(busy: Busy) -> ApiError {
     let detail = "too many large bodies are handled at once; send it again later, or in pieces";
-    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(Duration::from_secs(1))
+    ApiError::no_permit(busy, detail)
 }
 
-/// How long a body may take of which so many bytes have come: a large one may be slow, but has to
+/// The time limit of a body of which `received` bytes have arrived: a large one may be slow, but has to
 /// keep coming.
 fn patience(limits: &Limits, received: usize) -> Duration {
     let more = received as u64 * 1000 / limits.body_bytes_per_s_min;

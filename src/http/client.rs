@@ -59,7 +59,7 @@ const ADDRESSES_REMEMBERED: usize = 65_536;
 /// After so many requests of addresses it is looked how many are remembered.
 const ADDRESSES_COUNTED_EVERY: usize = 4096;
 
-/// Bytes of large bodies are counted in units of so many.
+/// The unit in which rates of large bodies are counted, in bytes.
 const BODY_CELL_BYTES: usize = 1024;
 
 /// The headers by which proxies say that they are some.

@@ -22,6 +22,7 @@ use crate::episode::lockstep::Refusal;
 use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
+use crate::fair::Busy;
 use crate::journal::JournalError;
 use crate::prompt::TemplateError;
 use crate::run::manager;
@@ -172,6 +173,13 @@ impl ApiError {
     pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
         let limit = Limit { name: name.to_owned(), value: value as u64 };
         Self { limit: Some(limit), ..Self::new(code, detail) }
+    }
+
+    /// No permit was free in time, or too many requests wait for one.
+    #[must_use]
+    pub fn no_permit(busy: Busy, detail: &str) -> Self {
+        Self::limit(Code::Overloaded, busy.name, busy.slots, detail)
+            .retry_after(Duration::from_secs(1))
     }
 
     /// So little of the disk is free that nothing new is created.

@@ -1,6 +1,5 @@
 //! Every limit of the server by its name; the unit is the last part.
 
-use super::stream::{STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
 use crate::episode::registry::RECOVERIES_MAX;
@@ -8,6 +7,12 @@ use crate::fair::PARTIES_REMEMBERED_MAX;
 use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
+
+/// Requests that wait for a permit of a stream, of each kind.
+pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
+
+/// Of these, those of one group.
+pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
 
 /// The limits of the server. An error that comes from a limit names it.
 #[derive(Clone, Copy, Debug)]

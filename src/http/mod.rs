@@ -47,7 +47,7 @@ use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
-use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
+use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
 use crate::host::Disk;
 use crate::ids::{EpisodeId, Token, TokenHash, TokenKind};
 use crate::journal::CompetitionKey;
@@ -311,21 +311,15 @@ impl App {
     /// few at a time.
     async fn large_answer(&self) -> Result<Permit, ApiError> {
         let turn = self.large_answers.acquire(Party::current(), Rank::Normal).await;
-        turn.map_err(|Busy { name, slots }| {
-            let detail = "too many large answers are requested; try again later, or ask for less";
-            ApiError::limit(Code::Overloaded, name, slots, detail)
-                .retry_after(Duration::from_secs(1))
-        })
+        let detail = "too many large answers are requested; try again later, or ask for less";
+        turn.map_err(|busy| ApiError::no_permit(busy, detail))
     }
 
     /// A permit for a replay.
     async fn replay_turn(&self) -> Result<Permit, ApiError> {
         let turn = self.replays.acquire(Party::current(), Rank::Normal).await;
-        turn.map_err(|Busy { name, slots }| {
-            let detail = "too many earlier rounds are being replayed; try again later";
-            ApiError::limit(Code::Overloaded, name, slots, detail)
-                .retry_after(Duration::from_secs(1))
-        })
+        let detail = "too many earlier rounds are being replayed; try again later";
+        turn.map_err(|busy| ApiError::no_permit(busy, detail))
     }
 
     /// The state after `round` rounds, which must be resolved; `near` is a state on the way to it.
@@ -346,29 +340,16 @@ impl App {
 
 /// Permits for large answers. A group has no more than half of them.
 fn large_answers(limits: &Limits) -> FairLimit {
-    let slots = limits.large_answers_max;
-    let shares = Shares {
-        slots,
-        reserve: 0,
-        slots_per_group: slots.div_ceil(2),
-        slots_per_member: 1,
-        waiting: limits.large_answers_waiting_max,
-        waiting_per_group: limits.large_answers_waiting_max.div_ceil(4),
-    };
+    let shares = Shares::halved(limits.large_answers_max, limits.large_answers_waiting_max);
+    let shares = Shares { slots_per_member: 1, ..shares };
     FairLimit::new("large_answers_max", shares, RENDER_PATIENCE)
 }
 
 /// Permits for replays. A group has no more than half of them.
 fn replays(limits: &Limits) -> FairLimit {
-    let slots = limits.replays_max;
-    let shares = Shares {
-        slots,
-        reserve: 0,
-        slots_per_group: slots.div_ceil(2),
-        slots_per_member: slots.div_ceil(2),
-        waiting: limits.replays_waiting_max,
-        waiting_per_group: limits.replays_waiting_max.div_ceil(8),
-    };
+    let waiting = limits.replays_waiting_max;
+    let shares = Shares::halved(limits.replays_max, waiting);
+    let shares = Shares { waiting_per_group: waiting.div_ceil(8), ..shares };
     FairLimit::new("replays_max", shares, REPLAY_PATIENCE)
 }
 

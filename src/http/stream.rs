@@ -19,7 +19,7 @@ use hyper::body::{Frame, SizeHint};
 
 use super::App;
 use super::error::{ApiError, Code};
-use super::limits::Limits;
+use super::limits::{Limits, STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
@@ -31,12 +31,6 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// After how long a stream asks for its permit again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
-
-/// Requests that wait for a permit, of each kind.
-pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
-
-/// Of these, those of one group.
-pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
 
 /// Where parts come from.
 pub(super) trait Parts: Send + 'static {

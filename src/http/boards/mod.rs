@@ -65,7 +65,7 @@ impl Format {
         }
     }
 
-    /// How many rows of a page, which has so many bytes, fit: at least one, as a list would never advance otherwise.
+    /// How many rows of a page of `bytes` bytes fit into `bytes_max`: at least one, or a list would never advance.
     fn fitting<T: Table>(self, page: &T, bytes: usize, bytes_max: usize) -> usize {
         let (rows, columns) = (page.rows(), page.columns());
         let size = |row: &T::Row| match self {
