@@ -77,6 +77,8 @@ pub async fn run(
             loop {
                 let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
                 match select(playing, Box::pin(stop.cancelled())).await {
+                    // The database closes when the server stops.
+                    Either::Left((Err(_), _)) if stop.is_cancelled() => return,
                     Either::Left((Err(error), _)) if error.is_temporary() && !handle.is_dead() => {
                         tracing::warn!(episode = %id, %error, "hosted seats are not played at the moment; retrying soon");
                         host.clock.sleep_until(after(host.clock.now(), PLAY_AGAIN)).await;

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::Handle;
+use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::budget::Budget;
@@ -224,11 +225,12 @@ impl Server {
                 drop(tokio::spawn(playing));
             });
         }
-        let clock = tokio::spawn(watch_clock(Arc::clone(&app.clock)));
-        let recovery = tokio::spawn(recover_with_retries(app.clone()));
-        let runs = tokio::spawn(advance_runs(app.clone()));
-        let competitions = tokio::spawn(close_competitions(app.clone()));
-        let sweeper = tokio::spawn(sweep(app.clone()));
+        let mut services = JoinSet::new();
+        services.spawn(watch_clock(Arc::clone(&app.clock)));
+        services.spawn(recover_with_retries(app.clone()));
+        services.spawn(advance_runs(app.clone()));
+        services.spawn(close_competitions(app.clone()));
+        services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
         let serving = serve(listener, router(app.clone()), limits, trusted_proxies, stop.clone());
         let serving = tokio::spawn(serving);
@@ -237,11 +239,8 @@ impl Server {
         stop.cancel();
         // A panic in there was logged where it happened.
         drop(serving.await);
-        recovery.abort();
-        runs.abort();
-        competitions.abort();
-        sweeper.abort();
-        clock.abort();
+        // All of them read the database: it is closed when the last one has stopped.
+        services.shutdown().await;
         app.store.clone().close().await;
         Ok(())
     }
