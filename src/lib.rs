@@ -15,10 +15,11 @@
 //! - [`fair`], [`work`]: who gets the next share of something scarce, and heavy work done by it.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
+pub use swarmbench_clock as clock;
+
 pub mod board;
 pub mod budget;
 pub mod cli;
-pub mod clock;
 pub mod competition;
 pub mod dataset;
 pub mod episode;

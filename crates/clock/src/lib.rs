@@ -1,5 +1,7 @@
 //! Time and randomness, the two things that a server takes from its host, as arguments.
 //!
+//! A crate of its own because the server and its clients both wait and draw ids, and neither knows the other.
+//!
 //! A server goes by two times (ADR 8). The *running time* is for all that takes time:
 //! rounds, waits, timeouts. It is never set, and stops while the process is stopped. The *time of
 //! day* is for what is written down and for what happens at a moment that was announced; nothing that
