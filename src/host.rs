@@ -1,7 +1,5 @@
-//! Resources of the host besides time and randomness: free space on a disk, memory, and open files; and
-//! which addresses are its own.
+//! Resources of the host besides time and randomness: free space on a disk, memory, and open files.
 
-use std::net::IpAddr;
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -106,14 +104,6 @@ impl Disk for ManualDisk {
     fn free_percent(&self) -> Option<f64> {
         Some(f64::from(self.0.load(Ordering::Relaxed)))
     }
-}
-
-/// Whether an address names this machine: `localhost`, or a loopback address, that of IPv6 with its brackets or without.
-#[must_use]
-pub fn is_loopback(name: &str) -> bool {
-    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
-    name.eq_ignore_ascii_case("localhost")
-        || bare.parse::<IpAddr>().is_ok_and(|address| address.to_canonical().is_loopback())
 }
 
 #[cfg(test)]

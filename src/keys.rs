@@ -1,6 +1,7 @@
 //! Keys for people, and their roles.
 
 use jiff::Timestamp;
+use swarmbench_protocol::key::KeySummary;
 
 use crate::clock::Entropy;
 use crate::ids::{Token, TokenHash, TokenKind, dated_id};
@@ -103,6 +104,20 @@ impl Key {
             (Some(_), _) => "revoked",
             (None, true) => "good",
             (None, false) => "expired",
+        }
+    }
+
+    /// What is shown of it at a moment.
+    #[must_use]
+    pub fn summary(&self, now: Timestamp) -> KeySummary {
+        KeySummary {
+            id: self.id.clone(),
+            name: self.name.clone(),
+            role: self.role.name().to_owned(),
+            state: self.state(now).to_owned(),
+            created_at: self.created_at,
+            expires_at: self.expires_at,
+            revoked_at: self.revoked_at,
         }
     }
 }

@@ -15,9 +15,11 @@
 //! - [`fair`], [`work`]: who gets the next share of something scarce, and heavy work done by it.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
+pub use swarmbench_boards as board;
 pub use swarmbench_clock as clock;
+pub use swarmbench_protocol as wire;
+pub use swarmbench_protocol::names;
 
-pub mod board;
 pub mod budget;
 pub mod cli;
 pub mod competition;
@@ -34,7 +36,6 @@ pub mod keys;
 pub mod llm;
 pub mod loadtest;
 mod migrations;
-pub mod names;
 pub mod players;
 pub mod prompt;
 pub mod run;
@@ -42,5 +43,4 @@ pub mod server;
 pub mod standings;
 pub mod store;
 pub mod telemetry;
-pub mod wire;
 pub mod work;

@@ -12,7 +12,7 @@ use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::players::client::Client;
 use crate::store::{OpenError, Store};
-use crate::wire::key::{KeyRequest, KeySummary};
+use crate::wire::key::KeyRequest;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -104,7 +104,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     let now = SystemClock.now();
                     let (key, token) = Key::new(role, &name, expires, now, &SystemEntropy)
                         .map_err(|problem| anyhow!("the name {problem}"))?;
-                    let shown = KeySummary::of(&key, now);
+                    let shown = key.summary(now);
                     let detail = json!({ "name": key.name, "role": key.role.name() });
                     let audit_entry = audit_entry("key.create", &key.id, detail);
                     let row = KeyRow { key, hash: token.hash() };
@@ -130,7 +130,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     let now = SystemClock.now();
                     let keys = store.keys().await?;
                     store.close().await;
-                    keys.iter().map(|key| KeySummary::of(key, now)).collect()
+                    keys.iter().map(|key| key.summary(now)).collect()
                 }
             };
             let mut table =
@@ -166,7 +166,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     }
                     let key = find().await?;
                     store.close().await;
-                    KeySummary::of(&key, now)
+                    key.summary(now)
                 }
             };
             println!("{} ({:?}) is revoked.", key.id, key.name);

@@ -10,10 +10,12 @@ use super::play::table;
 use crate::board::collection::Question;
 use crate::board::cross_play::pairs;
 use crate::board::interval::Memory;
+use crate::board::page;
 use crate::players::client::Client;
 use crate::standings::Standings;
 use crate::store::{OpenError, Store};
-use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, Table as _, TaskScore};
+use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
+use crate::wire::table::Table as _;
 
 /// The width of a terminal from which rows also show confidence intervals and failures.
 const WIDE: u16 = 132;
@@ -119,7 +121,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let boards = Standings::new(store.clone()).boards().await?;
             let ranked = boards.ranked(&question);
             store.close().await;
-            Leaderboard::page(&ranked?, 0, usize::MAX, &Memory::new(1))
+            page::leaderboard(&ranked?, 0, usize::MAX, &Memory::new(1))
         }
     };
     if csv {
@@ -143,7 +145,7 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
                 task.is_none_or(|task| game.setting.task == task)
                     && rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
             });
-            CrossPlay::page(&pairs(asked.map(|game| &**game)), 0, usize::MAX)
+            page::cross_play(&pairs(asked.map(|game| &**game)), 0, usize::MAX)
         }
     };
     if csv {

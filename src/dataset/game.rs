@@ -11,8 +11,8 @@ use crate::journal::record::{ActRecord, Opening, Record};
 use crate::journal::replay::acts_of;
 use crate::journal::{LoggedRound, StoredEpisode};
 use crate::prompt::{self, tasks};
-use crate::wire::episode::StatusName;
 use crate::wire::observation::Sight;
+use crate::wire::status::Status;
 
 /// An episode on its way from its layout to its last resolved round.
 pub struct Game {
@@ -224,7 +224,7 @@ impl Game {
             seen,
             self.opening.episode.clone(),
             self.description.clone(),
-            StatusName::Running,
+            Status::Running,
             None,
         );
         prompt::render(&self.opening.prompt_template, &sight, &self.config).ok()

@@ -28,54 +28,7 @@ use swarmbench_engine::{AgentId, World};
 use crate::clock::after;
 use crate::journal::chain::Head;
 use spec::Spec;
-
-/// The status of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Status {
-    /// Created, not started.
-    Waiting,
-    /// Rounds are played.
-    Running,
-    /// Played to its end.
-    Finished,
-    /// Ended by its creator, or because its competition closed.
-    Aborted,
-    /// Ended because nobody acted any more.
-    Abandoned,
-}
-
-impl Status {
-    /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Waiting, Self::Running, Self::Finished, Self::Aborted, Self::Abandoned];
-
-    /// Its name on the wire and in the database.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Waiting => "waiting",
-            Self::Running => "running",
-            Self::Finished => "finished",
-            Self::Aborted => "aborted",
-            Self::Abandoned => "abandoned",
-        }
-    }
-
-    /// The status with this name.
-    #[must_use]
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|status| status.name() == name)
-    }
-
-    /// Whether nothing happens any more.
-    #[must_use]
-    pub const fn is_over(self) -> bool {
-        match self {
-            Self::Waiting | Self::Running => false,
-            Self::Finished | Self::Aborted | Self::Abandoned => true,
-        }
-    }
-}
+pub use swarmbench_protocol::status::Status;
 
 /// Why an episode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,32 +9,7 @@ use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 use crate::clock::millis;
 use crate::ids::EpisodeId;
 use crate::journal::record::{self, FORMAT, Opening, RecordedConfig};
-
-/// Who reads state, events and resolved rounds of an episode before its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visibility {
-    /// Anyone.
-    Public,
-    /// Its creator.
-    Owner,
-    /// Organizers alone, also after its end, until its competition is revealed.
-    Sealed,
-}
-
-impl Visibility {
-    /// All of them; a creator may choose but the last.
-    pub const ALL: [Self; 3] = [Self::Public, Self::Owner, Self::Sealed];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Public => "public",
-            Self::Owner => "owner",
-            Self::Sealed => "sealed",
-        }
-    }
-}
+pub use swarmbench_protocol::status::Visibility;
 
 /// A checked description of an episode.
 #[derive(Clone, Debug)]
@@ -141,20 +116,7 @@ impl Spec {
     /// All settings, as the opening record has them.
     #[must_use]
     pub fn recorded(&self) -> RecordedConfig {
-        let settings = self.config.settings();
         RecordedConfig {
-            task: settings.task,
-            rules: settings.rules,
-            control: settings.control,
-            seed: u64::try_from(settings.seed).expect("a checked seed is not negative"),
-            num_agents: self.config.num_agents(),
-            width: settings.width,
-            height: settings.height,
-            view_size: settings.view_size,
-            memory: settings.memory,
-            max_round: self.config.max_round(),
-            noise: settings.noise,
-            max_delay: settings.max_delay,
             round_deadline_ms: self.round_deadline.map(millis),
             bank_ms: millis(self.bank),
             start: if self.manual_start { "manual" } else { "now" }.to_owned(),
@@ -167,6 +129,7 @@ impl Spec {
             fill_after_ms: self.fill_after.map(millis),
             fill_with: self.fill_with.clone(),
             player: self.player.clone(),
+            ..RecordedConfig::of(&self.config)
         }
     }
 
@@ -195,8 +158,23 @@ impl Spec {
         if opening.rules_revision != RULES_REVISION {
             return Err(format!("rules revision {} is not played here", opening.rules_revision));
         }
-        let config = &opening.config;
-        let visibility = Visibility::ALL.into_iter().find(|v| v.name() == config.visibility);
+        Ok(Self {
+            run: opening.run.clone(),
+            salt: opening.salt.clone(),
+            ..Self::of(&opening.config, &opening.agent_meta, &opening.prompt_template)?
+        })
+    }
+
+    /// An episode of its own by these settings.
+    ///
+    /// # Errors
+    /// What this program does not know or does not allow.
+    pub fn of(
+        config: &RecordedConfig,
+        agent_meta: &serde_json::Map<String, serde_json::Value>,
+        prompt_template: &str,
+    ) -> Result<Self, String> {
+        let visibility = Visibility::parse(&config.visibility);
         Ok(Self {
             config: Arc::new(config.engine().map_err(|error| error.to_string())?),
             round_deadline: config.round_deadline_ms.map(Duration::from_millis),
@@ -205,11 +183,11 @@ impl Spec {
             idle_timeout: Duration::from_millis(config.idle_timeout_ms),
             visibility: visibility.ok_or_else(|| format!("visibility {:?}", config.visibility))?,
             model: config.model.clone(),
-            agent_meta: opening.agent_meta.clone(),
-            prompt_template: opening.prompt_template.as_str().into(),
+            agent_meta: agent_meta.clone(),
+            prompt_template: prompt_template.into(),
             custom_template: config.custom_template,
-            run: opening.run.clone(),
-            salt: opening.salt.clone(),
+            run: None,
+            salt: None,
             closes_at: config.closes_at,
             open_seats: config.open_seats.iter().map(|&agent| AgentId(agent)).collect(),
             fill_after: config.fill_after_ms.map(Duration::from_millis),

@@ -18,10 +18,10 @@ use crate::players::client::{Client, ClientError};
 use crate::players::drive::{DriveError, End, Note, Swarm, drive};
 use crate::players::play::{BuiltIns, GameParams};
 use crate::run::RunStatus;
-use crate::run::definition::digest_of_template;
 use crate::wire::act::{Receipt, SwarmAct};
 use crate::wire::observation::Observation;
 use crate::wire::run::{RunDetail, RunList, RunSummary};
+use swarmbench_protocol::suite::digest_of_template;
 
 /// How often the state of all games is polled, for progress.
 const SYNC: Duration = Duration::from_secs(1);

@@ -7,8 +7,8 @@ use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
 use super::plan::{Plan, Planned, Who, ranges};
-use crate::wire::board::{text, write_csv};
 use crate::wire::run::{ActTally, RunDetail};
+use crate::wire::table::{text, write_csv};
 
 /// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]

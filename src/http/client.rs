@@ -29,8 +29,8 @@ use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::clock::Clock;
 use crate::fair::{Group, Origin, Party, Rank};
-use crate::host::is_loopback;
 use crate::keys::OwnerKey;
+use swarmbench_protocol::loopback::is_loopback;
 
 /// The address of the client, in the extensions of every request. Behind a proxy it is the proxy's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,6 +4,7 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use swarmbench_protocol::import::{ImportConfig, ImportSummary};
 
 /// The number of an imported game; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -143,4 +144,34 @@ pub struct StoredImport {
     pub acts: u64,
     /// When it was imported.
     pub imported_at: Timestamp,
+}
+
+impl From<StoredImport> for ImportSummary {
+    fn from(stored: StoredImport) -> Self {
+        let settings = stored.settings;
+        Self {
+            id: stored.id,
+            run_id: stored.run_id,
+            verified: false,
+            task: stored.task,
+            model: stored.model,
+            seed: stored.seed,
+            score: stored.score,
+            rounds: stored.rounds,
+            acts: stored.acts,
+            settings: ImportConfig {
+                num_agents: settings.num_agents,
+                max_round: settings.max_round,
+                width: settings.width,
+                height: settings.height,
+                view_size: settings.view_size,
+                rules: settings.rules,
+                control: settings.control,
+                memory: settings.memory,
+                noise: settings.noise,
+                max_delay: settings.max_delay,
+            },
+            imported_at: stored.imported_at,
+        }
+    }
 }

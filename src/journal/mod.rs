@@ -4,10 +4,7 @@
 //! acts with the digest of the state after them, and the end, in a chain of hashes. States, scores
 //! and observations are recomputed from it.
 
-pub mod chain;
 mod import;
-pub mod record;
-pub mod replay;
 
 use std::sync::Arc;
 
@@ -21,7 +18,8 @@ use chain::Head;
 pub use import::{
     ImportHash, ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport,
 };
-use record::{ActRecord, RawRecord, RecordedConfig, Source};
+use record::{ActRecord, RawRecord, RecordedConfig};
+pub use swarmbench_journal::{Tally, chain, record, replay};
 
 /// The number of an episode in its journal; short, and never shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -294,39 +292,6 @@ pub struct AuditRow {
     pub subject: String,
     /// What else is to be known, as JSON.
     pub detail: serde_json::Value,
-}
-
-/// What the acts of an episode were, in numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// Acts that players decided.
-    pub acts: u64,
-    /// Of these, invalid answers of language models.
-    pub invalid: u64,
-    /// Acts that a clock decided.
-    pub timeouts: u64,
-    /// Tokens of prompts, as players told.
-    pub prompt_tokens: u64,
-    /// Tokens of answers, as players told.
-    pub completion_tokens: u64,
-}
-
-impl Tally {
-    /// Counts one more act.
-    pub fn add(&mut self, record: &ActRecord) {
-        match record.source {
-            Source::Clock => self.timeouts += 1,
-            Source::Player => {
-                self.acts += 1;
-                self.invalid += u64::from(!record.valid);
-            }
-        }
-        let usage = record.usage.unwrap_or_default();
-        // Players may report any numbers; a sum that overflows saturates.
-        let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
-        add(&mut self.prompt_tokens, usage.prompt_tokens);
-        add(&mut self.completion_tokens, usage.completion_tokens);
-    }
 }
 
 /// A new episode.

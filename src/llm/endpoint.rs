@@ -15,7 +15,7 @@ use super::key::NoKey;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
 use crate::clock::{Clock, after, millis, until};
-use crate::host::is_loopback;
+use swarmbench_protocol::loopback::is_loopback;
 
 /// How long a connection may take to come about.
 const CONNECT: Duration = Duration::from_secs(30);

@@ -8,13 +8,13 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::board::collection::Question;
-use crate::host::is_loopback;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
 use crate::wire::board::{CrossPlay, Leaderboard};
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
 use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
 use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
+use swarmbench_protocol::loopback::is_loopback;
 
 /// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);

@@ -402,7 +402,7 @@ mod tests {
     use swarmbench_engine::{Act, Message, Settings, TaskName, World};
 
     use super::*;
-    use crate::wire::episode::StatusName;
+    use crate::wire::status::Status;
 
     fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
         let config = Config::check(settings).expect("valid settings");
@@ -414,7 +414,7 @@ mod tests {
         }
         let seen = world.observe(AgentId(agent));
         let description = tasks::description(&config);
-        let sight = Sight::of(&seen, "ep_1".to_owned(), description, StatusName::Running, None);
+        let sight = Sight::of(&seen, "ep_1".to_owned(), description, Status::Running, None);
         (sight, config)
     }
 

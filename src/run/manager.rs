@@ -15,7 +15,7 @@ use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
 
-use super::definition::Definition;
+use super::definition::{self, Definition};
 use super::suite::Game;
 use super::{RunStatus, new_id};
 use crate::clock::{Clock, Entropy};
@@ -199,10 +199,10 @@ impl Runs {
         let now = clock.wall();
         let id = new_id(now, &**entropy);
         for game in definition.suite.plan() {
-            definition.spec(&id, &game, None).map_err(CreateError::Definition)?;
+            definition::spec(&definition, &id, &game, None).map_err(CreateError::Definition)?;
         }
         let unknown = || CreateError::Definition(format!("visibility {:?}", definition.visibility));
-        let visibility = definition.visibility().ok_or_else(unknown)?;
+        let visibility = Visibility::parse(&definition.visibility).ok_or_else(unknown)?;
         let token = definition.player.is_none().then(|| Token::new(TokenKind::Swarm, &**entropy));
         let run = RunKey(self.0.next_key.fetch_add(1, Ordering::Relaxed));
         let text = serde_json::to_string(&definition).expect("a definition has string keys");
@@ -354,7 +354,7 @@ impl Runs {
 
     async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), JournalError> {
         let Parts { store, clock, .. } = &self.0.parts;
-        let definition = Definition::of(stored)?;
+        let definition = definition::read(stored)?;
         let games = store.games_of(stored.run).await?;
         let now = clock.wall();
         if definition.closes_at.is_some_and(|at| at <= now) && clock.doubt().is_some() {
@@ -388,13 +388,12 @@ impl Runs {
             if disk.is_full(parts.disk_free_percent_min) || parts.stop.is_cancelled() {
                 break;
             }
-            let salt = (definition.visibility() == Some(Visibility::Sealed)).then(|| {
+            let salt = (definition.visibility == Visibility::Sealed.name()).then(|| {
                 let mut bytes = [0; SALT_BYTES];
                 entropy.fill(&mut bytes);
                 data_encoding::HEXLOWER.encode(&bytes)
             });
-            let spec = definition
-                .spec(&stored.id, &game, salt)
+            let spec = definition::spec(definition, &stored.id, &game, salt)
                 .map_err(|problem| JournalError(problem.into()))?;
             let creation = Creation {
                 id: EpisodeId::new(clock.wall(), &**entropy),

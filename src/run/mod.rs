@@ -3,9 +3,10 @@
 pub mod definition;
 pub mod manager;
 pub mod score;
-pub mod suite;
 
 use jiff::Timestamp;
+pub use swarmbench_protocol::status::RunStatus;
+pub use swarmbench_protocol::suite;
 
 use crate::clock::Entropy;
 use crate::ids::dated_id;
@@ -14,43 +15,4 @@ use crate::ids::dated_id;
 #[must_use]
 pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("run_", now, entropy)
-}
-
-/// The status of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RunStatus {
-    /// Games are played, or are still to be opened.
-    Running,
-    /// All games were played.
-    Finished,
-    /// Ended by its creator, or an organizer.
-    Aborted,
-    /// Ended because nobody acted any more.
-    Abandoned,
-    /// Ended because its competition closed.
-    Closed,
-}
-
-impl RunStatus {
-    /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Running, Self::Finished, Self::Aborted, Self::Abandoned, Self::Closed];
-
-    /// Its name on the wire and in the database.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Running => "running",
-            Self::Finished => "finished",
-            Self::Aborted => "aborted",
-            Self::Abandoned => "abandoned",
-            Self::Closed => "closed",
-        }
-    }
-
-    /// The status with this name.
-    #[must_use]
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|status| status.name() == name)
-    }
 }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use futures::future::join_all;
 use swarmbench::llm::{Cassette, Model, Question, Stop};
 use swarmbench::prompt;
-use swarmbench::wire::episode::StatusName;
 use swarmbench::wire::observation::Sight;
+use swarmbench::wire::status::Status;
 use swarmbench_engine::{AgentId, Config, Settings, TaskName, World, answer};
 use tokio::net::TcpListener;
 
@@ -29,8 +29,7 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
             .map(|agent| {
                 let seen = world.observe(*agent);
                 let description = prompt::tasks::description(&config);
-                let sight =
-                    Sight::of(&seen, "ep_1".to_owned(), description, StatusName::Running, None);
+                let sight = Sight::of(&seen, "ep_1".to_owned(), description, Status::Running, None);
                 let prompt = prompt::render(prompt::BUILT_IN, &sight, &config).expect("a prompt");
                 Question { game: game.clone(), agent: agent.to_string(), round: seen.round, prompt }
             })

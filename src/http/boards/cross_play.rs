@@ -14,6 +14,7 @@ use super::super::extract::{Params, page_limit};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::{Format, by_accept};
 use crate::board::cross_play::pairs;
+use crate::board::page;
 use crate::wire::board::CrossPlay;
 use crate::wire::problem::Problem;
 
@@ -82,7 +83,7 @@ pub(in super::super) async fn show_cross_play(
     }
     let start = match params.cursor {
         None => 0,
-        Some(cursor) => CrossPlay::read_cursor(&cursor).ok_or_else(|| {
+        Some(cursor) => page::read_cross_play_cursor(&cursor).ok_or_else(|| {
             malformed("cursor must be the next_cursor of an earlier page".to_owned())
         })?,
     };
@@ -96,7 +97,7 @@ pub(in super::super) async fn show_cross_play(
                     && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
             });
             let pairs = pairs(asked.map(|game| &**game));
-            let page = |limit| CrossPlay::page(&pairs, start, limit);
+            let page = |limit| page::cross_play(&pairs, start, limit);
             by_accept(format.page(bytes_max, limit, page))
         });
         answer.await

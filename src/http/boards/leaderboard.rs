@@ -13,7 +13,8 @@ use super::super::extract::{Params, page_limit};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::{Format, by_accept};
 use crate::board::collection::Question;
-use crate::wire::board::{Leaderboard, read_cursor};
+use crate::board::page::{self, read_cursor};
+use crate::wire::board::Leaderboard;
 use crate::wire::problem::Problem;
 
 /// Which board, and how.
@@ -102,7 +103,7 @@ pub(in super::super) async fn show_leaderboard(
         let answer = app.render(move || {
             let ranked = boards.ranked(&question)?;
             let start = ranked.after(after);
-            let page = |limit| Leaderboard::page(&ranked, start, limit, &intervals.intervals);
+            let page = |limit| page::leaderboard(&ranked, start, limit, &intervals.intervals);
             Ok(by_accept(format.page(intervals.limits.answer_bytes_max, limit, page)))
         });
         answer.await?

@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::error::{ApiError, Code};
 use super::page::CURSOR_BYTES_MAX;
-use crate::wire::board::Table;
+use crate::wire::table::Table;
 
 /// In which form somebody wants a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

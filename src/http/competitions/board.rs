@@ -17,8 +17,8 @@ use super::super::extract::{Id, Params, page_limit};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
 use crate::store::competitions::{Declared, StoredCompetition};
-use crate::wire::board::{Table, text as safe_cell};
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
+use crate::wire::table::{Table, text as safe_cell};
 
 /// How the board is to be written.
 #[derive(Debug, Default, Deserialize, IntoParams)]

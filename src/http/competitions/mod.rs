@@ -23,11 +23,12 @@ use super::auth::Caller;
 use super::error::{ApiError, Code};
 use crate::board::{Game, Slot};
 use crate::competition::entrant::Entrant;
+use crate::competition::shown::{self, Revealed};
 use crate::competition::standings::{self, Attempt, standings};
 use crate::run::RunStatus;
 use crate::store::competitions::{Declared, StoredAttempt, StoredCompetition, StoredEntrant};
 use crate::store::runs::StoredGame;
-use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow, Revealed};
+use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow};
 
 impl App {
     /// A competition of which the caller may know.
@@ -100,7 +101,7 @@ fn shown(stored: &StoredCompetition, now: Timestamp) -> Competition {
         seeds: stored.sealed.seeds.clone(),
     });
     let StoredCompetition { id, definition, commitment, created_at, .. } = stored;
-    Competition::of(id, definition, commitment, *created_at, revealed, now)
+    shown::competition(id, definition, commitment, *created_at, revealed, now)
 }
 
 /// A competition with all who take part and all that they played.
@@ -185,9 +186,9 @@ impl Field {
         let entrants = self.entrants.iter().map(|entrant| (&entrant.entrant.id, &entrant.entrant));
         let entrants: HashMap<_, _> = entrants.collect();
         let rows = self.rows(before)?;
-        let shown = rows.iter().filter_map(|row| {
-            Some(CompetitionRow::of(row, entrants.get(&row.entrant)?, with_tasks))
-        });
+        let shown = rows
+            .iter()
+            .filter_map(|row| Some(shown::row(row, entrants.get(&row.entrant)?, with_tasks)));
         Ok(shown.collect())
     }
 

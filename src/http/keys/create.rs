@@ -13,7 +13,7 @@ use super::super::extract::{Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::wire::key::{CreatedKey, KeyRequest, KeySummary};
+use crate::wire::key::{CreatedKey, KeyRequest};
 use crate::wire::problem::Problem;
 
 /// Make a key for somebody.
@@ -52,7 +52,7 @@ pub(in super::super) async fn create_key(
     }
     let (key, token) = Key::new(role, &request.name, request.expires_at, now, &*app.entropy)
         .map_err(|problem| ApiError::field("name", problem))?;
-    let created = CreatedKey { key: KeySummary::of(&key, now), secret: token.reveal().to_owned() };
+    let created = CreatedKey { key: key.summary(now), secret: token.reveal().to_owned() };
     let detail = json!({ "name": key.name, "role": key.role.name() });
     let audit_entry = organizer.audit_entry(&app, "key.create", &key.id, detail);
     let row = KeyRow { key, hash: token.hash() };

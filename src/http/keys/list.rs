@@ -10,7 +10,7 @@ use super::super::extract::{PageParams, Params};
 use super::super::page::ROWS_MAX;
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::keys::OwnerKey;
-use crate::wire::key::{KeyList, KeySummary};
+use crate::wire::key::KeyList;
 use crate::wire::problem::Problem;
 
 /// List all keys that were ever made, oldest first.
@@ -38,7 +38,7 @@ pub(in super::super) async fn list_keys(
     while let Some(rows) = page.wants(ROWS_MAX) {
         let keys = app.store.list_keys(page.place().map(OwnerKey), rows).await?;
         page.add(rows, keys, |key| {
-            Ok((key.number.map_or(0, |number| number.0), KeySummary::of(&key, now)))
+            Ok((key.number.map_or(0, |number| number.0), key.summary(now)))
         })?;
     }
     Ok(page.answer())

@@ -52,7 +52,7 @@ pub(in super::super) async fn revoke_key(
         }
         app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
         let key = find().await?;
-        Ok(Json(KeySummary::of(&key, now)))
+        Ok(Json(key.summary(now)))
     })
     .await
 }

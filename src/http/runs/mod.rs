@@ -15,7 +15,7 @@ use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
 use crate::episode::spec::Visibility;
 use crate::journal::Tally;
-use crate::run::definition::Definition;
+use crate::run::definition::{self, Definition};
 use crate::run::score::{task_scores, total};
 use crate::run::suite::Suite;
 use crate::store::runs::{StoredGame, StoredRun};
@@ -31,7 +31,7 @@ struct Known {
 
 impl Known {
     fn of(stored: StoredRun) -> Result<Self, ApiError> {
-        let definition = Definition::of(&stored)?;
+        let definition = definition::read(&stored)?;
         let visibility = definition.visibility().ok_or_else(|| {
             ApiError::new(Code::Internal, "what is stored of this run cannot be read")
         })?;

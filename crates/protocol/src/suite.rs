@@ -148,3 +148,9 @@ impl Suite {
         data_encoding::HEXLOWER.encode(&Sha256::digest(json)[..6])
     }
 }
+
+/// The first 12 hexadecimal digits of SHA-256 of the text of a prompt template.
+#[must_use]
+pub fn digest_of_template(text: &str) -> String {
+    data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6])
+}

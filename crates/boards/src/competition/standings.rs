@@ -13,9 +13,9 @@ use swarmbench_engine::TaskName;
 use super::EntrantStatus;
 use super::definition::{Counts, Definition};
 use super::entrant::Entrant;
-use crate::board::rank::{Pick, Row as Ranked, View, rank};
-use crate::board::result::RunResult;
-use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
+use crate::rank::{Pick, Row as Ranked, View, rank};
+use crate::result::RunResult;
+use crate::{Decentralization, Game, Owner, Player, Run, Slot};
 
 /// An attempt, with the games that have ended.
 #[derive(Clone, Debug, PartialEq)]
@@ -203,7 +203,7 @@ fn row(
     let count = |of: &dyn Fn(&&Attempt) -> bool| {
         u32::try_from(own().filter(of).count()).unwrap_or(u32::MAX)
     };
-    let sum = |of: fn(&crate::board::result::TaskResult) -> u64| {
+    let sum = |of: fn(&crate::result::TaskResult) -> u64| {
         shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
     };
     let run = shown.map(|shown| shown.run.id.clone());

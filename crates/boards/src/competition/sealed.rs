@@ -3,7 +3,7 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::clock::Entropy;
+use swarmbench_clock::Entropy;
 
 /// Bytes of the salt that is hashed before the seeds, so that the commitment tells nothing of them.
 pub const SALT_BYTES: usize = 32;
@@ -76,7 +76,7 @@ pub fn rules_seed(seed: &Seed) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SeededEntropy;
+    use swarmbench_clock::SeededEntropy;
 
     /// Made with another program: `python3 -c "import hashlib; h = hashlib.sha256(bytes(range(16)));
     /// print(int.from_bytes(h.digest()[:8], 'big') >> 11)"`, and so for the commitment.

@@ -1,7 +1,7 @@
 //! A whole competition in one file of JSON Lines: enough to check all of it without the server.
 //!
 //! Every line is `{"hash":"…","record":{…}}`, with a chain of hashes over the records as in a journal
-//! ([`crate::journal::chain`]). The record `episode` is followed by the lines of that episode's journal, which
+//! ([`swarmbench_journal::chain`]). The record `episode` is followed by the lines of that episode's journal, which
 //! have their own chain and end with the head that the record names; so every byte of the file belongs to a chain.
 //!
 //! The order: the competition; its entrants; each attempt, followed by its episodes; the board; the end.
@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::definition::Definition;
 use super::entrant::Entrant;
 use super::standings::Row;
-use crate::journal::chain::Head;
-use crate::journal::record::RawRecord;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
 
 /// The version of this format.
 pub const FORMAT: u32 = 1;

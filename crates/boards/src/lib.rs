@@ -1,20 +1,27 @@
-//! Boards: the results of a suite, ranked. Pure: games that have ended go in, ranked rows come out.
+//! Boards and competitions. Pure: games that have ended go in, ranked rows come out.
+//!
+//! A crate of its own because a server shows boards, and programs without a server recompute them from a published file.
 //!
 //! - [`result`]: what a run is worth, task by task.
 //! - [`rank`]: runs of the same player make a row; rows are put in order.
 //! - [`interval`]: how sure the order of two rows is.
 //! - [`collection`]: all boards of a database.
 //! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
+//! - [`page`]: pages of boards, in the shapes of the wire.
+//! - [`run`]: what a run is. [`competition`]: runs on seeds that nobody knows before the end.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
 //! `docs/boards.md`.
 
 pub mod collection;
+pub mod competition;
 pub mod cross_play;
 pub mod interval;
+pub mod page;
 pub mod rank;
 pub mod reference;
 pub mod result;
+pub mod run;
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};

@@ -9,9 +9,9 @@ use serde_json::value::RawValue;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 
-use super::Tally;
 use super::chain::Head;
 use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Seats, Source};
+use crate::Tally;
 
 /// What is wrong with a journal.
 #[derive(Debug, thiserror::Error)]
@@ -141,7 +141,7 @@ struct Line<'a> {
 }
 
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
-pub(crate) fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
+pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
     let parsed: Line<'_> =
         serde_json::from_str(text).map_err(|error| format!("not a line of a journal: {error}"))?;

@@ -17,11 +17,11 @@ use super::entrant::Entrant;
 use super::export::{self, FORMAT, Line};
 use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Row, standings};
-use crate::board::{Game, Slot};
-use crate::journal::chain::Head;
-use crate::journal::replay::{self, Report as Played, check_line};
-use crate::run::definition::Definition as Run;
-use crate::run::suite::Game as Planned;
+use crate::run::Definition as Run;
+use crate::{Game, Slot};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::{self, Report as Played, check_line};
+use swarmbench_protocol::suite::Game as Planned;
 
 /// What is wrong with a file.
 #[derive(Debug, thiserror::Error)]
@@ -417,13 +417,13 @@ impl Checker {
                 opening.config.seed, planned.seed
             ));
         }
-        let expected = run.spec(&published.run, planned, None)?;
-        differs("setting", &opening.config, &expected.recorded())?;
-        if opening.agent_meta != expected.agent_meta {
+        let expected = run.recorded(planned).map_err(|error| error.to_string())?;
+        differs("setting", &opening.config, &expected)?;
+        if opening.agent_meta != run.agent_meta() {
             return Err("it tells other things of who plays than the entrant declared".to_owned());
         }
         // The built-in template may have been another one when it was played.
-        if expected.custom_template && opening.prompt_template != *expected.prompt_template {
+        if run.prompt_template.as_ref().is_some_and(|own| *own != opening.prompt_template) {
             return Err("it has another prompt template than the entrant declared".to_owned());
         }
         check_time("it was created", opening.created_at, published.created_at, window.closes_at)?;

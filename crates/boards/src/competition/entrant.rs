@@ -54,7 +54,7 @@ impl Declaration {
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
         let of_text =
-            self.prompt_template.as_deref().map(crate::run::definition::digest_of_template);
+            self.prompt_template.as_deref().map(swarmbench_protocol::suite::digest_of_template);
         of_text.or_else(|| self.template.clone())
     }
 }

@@ -1,8 +1,8 @@
-//! The shapes of the JSON that the server and its clients exchange, and nothing else.
+//! What the server and its clients exchange: the shapes of the JSON, suites, and the rules for names.
 //!
-//! These types are fixed by the wire contract (`docs/protocol.md`); the core's types are others, with
-//! explicit conversions, so that the core can move. The server writes them, the built-in client
-//! reads them.
+//! A crate of its own so that a client is built without the server. The shapes are fixed by the wire contract
+//! (`docs/protocol.md`); a program with types of its own converts them explicitly, so that its types can change. With the
+//! feature `openapi` they describe themselves.
 
 pub mod act;
 pub mod board;
@@ -12,16 +12,21 @@ pub mod competition;
 pub mod episode;
 pub mod import;
 pub mod key;
+pub mod loopback;
+pub mod names;
 pub mod observation;
 pub mod problem;
 pub mod run;
+pub mod status;
+pub mod suite;
+pub mod table;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;
-use utoipa::ToSchema;
 
 /// A cell: row `i` grows downward, column `j` to the right.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Position {
     /// The row.
     pub i: i32,
@@ -42,8 +47,9 @@ impl From<Position> for Pos {
 }
 
 /// A duration in seconds; whole numbers are written without a fraction.
-#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Deserialize, ToSchema)]
-#[schema(value_type = f64)]
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(value_type = f64))]
 pub struct Seconds(pub f64);
 
 impl Seconds {

@@ -1,15 +1,15 @@
 //! What an agent decides, and the receipts it gets.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::observation::Observation;
 use super::problem::Problem;
 
 /// An act of the token's agent: exactly one of `action` and `response`.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"}))]
+#[cfg_attr(feature = "openapi", schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"})))]
 pub struct ActRequest {
     /// The round that it answers.
     pub round: u32,
@@ -21,7 +21,7 @@ pub struct ActRequest {
     pub message: Option<String>,
     /// Whom alone the commander tells it (centralized control only). With `action` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(example = "Agent_7")]
+    #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
     pub to: Option<String>,
     /// The whole answer of a language model, which holds `ACTION: …` and/or `MSG: …`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -41,11 +41,12 @@ impl ActRequest {
 }
 
 /// An act for one of several seats: exactly one of `action` and `response`.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!(
+#[cfg_attr(feature = "openapi", schema(example = json!(
     {"episode": "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4", "agent": "Agent_3", "round": 12, "action": "UP"}
-))]
+)))]
 pub struct SwarmAct {
     /// The episode.
     pub episode: String,
@@ -94,7 +95,8 @@ impl SwarmAct {
 }
 
 /// Acts for several seats, at most 1,024 of at most 256 KiB each.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SwarmActRequest {
     /// The acts; each is taken or refused for itself.
@@ -102,7 +104,8 @@ pub struct SwarmActRequest {
 }
 
 /// What a language model's answer cost.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Usage {
     /// Tokens of the prompt.
@@ -117,7 +120,8 @@ pub struct Usage {
 }
 
 /// An act is durable.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Receipt {
     /// The episode.
     pub episode: String,
@@ -138,19 +142,21 @@ pub struct Receipt {
 }
 
 /// A receipt and, if requested, the next observation.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ActResponse {
     /// The receipt.
     #[serde(flatten)]
     pub receipt: Receipt,
     /// With `wait`: the next observation, null if the time was up.
     #[serde(default)]
-    #[schema(nullable)]
+    #[cfg_attr(feature = "openapi", schema(nullable))]
     pub obs: Option<Observation>,
 }
 
 /// The result of one of several acts.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum SwarmReceipt {
     /// It is durable.
@@ -160,14 +166,16 @@ pub enum SwarmReceipt {
 }
 
 /// The results of several acts.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SwarmActResponse {
     /// In the order of the acts.
     pub receipts: Vec<SwarmReceipt>,
 }
 
 /// The observations that wait for an act.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SwarmObsResponse {
     /// The oldest first.
     pub observations: Vec<Observation>,

@@ -2,13 +2,13 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The time of day that the server goes by.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ConfirmedClock {
     /// The time of day from now on: that of the host.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub now: Timestamp,
     /// By how many milliseconds the server's time of day was set; negative where it was set back.
     pub moved_ms: i64,

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use swarmbench_engine::{Config, SettingErrors, Settings, TaskName};
 
 use super::entrant::Declaration;
-use crate::episode::spec::Visibility;
-use crate::run::definition as run;
-use crate::run::suite::{Suite, SuiteSettings};
+use crate::run;
+use swarmbench_protocol::status::Visibility;
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// Characters of a competition's name.
 pub const NAME_CHARS_MAX: usize = 100;
@@ -176,7 +176,7 @@ impl Definition {
     fn problems_of(&self, now: Timestamp, check: Check) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut refuse = |field: &str, problem: String| problems.push((field.to_owned(), problem));
-        if let Err(problem) = crate::names::check(&self.name, NAME_CHARS_MAX) {
+        if let Err(problem) = swarmbench_protocol::names::check(&self.name, NAME_CHARS_MAX) {
             refuse("name", problem);
         }
         let is_odd = |c: char| c.is_control() && c != '\n' && c != '\t';

@@ -4,35 +4,35 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use super::Seconds;
 use super::problem::Limit;
-use crate::run::suite::Suite;
+use super::suite::Suite;
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7}))]
+#[cfg_attr(feature = "openapi", schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7})))]
 pub struct RunRequest {
     /// The name of a built-in suite, or one of your own.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub suite: Option<SuiteRequest>,
     /// `paper` or `reference`.
-    #[schema(default = "paper")]
+    #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rules: Option<String>,
     /// Which model plays; at most 200 characters.
-    #[schema(required, example = "my-model")]
+    #[cfg_attr(feature = "openapi", schema(required, example = "my-model"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// At which temperature it samples.
-    #[schema(minimum = 0, maximum = 10)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 10))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature: Option<f64>,
     /// From which nucleus it samples.
-    #[schema(minimum = 0, maximum = 1)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// What else is known of who plays; at most 16 KiB of JSON.
@@ -42,23 +42,23 @@ pub struct RunRequest {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
     /// How many games are open at a time.
-    #[schema(default = 4, minimum = 1, maximum = 64)]
+    #[cfg_attr(feature = "openapi", schema(default = 4, minimum = 1, maximum = 64))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parallel: Option<u32>,
     /// A round's clock in seconds; none by default.
-    #[schema(minimum = 0.05, maximum = 86_400)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub round_deadline_s: Option<f64>,
     /// What a seat may overspend in all rounds of a game together, in seconds.
-    #[schema(default = 0, minimum = 0, maximum = 604_800)]
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bank_s: Option<f64>,
     /// After so many seconds without any act a game ends as abandoned, and with it the run.
-    #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
+    #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub idle_timeout_s: Option<f64>,
     /// `public` or `owner`: who sees the run, and reads its games, before their end.
-    #[schema(default = "public")]
+    #[cfg_attr(feature = "openapi", schema(default = "public"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visibility: Option<String>,
     /// A built-in player that the server itself has play all seats; `default` is each task's own. Such a
@@ -87,7 +87,8 @@ impl RunRequest {
 }
 
 /// Which games a run plays.
-#[derive(Clone, Debug, Serialize, ToSchema)]
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum SuiteRequest {
     /// The name of a built-in suite: `standard` or `quick`.
@@ -121,9 +122,10 @@ impl<'de> Deserialize<'de> for SuiteRequest {
 }
 
 /// A suite of one's own: every task is played once on each seed.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}}))]
+#[cfg_attr(feature = "openapi", schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}})))]
 pub struct OwnSuite {
     /// Its name: 1 to 100 characters, and not that of a built-in one.
     pub name: String,
@@ -138,7 +140,8 @@ pub struct OwnSuite {
 }
 
 /// Settings of all games of a suite of one's own, as for an episode.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 #[expect(missing_docs, reason = "the same as of an episode")]
 pub struct OwnSettings {
@@ -163,10 +166,11 @@ pub struct OwnSettings {
 }
 
 /// A suite as it is shown. Only runs with the same name, digest and rules can be compared.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SuiteView {
     /// Its name.
-    #[schema(example = "standard")]
+    #[cfg_attr(feature = "openapi", schema(example = "standard"))]
     pub name: String,
     /// Of all of it, rules, seeds and settings included: the first 12 hexadecimal digits of SHA-256. Null
     /// as long as the seeds are.
@@ -184,7 +188,8 @@ pub struct SuiteView {
 }
 
 /// The settings of all games of a suite.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[expect(missing_docs, reason = "the same as of an episode")]
 pub struct SuiteSettingsView {
     pub control: String,
@@ -232,7 +237,8 @@ impl SuiteView {
 }
 
 /// The built-in suites.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SuiteList {
     /// Each suite by each rule set.
     pub items: Vec<SuiteView>,
@@ -241,10 +247,11 @@ pub struct SuiteList {
 }
 
 /// A run as it is listed.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunSummary {
     /// Its id.
-    #[schema(example = "run_0199f0c2a1d87c3e9b5a4d6f10e2b3c4")]
+    #[cfg_attr(feature = "openapi", schema(example = "run_0199f0c2a1d87c3e9b5a4d6f10e2b3c4"))]
     pub id: String,
     /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
     pub status: String,
@@ -269,17 +276,17 @@ pub struct RunSummary {
     /// After so long without an act a game ends as abandoned.
     pub idle_timeout_s: Seconds,
     /// From then on no new round begins.
-    #[schema(value_type = Option<String>, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub closes_at: Option<jiff::Timestamp>,
     /// The number of the attempt, where the run is one in a competition.
     pub attempt: Option<u32>,
     /// Why it was voided as an attempt, if it was.
     pub void_reason: Option<String>,
     /// When it was created.
-    #[schema(value_type = String, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub created_at: jiff::Timestamp,
     /// When it ended.
-    #[schema(value_type = Option<String>, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub ended_at: Option<jiff::Timestamp>,
     /// How many games have ended and count.
     pub played: u32,
@@ -300,7 +307,8 @@ pub struct RunSummary {
 
 /// The result of a run in one task. While it is running these are means over what has ended; once it is over, a
 /// game that was never played counts as 0.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskResult {
     /// The task.
     pub task: String,
@@ -317,7 +325,8 @@ pub struct TaskResult {
 }
 
 /// What acts were, in numbers.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ActTally {
     /// How many players sent.
     pub sent: u64,
@@ -336,7 +345,8 @@ pub struct ActTally {
 }
 
 /// A run with its games.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunDetail {
     /// The run.
     #[serde(flatten)]
@@ -348,7 +358,8 @@ pub struct RunDetail {
 }
 
 /// A game of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunGame {
     /// Its place in the plan, from 0.
     pub slot: u32,
@@ -371,7 +382,8 @@ pub struct RunGame {
 }
 
 /// A new run.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedRun {
     /// The run.
     #[serde(flatten)]
@@ -381,7 +393,8 @@ pub struct CreatedRun {
 }
 
 /// A new token of a run.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunToken {
     /// The run's id.
     pub id: String,
@@ -390,7 +403,8 @@ pub struct RunToken {
 }
 
 /// A page of runs, newest first.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunList {
     /// The runs of this page.
     pub items: Vec<RunSummary>,
@@ -400,10 +414,11 @@ pub struct RunList {
 
 /// One Server-Sent Event of a run, by the names of its fields. It is only described here: a stream writes its
 /// events itself.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StreamedRunEvent {
     /// `game` or `finished`.
-    #[schema(example = "game")]
+    #[cfg_attr(feature = "openapi", schema(example = "game"))]
     pub event: String,
     /// JSON: a `RunGame`, or the `RunDetail` where it is `finished`.
     pub data: String,

@@ -1,15 +1,13 @@
 //! Games that were read from files.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
-use crate::journal::StoredImport;
 
 /// An imported game. Nobody vouches for it: what it tells is what its files told.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ImportSummary {
     /// Its id.
-    #[schema(example = "imp_5f0c1e6a7d9b48f2a3c4d5e6f7081920")]
+    #[cfg_attr(feature = "openapi", schema(example = "imp_5f0c1e6a7d9b48f2a3c4d5e6f7081920"))]
     pub id: String,
     /// As its files call it.
     pub run_id: String,
@@ -30,12 +28,13 @@ pub struct ImportSummary {
     /// The settings, as far as the files tell them.
     pub settings: ImportConfig,
     /// When it was imported.
-    #[schema(value_type = String, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub imported_at: jiff::Timestamp,
 }
 
 /// The settings of an imported game. The toolkit's files tell only the first five.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[expect(missing_docs, reason = "the same as of an episode")]
 pub struct ImportConfig {
     pub num_agents: u32,
@@ -51,40 +50,11 @@ pub struct ImportConfig {
 }
 
 /// A page of imported games, newest first.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ImportList {
     /// The games of this page.
     pub items: Vec<ImportSummary>,
     /// Where the next page begins; null on the last.
     pub next_cursor: Option<String>,
-}
-
-impl From<StoredImport> for ImportSummary {
-    fn from(stored: StoredImport) -> Self {
-        let settings = stored.settings;
-        Self {
-            id: stored.id,
-            run_id: stored.run_id,
-            verified: false,
-            task: stored.task,
-            model: stored.model,
-            seed: stored.seed,
-            score: stored.score,
-            rounds: stored.rounds,
-            acts: stored.acts,
-            settings: ImportConfig {
-                num_agents: settings.num_agents,
-                max_round: settings.max_round,
-                width: settings.width,
-                height: settings.height,
-                view_size: settings.view_size,
-                rules: settings.rules,
-                control: settings.control,
-                memory: settings.memory,
-                noise: settings.noise,
-                max_delay: settings.max_delay,
-            },
-            imported_at: stored.imported_at,
-        }
-    }
 }

@@ -3,44 +3,16 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use swarmbench_engine::{AgentState, SpectatorView};
-use utoipa::ToSchema;
 
+use super::status::Status;
 use super::{Position, Seconds};
-use crate::episode::Status;
-
-/// The status of an episode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum StatusName {
-    /// Created, not started.
-    Waiting,
-    /// Rounds are played.
-    Running,
-    /// Played to its end.
-    Finished,
-    /// Ended by its creator.
-    Aborted,
-    /// Ended because nobody acted any more.
-    Abandoned,
-}
-
-impl From<Status> for StatusName {
-    fn from(status: Status) -> Self {
-        match status {
-            Status::Waiting => Self::Waiting,
-            Status::Running => Self::Running,
-            Status::Finished => Self::Finished,
-            Status::Aborted => Self::Aborted,
-            Status::Abandoned => Self::Abandoned,
-        }
-    }
-}
 
 /// How an episode ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EpisodeResult {
     /// `task_done`, `rounds_played`, `aborted` or `idle`.
-    #[schema(example = "rounds_played")]
+    #[cfg_attr(feature = "openapi", schema(example = "rounds_played"))]
     pub reason: String,
     /// The final score.
     pub score: f64,
@@ -51,79 +23,80 @@ pub struct EpisodeResult {
 }
 
 /// What an episode is to be. Everything but `task` has a default.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"}))]
+#[cfg_attr(feature = "openapi", schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
 pub struct EpisodeRequest {
     /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub task: Option<String>,
     /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
-    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_i64)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<i64>,
     /// `paper` or `reference`.
-    #[schema(default = "paper")]
+    #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rules: Option<String>,
     /// How many agents play.
-    #[schema(default = 12, minimum = 1, maximum = 1024)]
+    #[cfg_attr(feature = "openapi", schema(default = 12, minimum = 1, maximum = 1024))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub num_agents: Option<i64>,
     /// Columns of the map.
-    #[schema(default = 10, minimum = 8, maximum = 256)]
+    #[cfg_attr(feature = "openapi", schema(default = 10, minimum = 8, maximum = 256))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub width: Option<i64>,
     /// Rows of the map.
-    #[schema(default = 10, minimum = 8, maximum = 256)]
+    #[cfg_attr(feature = "openapi", schema(default = 10, minimum = 8, maximum = 256))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<i64>,
     /// Rows and columns of an agent's window; odd, 3 to 2 · size + 1.
-    #[schema(default = 5, minimum = 3, maximum = 513)]
+    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 3, maximum = 513))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub view_size: Option<i64>,
     /// How many past rounds an agent remembers.
-    #[schema(default = 5, minimum = 0, maximum = 50)]
+    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 0, maximum = 50))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory: Option<i64>,
     /// After how many rounds the episode ends.
-    #[schema(default = 100, minimum = 1, maximum = 100_000)]
+    #[cfg_attr(feature = "openapi", schema(default = 100, minimum = 1, maximum = 100_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_round: Option<i64>,
     /// `decentralized` or `centralized`.
-    #[schema(default = "decentralized")]
+    #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub control: Option<String>,
     /// The probability with which a delivered message is corrupted.
-    #[schema(default = 0.0, minimum = 0, maximum = 1)]
+    #[cfg_attr(feature = "openapi", schema(default = 0.0, minimum = 0, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise: Option<f64>,
     /// The most rounds by which a message is late.
-    #[schema(default = 0, minimum = 0, maximum = 100)]
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 100))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_delay: Option<i64>,
     /// A round's clock in seconds; none by default.
-    #[schema(minimum = 0.05, maximum = 86_400)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub round_deadline_s: Option<f64>,
     /// What a seat may overspend in all rounds together, in seconds.
-    #[schema(default = 0, minimum = 0, maximum = 604_800)]
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bank_s: Option<f64>,
     /// `now` or `manual`.
-    #[schema(default = "now")]
+    #[cfg_attr(feature = "openapi", schema(default = "now"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<String>,
     /// After so many seconds without any act it ends as abandoned.
-    #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
+    #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub idle_timeout_s: Option<f64>,
     /// `public` or `owner`: who reads state, events and resolved rounds before the end.
-    #[schema(default = "public")]
+    #[cfg_attr(feature = "openapi", schema(default = "public"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visibility: Option<String>,
     /// Who plays; at most 200 characters.
-    #[schema(default = "unnamed")]
+    #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// What else is known of who plays; at most 16 KiB of JSON.
@@ -133,15 +106,15 @@ pub struct EpisodeRequest {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
     /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
-    #[schema(default = 0, minimum = 0, maximum = 1024)]
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub open_seats: Option<i64>,
     /// After so many seconds built-in players take the open seats that nobody claimed; never by default.
-    #[schema(minimum = 0, maximum = 604_800)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fill_after_s: Option<f64>,
     /// Which built-in player takes them; `default` is the task's own.
-    #[schema(default = "default")]
+    #[cfg_attr(feature = "openapi", schema(default = "default"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fill_with: Option<String>,
     /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
@@ -181,7 +154,8 @@ impl EpisodeRequest {
 }
 
 /// All settings of an episode, defaults filled in.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[expect(missing_docs, reason = "the same as in the request")]
 pub struct EpisodeConfig {
     pub task: String,
@@ -217,12 +191,13 @@ pub struct EpisodeConfig {
 }
 
 /// A new episode, with tokens that are shown this once.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedEpisode {
     /// Its id.
     pub id: String,
     /// Its status.
-    pub status: StatusName,
+    pub status: Status,
     /// All its settings.
     pub config: EpisodeConfig,
     /// A token for each agent whose seat is the creator's.
@@ -232,7 +207,8 @@ pub struct CreatedEpisode {
 }
 
 /// The token of one agent.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeatToken {
     /// The agent's name.
     pub agent: String,
@@ -241,12 +217,13 @@ pub struct SeatToken {
 }
 
 /// An episode as it is listed.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EpisodeSummary {
     /// Its id.
     pub id: String,
     /// Its status.
-    pub status: StatusName,
+    pub status: Status,
     /// The task.
     pub task: String,
     /// Who plays.
@@ -258,10 +235,10 @@ pub struct EpisodeSummary {
     /// The score so far.
     pub score: f64,
     /// When it was created.
-    #[schema(value_type = String, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub created_at: jiff::Timestamp,
     /// When it ended.
-    #[schema(value_type = Option<String>, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub ended_at: Option<jiff::Timestamp>,
     /// How it ended.
     pub result: Option<EpisodeResult>,
@@ -272,12 +249,13 @@ pub struct EpisodeSummary {
 }
 
 /// Why an episode counts for nothing.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"reason": "power cut in round 40"}))]
+#[cfg_attr(feature = "openapi", schema(example = json!({"reason": "power cut in round 40"})))]
 pub struct VoidRequest {
     /// What went wrong: 1 to 500 characters. It is shown to everybody who may see the episode.
-    #[schema(min_length = 1, max_length = 500)]
+    #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
     pub reason: String,
 }
 
@@ -287,7 +265,8 @@ impl VoidRequest {
 }
 
 /// A page of episodes, newest first.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EpisodeList {
     /// The episodes of this page.
     pub items: Vec<EpisodeSummary>,
@@ -296,7 +275,8 @@ pub struct EpisodeList {
 }
 
 /// The whole world after some round.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct State {
     /// How many rounds were resolved.
     pub round: u32,
@@ -318,7 +298,8 @@ pub struct State {
 }
 
 /// An agent as a spectator sees it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StateAgent {
     /// Its name.
     pub agent: String,
@@ -337,7 +318,8 @@ pub struct StateAgent {
 }
 
 /// What spectators get of a resolved round; the grid is in the state.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RoundEvent {
     /// How many rounds were resolved with it.
     pub round: u32,
@@ -348,14 +330,15 @@ pub struct RoundEvent {
 }
 
 /// One Server-Sent Event, by the names of its fields. It is only described here: a stream writes its events itself.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StreamedEvent {
     /// `round` or `finished`.
-    #[schema(example = "round")]
+    #[cfg_attr(feature = "openapi", schema(example = "round"))]
     pub event: String,
     /// How many rounds were resolved; left out where it is `finished`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(example = "12")]
+    #[cfg_attr(feature = "openapi", schema(example = "12"))]
     pub id: Option<String>,
     /// JSON: a `RoundEvent`, or the `EpisodeResult` where it is `finished`.
     pub data: String,

@@ -3,59 +3,55 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use super::Seconds;
-use crate::competition::definition::{Definition, Window};
-use crate::competition::entrant::Entrant;
-use crate::competition::phase::Phase;
-use crate::competition::standings::{Row, TaskRow};
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({
+#[cfg_attr(feature = "openapi", schema(example = json!({
     "name": "Spring cup", "opens_at": "2027-03-01T12:00:00Z", "closes_at": "2027-03-08T12:00:00Z",
     "suite": { "tasks": ["Pursuit", "Foraging"], "seeds": 3 }, "clocks": { "round_deadline_s": 60 },
     "attempts": 2, "entry": "codes", "board": "hidden"
-}))]
+})))]
 pub struct CompetitionRequest {
     /// 1 to 100 characters.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub name: Option<String>,
     /// What entrants should know; at most 10,000 characters.
     pub description: Option<String>,
     /// From then on attempts may be started.
-    #[schema(required, value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(required, value_type = Option<String>, format = "date-time"))]
     pub opens_at: Option<Timestamp>,
     /// From then on no round begins; those that run may end.
-    #[schema(required, value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(required, value_type = Option<String>, format = "date-time"))]
     pub closes_at: Option<Timestamp>,
     /// What is played in each attempt.
     pub suite: Option<SealedSuite>,
     /// The clocks of all games; `round_deadline_s` must be given, so that a round that runs at the closing time ends.
-    #[schema(required)]
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub clocks: Option<Clocks>,
     /// `anybody` or `codes`.
-    #[schema(default = "anybody")]
+    #[cfg_attr(feature = "openapi", schema(default = "anybody"))]
     pub entry: Option<String>,
     /// How many attempts an entrant has, all open for the whole time; or the window of each.
-    #[schema(default = 1)]
+    #[cfg_attr(feature = "openapi", schema(default = 1))]
     pub attempts: Option<Attempts>,
     /// How many games of an attempt are open at a time.
-    #[schema(default = 5, minimum = 1, maximum = 100)]
+    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub parallel: Option<u32>,
     /// Which attempt counts: `best`, `last` or `first`.
-    #[schema(default = "best")]
+    #[cfg_attr(feature = "openapi", schema(default = "best"))]
     pub counts: Option<String>,
     /// What is shown of the board before the end: `public`, `hidden` or `frozen`.
-    #[schema(default = "public")]
+    #[cfg_attr(feature = "openapi", schema(default = "public"))]
     pub board: Option<String>,
     /// From when on a frozen board does not change.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
-    #[schema(default = 1, minimum = 1, maximum = 100)]
+    #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 100))]
     pub entries_per_key: Option<u32>,
 }
 
@@ -79,23 +75,25 @@ impl CompetitionRequest {
 }
 
 /// What is played in each attempt: every task once on each of its sealed seeds.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SealedSuite {
     /// Names of tasks; all five where it is left out.
     pub tasks: Option<Vec<String>>,
     /// How many sealed seeds each attempt has.
-    #[schema(default = 5, minimum = 1, maximum = 100)]
+    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
     pub seeds: Option<u32>,
     /// `paper` or `reference`.
-    #[schema(default = "paper")]
+    #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     pub rules: Option<String>,
     /// The settings of all games; the standard setting where something is left out.
     pub settings: Option<SealedSettings>,
 }
 
 /// Settings of all games, with the names, limits and defaults that they have for an episode.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 #[expect(missing_docs, reason = "the names are those of an episode, described there")]
 pub struct SealedSettings {
@@ -111,22 +109,24 @@ pub struct SealedSettings {
 }
 
 /// The clocks of all games.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Clocks {
     /// How long a round lasts for a seat before its bank is touched.
-    #[schema(required, minimum = 0.05, maximum = 86400)]
+    #[cfg_attr(feature = "openapi", schema(required, minimum = 0.05, maximum = 86400))]
     pub round_deadline_s: Option<Seconds>,
     /// What a seat may overspend in all rounds of a game together.
-    #[schema(default = 0, minimum = 0, maximum = 604_800)]
+    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     pub bank_s: Option<Seconds>,
     /// After so long without any act a game ends as abandoned.
-    #[schema(default = 86_400, minimum = 1, maximum = 31_536_000)]
+    #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     pub idle_timeout_s: Option<Seconds>,
 }
 
 /// How many attempts, or when each may be played.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum Attempts {
     /// So many, all open for the whole time.
@@ -136,22 +136,24 @@ pub enum Attempts {
 }
 
 /// When an attempt may be played.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptWindow {
     /// From then on it may be started; from the opening of the competition where it is left out.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub opens_at: Option<Timestamp>,
     /// From then on none of its rounds begins; the closing of the competition where it is left out.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub closes_at: Option<Timestamp>,
 }
 
 /// A competition as everybody sees it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Competition {
     /// Its id.
-    #[schema(example = "cmp_0198f2c55cf77c3e8f1be8a0c1a2b3c4")]
+    #[cfg_attr(feature = "openapi", schema(example = "cmp_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
     /// Its name.
     pub name: String,
@@ -160,10 +162,10 @@ pub struct Competition {
     /// `announced`, `open`, `closing` (the last rounds still run) or `closed` (everything is open to all).
     pub phase: String,
     /// From then on attempts may be started.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub opens_at: Timestamp,
     /// From then on no round begins.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub closes_at: Timestamp,
     /// What is played in each attempt.
     pub suite: SealedSuite,
@@ -180,7 +182,7 @@ pub struct Competition {
     /// What is shown of the board before the end.
     pub board: String,
     /// From when on a frozen board does not change.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
     pub entries_per_key: u32,
@@ -192,95 +194,16 @@ pub struct Competition {
     /// The sealed seeds in hexadecimal, attempt by attempt, once the competition is closed.
     pub seeds: Option<Vec<String>>,
     /// When it was created.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub created_at: Timestamp,
     /// When everything was opened to all.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub revealed_at: Option<Timestamp>,
 }
 
-impl Competition {
-    /// A competition at a moment. The salt and the seeds are included only once they are public.
-    #[must_use]
-    pub fn of(
-        id: &str,
-        definition: &Definition,
-        commitment: &[u8; 32],
-        created_at: Timestamp,
-        revealed: Option<Revealed>,
-        now: Timestamp,
-    ) -> Self {
-        let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
-        let (revealed_at, salt, seeds) = match revealed {
-            Some(Revealed { at, salt, seeds }) => {
-                let seeds = seeds.iter().map(|seed| hex(seed)).collect();
-                (Some(at), Some(hex(&salt)), Some(seeds))
-            }
-            None => (None, None, None),
-        };
-        let settings = &definition.settings;
-        let seconds = |ms: u64| Seconds::of(std::time::Duration::from_millis(ms));
-        let window = |window: &Window| AttemptWindow {
-            opens_at: Some(window.opens_at),
-            closes_at: Some(window.closes_at),
-        };
-        Self {
-            id: id.to_owned(),
-            name: definition.name.clone(),
-            description: definition.description.clone(),
-            phase: Phase::at(definition, revealed_at.is_some(), now).name().to_owned(),
-            opens_at: definition.opens_at,
-            closes_at: definition.closes_at,
-            suite: SealedSuite {
-                tasks: Some(definition.tasks.clone()),
-                seeds: Some(definition.seeds),
-                rules: Some(definition.rules.clone()),
-                settings: Some(SealedSettings {
-                    control: Some(settings.control.clone()),
-                    num_agents: Some(settings.num_agents),
-                    width: Some(settings.width),
-                    height: Some(settings.height),
-                    view_size: Some(settings.view_size),
-                    memory: Some(settings.memory),
-                    max_round: Some(settings.max_round),
-                    noise: Some(settings.noise),
-                    max_delay: Some(settings.max_delay),
-                }),
-            },
-            clocks: Clocks {
-                round_deadline_s: settings.round_deadline_ms.map(seconds),
-                bank_s: Some(seconds(settings.bank_ms)),
-                idle_timeout_s: Some(seconds(definition.idle_timeout_ms)),
-            },
-            entry: definition.entry.name().to_owned(),
-            attempts: definition.attempts.iter().map(window).collect(),
-            parallel: definition.parallel,
-            counts: definition.counts.name().to_owned(),
-            board: definition.board.name().to_owned(),
-            board_freezes_at: definition.board_freezes_at,
-            entries_per_key: definition.entries_per_key,
-            commitment: hex(commitment),
-            salt,
-            seeds,
-            created_at,
-            revealed_at,
-        }
-    }
-}
-
-/// What is open to all after the end.
-#[derive(Clone, Debug)]
-pub struct Revealed {
-    /// Since when.
-    pub at: Timestamp,
-    /// The salt.
-    pub salt: [u8; 32],
-    /// The sealed seeds.
-    pub seeds: Vec<[u8; 16]>,
-}
-
 /// A page of competitions.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionList {
     /// The competitions, newest first.
     pub items: Vec<Competition>,
@@ -289,11 +212,12 @@ pub struct CompetitionList {
 }
 
 /// Invitation codes that an organizer asks for.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct CodesRequest {
     /// For whom each code is: it is shown to organizers alone. 1 to 1,000 labels of 1 to 100 characters.
-    #[schema(required, example = json!(["team blue", "team red"]))]
+    #[cfg_attr(feature = "openapi", schema(required, example = json!(["team blue", "team red"])))]
     pub labels: Vec<String>,
 }
 
@@ -303,7 +227,8 @@ impl CodesRequest {
 }
 
 /// An invitation code.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationCode {
     /// For whom it is.
     pub label: String,
@@ -312,27 +237,32 @@ pub struct InvitationCode {
 }
 
 /// New invitation codes, shown this once.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationCodes {
     /// One for each label.
     pub items: Vec<InvitationCode>,
 }
 
 /// Who wants to take part, and what plays. None of it changes later: another model is another entrant.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantRequest {
     /// The name on the board: 1 to 100 characters that no other entrant has.
-    #[schema(example = "team blue", min_length = 1, max_length = 100)]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(example = "team blue", min_length = 1, max_length = 100)
+    )]
     pub name: String,
     /// The model's name: 1 to 200 characters.
-    #[schema(example = "my-model")]
+    #[cfg_attr(feature = "openapi", schema(example = "my-model"))]
     pub model: String,
     /// The sampling temperature.
-    #[schema(minimum = 0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0))]
     pub temperature: Option<f64>,
     /// The nucleus of sampling.
-    #[schema(minimum = 0, maximum = 1)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
     /// Whatever else is to be known of who plays; at most 16 KiB of JSON.
     pub agent_meta: Option<Map<String, Value>>,
@@ -349,10 +279,11 @@ impl EntrantRequest {
 }
 
 /// An entrant as everybody sees it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantSummary {
     /// Its id.
-    #[schema(example = "ent_0198f2c55cf77c3e8f1be8a0c1a2b3c4")]
+    #[cfg_attr(feature = "openapi", schema(example = "ent_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub id: String,
     /// Its name.
     pub name: String,
@@ -371,29 +302,13 @@ pub struct EntrantSummary {
     /// Whether an organizer answers for it that this is the model.
     pub vouched: bool,
     /// When it registered.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub registered_at: Timestamp,
 }
 
-impl From<&Entrant> for EntrantSummary {
-    fn from(entrant: &Entrant) -> Self {
-        Self {
-            id: entrant.id.clone(),
-            name: entrant.name.clone(),
-            model: entrant.declaration.model.clone(),
-            temperature: entrant.declaration.temperature,
-            top_p: entrant.declaration.top_p,
-            prompt_template: entrant.declaration.template_digest(),
-            status: entrant.status.name().to_owned(),
-            reason: entrant.reason.clone(),
-            vouched: entrant.vouched,
-            registered_at: entrant.registered_at,
-        }
-    }
-}
-
 /// A new entrant.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CreatedEntrant {
     /// The entrant.
     #[serde(flatten)]
@@ -403,7 +318,8 @@ pub struct CreatedEntrant {
 }
 
 /// All entrants.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantList {
     /// The entrants, in the order in which they registered.
     pub items: Vec<EntrantSummary>,
@@ -412,7 +328,8 @@ pub struct EntrantList {
 }
 
 /// An entrant with its own results.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EntrantDetail {
     /// The entrant.
     #[serde(flatten)]
@@ -422,7 +339,8 @@ pub struct EntrantDetail {
 }
 
 /// What an organizer decides about an entrant; what is left out stays.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantChange {
     /// `active`, `withdrawn` or `disqualified`.
@@ -442,13 +360,14 @@ impl EntrantChange {
 }
 
 /// Which attempt is to be started.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptRequest {
     /// Whose attempt it is, where the key has several entrants.
     pub entrant: Option<String>,
     /// Its number, from 1; the next one that is open where it is left out.
-    #[schema(minimum = 1)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub attempt: Option<u32>,
 }
 
@@ -458,26 +377,28 @@ impl AttemptRequest {
 }
 
 /// An attempt that was started.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StartedAttempt {
     /// Its number.
     pub attempt: u32,
     /// Whose it is.
     pub entrant: String,
     /// Its run.
-    #[schema(example = "run_0198f2c55cf77c3e8f1be8a0c1a2b3c4")]
+    #[cfg_attr(feature = "openapi", schema(example = "run_0198f2c55cf77c3e8f1be8a0c1a2b3c4"))]
     pub run: String,
     /// How many games it has.
     pub games: usize,
     /// From then on no round begins.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub closes_at: Timestamp,
     /// The token of all seats of all its games, shown this once: play with it over `/swarm/obs` and `/swarm/act`.
     pub swarm_token: String,
 }
 
 /// An attempt as its entrant sees it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AttemptSummary {
     /// Whose it is.
     pub entrant: String,
@@ -488,10 +409,10 @@ pub struct AttemptSummary {
     /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
     pub status: String,
     /// When it was started.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub created_at: Timestamp,
     /// When it ended.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub ended_at: Option<Timestamp>,
     /// How many games it has.
     pub games: usize,
@@ -506,7 +427,8 @@ pub struct AttemptSummary {
 }
 
 /// Attempts.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AttemptList {
     /// The attempts, in the order in which they were started.
     pub items: Vec<AttemptSummary>,
@@ -515,7 +437,8 @@ pub struct AttemptList {
 }
 
 /// What an attempt came to in a task.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskMean {
     /// The task.
     pub task: String,
@@ -531,26 +454,14 @@ pub struct TaskMean {
     pub voided: u32,
 }
 
-impl From<&TaskRow> for TaskMean {
-    fn from(row: &TaskRow) -> Self {
-        Self {
-            task: row.task.clone(),
-            mean: row.mean,
-            deviation: row.deviation,
-            games: row.games,
-            planned: row.planned,
-            voided: row.voided,
-        }
-    }
-}
-
 /// The board of a competition.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionBoard {
     /// What is shown: `all`; `totals`, as long as seeds are sealed; or `nothing`.
     pub shows: String,
     /// Until when attempts had to be over to be shown on a frozen board.
-    #[schema(value_type = Option<String>, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub frozen_at: Option<Timestamp>,
     /// Entrants with a rank, then those of whom nothing counts yet, then those who take no part any more.
     pub items: Vec<CompetitionRow>,
@@ -559,7 +470,8 @@ pub struct CompetitionBoard {
 }
 
 /// A row of the board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionRow {
     /// 1, 2, 2, 4; null where nothing counts.
     pub rank: Option<u32>,
@@ -590,44 +502,18 @@ pub struct CompetitionRow {
     pub decentralization: Option<String>,
 }
 
-impl CompetitionRow {
-    /// A row of the board, with the results in each task or without.
-    #[must_use]
-    pub fn of(row: &Row, entrant: &Entrant, with_tasks: bool) -> Self {
-        #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
-        let share =
-            |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
-        let games: u32 = row.tasks.iter().map(|task| task.games).sum();
-        Self {
-            rank: row.rank,
-            entrant: entrant.into(),
-            attempt: row.attempt,
-            run: row.run.clone(),
-            run_status: row.run_status.clone(),
-            tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },
-            // Of a single game the total is its score, which nobody is to know before the end.
-            total: row.total.filter(|_| with_tasks || games >= 2),
-            invalid_share: share(row.invalid, row.answers),
-            clock_share: share(row.timeouts, row.answers + row.timeouts),
-            voided_games: row.voided_games,
-            attempts: row.attempts,
-            voided_attempts: row.voided_attempts,
-            decentralization: row.decentralization.clone(),
-        }
-    }
-}
-
 /// Something that an organizer did, as the audit log has it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(as = Deed)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(as = Deed))]
 pub struct AuditEntry {
     /// When.
-    #[schema(value_type = String, format = "date-time")]
+    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub at: Timestamp,
     /// The id of the organizer's key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done.
-    #[schema(example = "entrant.change")]
+    #[cfg_attr(feature = "openapi", schema(example = "entrant.change"))]
     pub action: String,
     /// The id of what it was done to.
     pub subject: String,
@@ -636,7 +522,8 @@ pub struct AuditEntry {
 }
 
 /// A page of the audit log.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AuditLog {
     /// What organizers did, newest first.
     pub items: Vec<AuditEntry>,

@@ -145,6 +145,38 @@ pub struct RecordedConfig {
 }
 
 impl RecordedConfig {
+    /// The engine's part of the settings; everything else as if nothing was said about it.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let settings = config.settings();
+        Self {
+            task: settings.task,
+            rules: settings.rules,
+            control: settings.control,
+            seed: u64::try_from(settings.seed).expect("a checked seed is not negative"),
+            num_agents: config.num_agents(),
+            width: settings.width,
+            height: settings.height,
+            view_size: settings.view_size,
+            memory: settings.memory,
+            max_round: config.max_round(),
+            noise: settings.noise,
+            max_delay: settings.max_delay,
+            round_deadline_ms: None,
+            bank_ms: 0,
+            start: "now".to_owned(),
+            idle_timeout_ms: 0,
+            visibility: String::new(),
+            model: String::new(),
+            custom_template: false,
+            closes_at: None,
+            open_seats: Vec::new(),
+            fill_after_ms: None,
+            fill_with: None,
+            player: None,
+        }
+    }
+
     /// The engine's part of the settings, checked.
     ///
     /// # Errors

@@ -1,24 +1,24 @@
 //! Errors, as RFC 9457 has them.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// What went wrong, and what helps to recover.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Problem {
     /// Names the kind of problem; the same as `code`, as a URI.
-    #[schema(example = "urn:swarmbench:problem:round_over")]
+    #[cfg_attr(feature = "openapi", schema(example = "urn:swarmbench:problem:round_over"))]
     pub r#type: String,
     /// The kind of problem, in words.
-    #[schema(example = "The round is over")]
+    #[cfg_attr(feature = "openapi", schema(example = "The round is over"))]
     pub title: String,
     /// The HTTP status.
-    #[schema(example = 409)]
+    #[cfg_attr(feature = "openapi", schema(example = 409))]
     pub status: u16,
     /// What happened this time, and what to do.
     pub detail: String,
     /// The kind of problem, for programs.
-    #[schema(example = "round_over")]
+    #[cfg_attr(feature = "openapi", schema(example = "round_over"))]
     pub code: String,
     /// The current round of the episode.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -35,23 +35,25 @@ pub struct Problem {
 }
 
 /// A limit by its name.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Limit {
     /// Its name; the unit is its last part.
-    #[schema(example = "body_bytes_max")]
+    #[cfg_attr(feature = "openapi", schema(example = "body_bytes_max"))]
     pub name: String,
     /// Its value.
-    #[schema(example = 262_144)]
+    #[cfg_attr(feature = "openapi", schema(example = 262_144))]
     pub value: u64,
 }
 
 /// A field that was refused.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FieldProblem {
     /// Its name.
-    #[schema(example = "width")]
+    #[cfg_attr(feature = "openapi", schema(example = "width"))]
     pub field: String,
     /// What is allowed, and what came.
-    #[schema(example = "must be from 8 to 256, is 4")]
+    #[cfg_attr(feature = "openapi", schema(example = "must be from 8 to 256, is 4"))]
     pub problem: String,
 }

@@ -2,13 +2,14 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use swarmbench_engine::{self as engine, Action, AgentId, Message, Seen, TaskName};
-use utoipa::ToSchema;
 
 use super::Position;
-use super::episode::{EpisodeResult, StatusName};
+use super::episode::EpisodeResult;
+use super::status::Status;
 
 /// The current observation of one agent: all that it may know.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Observation {
     /// What is the same for as long as the round is open.
     #[serde(flatten)]
@@ -19,16 +20,17 @@ pub struct Observation {
 }
 
 /// The part of an observation that stays as long as the round is open.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Sight {
     /// The episode's id.
-    #[schema(example = "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4")]
+    #[cfg_attr(feature = "openapi", schema(example = "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4"))]
     pub episode: String,
     /// The agent's name.
-    #[schema(example = "Agent_3")]
+    #[cfg_attr(feature = "openapi", schema(example = "Agent_3"))]
     pub agent: String,
     /// The status of the episode.
-    pub status: StatusName,
+    pub status: Status,
     /// The round to be answered: how many rounds were resolved.
     pub round: u32,
     /// After how many rounds the episode ends.
@@ -63,13 +65,14 @@ pub struct Sight {
 }
 
 /// The part of an observation that changes while the round is open.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Moment {
     /// Whether this seat has answered the round.
     pub acted: bool,
     /// When the seat's clock runs out: the opening of the round, its deadline, and the bank. Null
     /// without a clock.
-    #[schema(value_type = Option<String>, format = DateTime)]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub deadline: Option<jiff::Timestamp>,
     /// How long it is until then. Null without a clock.
     pub remaining_ms: Option<u64>,
@@ -81,17 +84,19 @@ pub struct Moment {
 }
 
 /// A task, as it is described to an agent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Task {
     /// Its name.
-    #[schema(example = "Transport")]
+    #[cfg_attr(feature = "openapi", schema(example = "Transport"))]
     pub name: String,
     /// What is to be done, in words.
     pub description: String,
 }
 
 /// A rectangle of cells.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct View {
     /// The top-left cell; may lie outside the map.
     pub origin: Position,
@@ -102,7 +107,8 @@ pub struct View {
 }
 
 /// What the agent did in an earlier round.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct HistoryEntry {
     /// The round.
     pub round: u32,
@@ -113,7 +119,8 @@ pub struct HistoryEntry {
 }
 
 /// What the agent saw in an earlier round.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PastView {
     /// The round.
     pub round: u32,
@@ -124,8 +131,9 @@ pub struct PastView {
 }
 
 /// A cell as it is written: a short symbol.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
-#[schema(value_type = String, example = "$11")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", schema(value_type = String, example = "$11"))]
 pub struct Cell(pub Seen);
 
 impl Serialize for Cell {
@@ -170,7 +178,7 @@ impl Sight {
         seen: &engine::Observation,
         episode: String,
         description: String,
-        status: StatusName,
+        status: Status,
         result: Option<EpisodeResult>,
     ) -> Self {
         Self {

@@ -1,0 +1,145 @@
+//! What everybody sees of a competition, in the shapes of the wire.
+
+use jiff::Timestamp;
+use swarmbench_protocol::Seconds;
+use swarmbench_protocol::competition::{
+    AttemptWindow, Clocks, Competition, CompetitionRow, EntrantSummary, SealedSettings,
+    SealedSuite, TaskMean,
+};
+
+use super::definition::{Definition, Window};
+use super::entrant::Entrant;
+use super::phase::Phase;
+use super::standings::{Row, TaskRow};
+
+/// A competition at a moment. The salt and the seeds are included only once they are public.
+#[must_use]
+pub fn competition(
+    id: &str,
+    definition: &Definition,
+    commitment: &[u8; 32],
+    created_at: Timestamp,
+    revealed: Option<Revealed>,
+    now: Timestamp,
+) -> Competition {
+    let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+    let (revealed_at, salt, seeds) = match revealed {
+        Some(Revealed { at, salt, seeds }) => {
+            let seeds = seeds.iter().map(|seed| hex(seed)).collect();
+            (Some(at), Some(hex(&salt)), Some(seeds))
+        }
+        None => (None, None, None),
+    };
+    let settings = &definition.settings;
+    let seconds = |ms: u64| Seconds::of(std::time::Duration::from_millis(ms));
+    let window = |window: &Window| AttemptWindow {
+        opens_at: Some(window.opens_at),
+        closes_at: Some(window.closes_at),
+    };
+    Competition {
+        id: id.to_owned(),
+        name: definition.name.clone(),
+        description: definition.description.clone(),
+        phase: Phase::at(definition, revealed_at.is_some(), now).name().to_owned(),
+        opens_at: definition.opens_at,
+        closes_at: definition.closes_at,
+        suite: SealedSuite {
+            tasks: Some(definition.tasks.clone()),
+            seeds: Some(definition.seeds),
+            rules: Some(definition.rules.clone()),
+            settings: Some(SealedSettings {
+                control: Some(settings.control.clone()),
+                num_agents: Some(settings.num_agents),
+                width: Some(settings.width),
+                height: Some(settings.height),
+                view_size: Some(settings.view_size),
+                memory: Some(settings.memory),
+                max_round: Some(settings.max_round),
+                noise: Some(settings.noise),
+                max_delay: Some(settings.max_delay),
+            }),
+        },
+        clocks: Clocks {
+            round_deadline_s: settings.round_deadline_ms.map(seconds),
+            bank_s: Some(seconds(settings.bank_ms)),
+            idle_timeout_s: Some(seconds(definition.idle_timeout_ms)),
+        },
+        entry: definition.entry.name().to_owned(),
+        attempts: definition.attempts.iter().map(window).collect(),
+        parallel: definition.parallel,
+        counts: definition.counts.name().to_owned(),
+        board: definition.board.name().to_owned(),
+        board_freezes_at: definition.board_freezes_at,
+        entries_per_key: definition.entries_per_key,
+        commitment: hex(commitment),
+        salt,
+        seeds,
+        created_at,
+        revealed_at,
+    }
+}
+
+/// What is open to all after the end.
+#[derive(Clone, Debug)]
+pub struct Revealed {
+    /// Since when.
+    pub at: Timestamp,
+    /// The salt.
+    pub salt: [u8; 32],
+    /// The sealed seeds.
+    pub seeds: Vec<[u8; 16]>,
+}
+
+impl From<&Entrant> for EntrantSummary {
+    fn from(entrant: &Entrant) -> Self {
+        Self {
+            id: entrant.id.clone(),
+            name: entrant.name.clone(),
+            model: entrant.declaration.model.clone(),
+            temperature: entrant.declaration.temperature,
+            top_p: entrant.declaration.top_p,
+            prompt_template: entrant.declaration.template_digest(),
+            status: entrant.status.name().to_owned(),
+            reason: entrant.reason.clone(),
+            vouched: entrant.vouched,
+            registered_at: entrant.registered_at,
+        }
+    }
+}
+
+impl From<&TaskRow> for TaskMean {
+    fn from(row: &TaskRow) -> Self {
+        Self {
+            task: row.task.clone(),
+            mean: row.mean,
+            deviation: row.deviation,
+            games: row.games,
+            planned: row.planned,
+            voided: row.voided,
+        }
+    }
+}
+
+/// A row of the board, with the results in each task or without.
+#[must_use]
+pub fn row(row: &Row, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
+    #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
+    let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+    let games: u32 = row.tasks.iter().map(|task| task.games).sum();
+    CompetitionRow {
+        rank: row.rank,
+        entrant: entrant.into(),
+        attempt: row.attempt,
+        run: row.run.clone(),
+        run_status: row.run_status.clone(),
+        tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },
+        // Of a single game the total is its score, which nobody is to know before the end.
+        total: row.total.filter(|_| with_tasks || games >= 2),
+        invalid_share: share(row.invalid, row.answers),
+        clock_share: share(row.timeouts, row.answers + row.timeouts),
+        voided_games: row.voided_games,
+        attempts: row.attempts,
+        voided_attempts: row.voided_attempts,
+        decentralization: row.decentralization.clone(),
+    }
+}

@@ -1,0 +1,224 @@
+//! Pages of leaderboards and of cross-play, in the shapes of the wire.
+
+use std::collections::BTreeMap;
+
+use swarmbench_engine::TaskName;
+use swarmbench_protocol::board::{
+    BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference, TaskScore,
+};
+
+use super::RowId;
+use super::collection::Ranked;
+use super::cross_play::Pair;
+use super::interval::Memory;
+use super::rank::Source;
+use super::result::TaskResult;
+
+/// What is said of the rows of the paper.
+const NOTE: &str = "a number of the paper, made with the public toolkit; not played here";
+
+/// What is said of rows whose games were read from files.
+const IMPORTED: &str = "games from files; not played here, and not verified";
+
+/// A page of a board: `limit` rows from the place `start` on.
+#[must_use]
+pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize, memory: &Memory) -> Leaderboard {
+    let end = ranked.rows.len().min(start.saturating_add(limit));
+    let items = (start..end).map(|place| row(ranked, place, memory)).collect();
+    let last = ranked.rows[..end].last().filter(|_| end < ranked.rows.len());
+    let name = |task: &TaskName| task.name().to_owned();
+    Leaderboard {
+        suite: ranked.board.suite.clone(),
+        digest: ranked.board.digest.clone(),
+        rules: ranked.board.rules.clone(),
+        tasks: ranked.view.tasks.iter().map(name).collect(),
+        sort: ranked.view.sort.as_ref().map_or_else(|| "total".to_owned(), name),
+        pick: ranked.view.pick.name().to_owned(),
+        rows: whole(ranked.rows.len()),
+        items,
+        next_cursor: last.map(|row| write_cursor(row.id(), end)),
+    }
+}
+
+fn row(ranked: &Ranked, place: usize, memory: &Memory) -> BoardRow {
+    let row = &ranked.rows[place];
+    let tasks = ranked.view.tasks.iter();
+    let difference = ranked.difference(place, memory).map(|(to, difference)| RowDifference {
+        to: to.id().to_string(),
+        mean: difference.mean,
+        low: difference.is_known.then_some(difference.low),
+        high: difference.is_known.then_some(difference.high),
+        pairs: whole(difference.pairs),
+    });
+    let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());
+    match &row.source {
+        Source::Reference(reference) => BoardRow {
+            reference: true,
+            table: Some(reference.table.name().to_owned()),
+            tasks: tasks
+                .filter_map(|&task| {
+                    let numbers = reference.task(task)?;
+                    let score = TaskScore {
+                        mean: Some(numbers.mean),
+                        deviation: Some(numbers.deviation),
+                        games: numbers.games,
+                        planned: None,
+                    };
+                    Some((task.name().to_owned(), score))
+                })
+                .collect(),
+            ..not_played_here(rank, id, total, &reference.name, NOTE)
+        },
+        Source::Imported(shown) => BoardRow {
+            imported: true,
+            vouched: Some(false),
+            tasks: tasks
+                .filter_map(|&task| shown.task(task))
+                .map(|task| (task.task.name().to_owned(), score(task)))
+                .collect(),
+            ..not_played_here(rank, id, total, &shown.run.player.model, IMPORTED)
+        },
+        Source::Runs { shown, runs } => {
+            let of: Vec<&TaskResult> = tasks.filter_map(|&task| shown.task(task)).collect();
+            let sum =
+                |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
+            let answers = sum(|task| task.answers);
+            let timeouts = sum(|task| task.timeouts);
+            let run = &shown.run;
+            BoardRow {
+                rank,
+                id,
+                reference: false,
+                imported: false,
+                table: None,
+                note: None,
+                owner: run.player.owner.as_ref().map(|owner| owner.name.clone()),
+                model: run.player.model.clone(),
+                temperature: run.player.temperature,
+                top_p: run.player.top_p,
+                prompt_template: run.player.template.clone(),
+                vouched: Some(run.vouched),
+                decentralization: run.decentralization.map(|kind| kind.name().to_owned()),
+                runs: Some(whole(*runs)),
+                run: Some(run.id.clone()),
+                status: Some(run.status.clone()),
+                started_at: Some(run.created_at),
+                total,
+                tasks: of.iter().map(|task| (task.task.name().to_owned(), score(task))).collect(),
+                difference,
+                invalid_share: share(sum(|task| task.invalid), answers),
+                clock_out_share: share(timeouts, answers + timeouts),
+                voided: Some(of.iter().map(|task| task.voided).sum()),
+            }
+        }
+    }
+}
+
+/// A row that has numbers, and nothing behind them.
+fn not_played_here(
+    rank: Option<u32>,
+    id: String,
+    total: Option<f64>,
+    model: &str,
+    note: &str,
+) -> BoardRow {
+    BoardRow {
+        rank,
+        id,
+        reference: false,
+        imported: false,
+        table: None,
+        note: Some(note.to_owned()),
+        owner: None,
+        model: model.to_owned(),
+        temperature: None,
+        top_p: None,
+        prompt_template: None,
+        vouched: None,
+        decentralization: None,
+        runs: None,
+        run: None,
+        status: None,
+        started_at: None,
+        total,
+        tasks: BTreeMap::new(),
+        difference: None,
+        invalid_share: None,
+        clock_out_share: None,
+        voided: None,
+    }
+}
+
+fn score(task: &TaskResult) -> TaskScore {
+    TaskScore {
+        mean: task.mean(),
+        deviation: task.mean_and_deviation.map(|(_, deviation)| deviation),
+        games: Some(task.games),
+        planned: Some(task.planned),
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "nobody gives 2⁵³ answers")]
+fn share(part: u64, of: u64) -> Option<f64> {
+    (of > 0).then(|| part as f64 / of as f64)
+}
+
+fn whole(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
+}
+
+/// Where a page ends: the row, and its place, should it leave the board.
+fn write_cursor(row: RowId, place: usize) -> String {
+    format!("{row}-{place:x}")
+}
+
+/// Reads a cursor.
+#[must_use]
+pub fn read_cursor(text: &str) -> Option<(RowId, usize)> {
+    let (row, place) = text.split_once('-')?;
+    Some((RowId::parse(row)?, usize::from_str_radix(place, 16).ok()?))
+}
+
+/// A page of cross-play: `limit` pairs from the place `start` on.
+#[must_use]
+pub fn cross_play(pairs: &[Pair], start: usize, limit: usize) -> CrossPlay {
+    let start = start.min(pairs.len());
+    let end = pairs.len().min(start.saturating_add(limit));
+    CrossPlay {
+        items: pairs[start..end].iter().map(pair).collect(),
+        next_cursor: (end < pairs.len()).then(|| format!("c{end:x}")),
+    }
+}
+
+/// The place at which a cursor of cross-play begins.
+#[must_use]
+pub fn read_cross_play_cursor(text: &str) -> Option<usize> {
+    usize::from_str_radix(text.strip_prefix('c')?, 16).ok()
+}
+
+fn pair(pair: &Pair) -> CrossPlayPair {
+    CrossPlayPair {
+        task: pair.setting.task.name().to_owned(),
+        rules: pair.setting.rules.clone(),
+        settings: serde_json::from_str(&pair.setting.settings).unwrap_or_default(),
+        models: pair.models.clone(),
+        vouched: pair.vouched,
+        games: whole(pair.games),
+        mean: pair.mean,
+        deviation: pair.deviation,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cursor_is_read_as_it_was_written() {
+        let row = RowId([7; 16]);
+        assert_eq!(read_cursor(&write_cursor(row, 50)), Some((row, 50)));
+        for wrong in ["", "c1", "-", "0707-1", "zz-1", &format!("{row}-x")] {
+            assert_eq!(read_cursor(wrong), None, "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! What a run is: a suite, who plays it, and how.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use swarmbench_engine::{Config, SettingErrors};
+use swarmbench_journal::record::RecordedConfig;
+use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
+
+/// All that was decided about a run when it was created; stored as JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Definition {
+    /// What is played.
+    pub suite: Suite,
+    /// The model's name, as declared.
+    pub model: String,
+    /// The sampling temperature, as declared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<f64>,
+    /// The nucleus of sampling, as declared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub top_p: Option<f64>,
+    /// What else was told of who plays.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub meta: Map<String, Value>,
+    /// A prompt template of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<String>,
+    /// The built-in player that the server hosts on all seats, where nobody else plays;
+    /// `default` for the one that each task has of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
+    /// How many games are open at a time, at most.
+    pub parallel: u32,
+    /// Who reads it and its episodes before their end: `public`, `owner` or `sealed`.
+    pub visibility: String,
+    /// After so long without any act an episode ends as abandoned.
+    pub idle_timeout_ms: u64,
+    /// From then on no new round begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub closes_at: Option<Timestamp>,
+}
+
+impl Definition {
+    /// All settings of one of its games, as the game's journal has them.
+    ///
+    /// # Errors
+    /// Settings that this program does not allow.
+    pub fn recorded(&self, game: &Game) -> Result<RecordedConfig, SettingErrors> {
+        let settings = &self.suite.settings;
+        let config = Config::check(&self.suite.settings_of(game))?;
+        Ok(RecordedConfig {
+            round_deadline_ms: settings.round_deadline_ms,
+            bank_ms: settings.bank_ms,
+            idle_timeout_ms: self.idle_timeout_ms,
+            visibility: self.visibility.clone(),
+            model: self.model.clone(),
+            custom_template: self.prompt_template.is_some(),
+            closes_at: self.closes_at,
+            player: self.player.clone(),
+            ..RecordedConfig::of(&config)
+        })
+    }
+
+    /// The `agent_meta` of its episodes: the declared sampling and further declarations.
+    #[must_use]
+    pub fn agent_meta(&self) -> Map<String, Value> {
+        let mut meta = self.meta.clone();
+        for (name, value) in [("temperature", self.temperature), ("top_p", self.top_p)] {
+            if let Some(value) = value {
+                meta.insert(name.to_owned(), json!(value));
+            }
+        }
+        meta
+    }
+
+    /// Tells prompt templates apart: the first 12 hexadecimal digits of SHA-256 of the text; none for the
+    /// built-in one.
+    #[must_use]
+    pub fn template_digest(&self) -> Option<String> {
+        self.prompt_template.as_deref().map(digest_of_template)
+    }
+}

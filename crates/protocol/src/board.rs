@@ -1,0 +1,286 @@
+//! Leaderboards and cross-play, as JSON and as CSV.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::table::{Table, maybe, text};
+
+/// A board, or a page of one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Leaderboard {
+    /// The suite's name.
+    #[cfg_attr(feature = "openapi", schema(example = "standard"))]
+    pub suite: String,
+    /// The first 12 hexadecimal digits of SHA-256 of the suite. Suites of the same name with other tasks, seeds,
+    /// settings or rules have another one, and a board of their own.
+    #[cfg_attr(feature = "openapi", schema(example = "0123456789ab"))]
+    pub digest: String,
+    /// The rule set: `paper` or `reference`.
+    pub rules: String,
+    /// The tasks that are shown, in the order of the suite.
+    pub tasks: Vec<String>,
+    /// What rows are ranked by: `total`, or the mean of this task.
+    pub sort: String,
+    /// Which run of a player makes its row: `best`, `last` or `mean`.
+    pub pick: String,
+    /// How many rows the whole board has.
+    pub rows: u32,
+    /// Rows, the highest first.
+    pub items: Vec<BoardRow>,
+    /// Where the next page begins; null on the last.
+    pub next_cursor: Option<String>,
+}
+
+/// A row of a board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct BoardRow {
+    /// 1, 2, 2, 4. Null where the row has no value to be ranked by.
+    pub rank: Option<u32>,
+    /// The name of the row: the same player has the same in every board.
+    pub id: String,
+    /// Whether it is a row of the paper.
+    pub reference: bool,
+    /// Whether it shows games that were read from files.
+    pub imported: bool,
+    /// Of a row of the paper: `models`, `rules` or `humans`.
+    pub table: Option<String>,
+    /// Of a row that was not played here: where its numbers come from.
+    pub note: Option<String>,
+    /// Who answers for it; null where nobody showed a key.
+    pub owner: Option<String>,
+    /// The model's name.
+    pub model: String,
+    /// The sampling temperature, as declared.
+    pub temperature: Option<f64>,
+    /// The nucleus of sampling, as declared.
+    pub top_p: Option<f64>,
+    /// The first 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in one.
+    pub prompt_template: Option<String>,
+    /// False where nobody but its owner says that this was the model. Null for rows of the paper.
+    pub vouched: Option<bool>,
+    /// `declared` where one holder had all seats and could have pooled what they saw; `enforced` where that was not
+    /// possible; null under centralized control, and for rows of the paper.
+    pub decentralization: Option<String>,
+    /// How many runs the player has on this board.
+    pub runs: Option<u32>,
+    /// The run that is shown; of several, which `mean` takes together, the last.
+    pub run: Option<String>,
+    /// How that run ended: `finished`, `aborted`, `abandoned` or `closed`. For `mean` one that is not `finished`,
+    /// if there is one.
+    pub status: Option<String>,
+    /// When that run was started.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    pub started_at: Option<Timestamp>,
+    /// The sum of the means of the tasks that are shown; null where one has none.
+    pub total: Option<f64>,
+    /// The scores by task.
+    pub tasks: BTreeMap<String, TaskScore>,
+    /// How far it is below the nearest row above that was played here.
+    pub difference: Option<RowDifference>,
+    /// The share of invalid answers among all answers of players; null without answers.
+    pub invalid_share: Option<f64>,
+    /// The share of moves that timed out; null without moves.
+    pub clock_out_share: Option<f64>,
+    /// Voided games, which do not count.
+    pub voided: Option<u32>,
+}
+
+/// The games of one task.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct TaskScore {
+    /// The mean over the seeds.
+    pub mean: Option<f64>,
+    /// The population standard deviation over the seeds.
+    pub deviation: Option<f64>,
+    /// Games that were played and count.
+    pub games: Option<u32>,
+    /// Planned games, without voided ones. Those that were not played count as 0.
+    pub planned: Option<u32>,
+}
+
+/// How far a row is below another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct RowDifference {
+    /// The `id` of the row above.
+    pub to: String,
+    /// By how much that one is better in the seeds that both have.
+    pub mean: f64,
+    /// The lower end of the interval that holds 95 % of 2,000 resamples of these seeds. Below 0 the order of the
+    /// two is not sure. Null where a task has a single seed.
+    pub low: Option<f64>,
+    /// Its upper end; null where a task has a single seed.
+    pub high: Option<f64>,
+    /// How many seeds both have, over all tasks.
+    pub pairs: u32,
+}
+
+impl Table for Leaderboard {
+    type Row = BoardRow;
+
+    fn rows(&self) -> &[BoardRow] {
+        &self.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let task = |task: &String| {
+            ["mean", "std", "games", "planned"]
+                .map(|what| format!("{}_{what}", task.to_lowercase()))
+        };
+        let head = [
+            "suite",
+            "suite_digest",
+            "rules",
+            "rank",
+            "reference",
+            "imported",
+            "table",
+            "owner",
+            "model",
+        ];
+        let declared = ["temperature", "top_p", "prompt_template", "vouched", "decentralization"];
+        let runs = ["runs", "run", "status", "started_at", "total"];
+        let difference = ["difference", "difference_low", "difference_high", "difference_pairs"];
+        let wrong = ["invalid_share", "clock_out_share", "voided", "row", "difference_to"];
+        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        [
+            own(&head),
+            own(&declared),
+            own(&runs),
+            self.tasks.iter().flat_map(task).collect(),
+            own(&difference),
+            own(&wrong),
+        ]
+        .concat()
+    }
+
+    fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
+        let mut cells = vec![
+            text(&self.suite),
+            text(&self.digest),
+            text(&self.rules),
+            maybe(row.rank),
+            row.reference.to_string(),
+            row.imported.to_string(),
+            maybe(row.table.as_deref().map(text)),
+            maybe(row.owner.as_deref().map(text)),
+            text(&row.model),
+            maybe(row.temperature),
+            maybe(row.top_p),
+            maybe(row.prompt_template.as_deref().map(text)),
+            maybe(row.vouched),
+            maybe(row.decentralization.as_deref().map(text)),
+            maybe(row.runs),
+            maybe(row.run.as_deref().map(text)),
+            maybe(row.status.as_deref().map(text)),
+            maybe(row.started_at),
+            maybe(row.total),
+        ];
+        for task in &self.tasks {
+            let score = row.tasks.get(task);
+            cells.extend([
+                maybe(score.and_then(|score| score.mean)),
+                maybe(score.and_then(|score| score.deviation)),
+                maybe(score.and_then(|score| score.games)),
+                maybe(score.and_then(|score| score.planned)),
+            ]);
+        }
+        let difference = row.difference.as_ref();
+        cells.extend([
+            maybe(difference.map(|difference| difference.mean)),
+            maybe(difference.and_then(|difference| difference.low)),
+            maybe(difference.and_then(|difference| difference.high)),
+            maybe(difference.map(|difference| difference.pairs)),
+            maybe(row.invalid_share),
+            maybe(row.clock_out_share),
+            maybe(row.voided),
+            text(&row.id),
+            maybe(difference.map(|difference| text(&difference.to))),
+        ]);
+        cells
+    }
+}
+
+/// Who did how well together, or a page of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CrossPlay {
+    /// Pairs of models, by task, rules and settings, the best first.
+    pub items: Vec<CrossPlayPair>,
+    /// Where the next page begins; null on the last.
+    pub next_cursor: Option<String>,
+}
+
+/// Two models that played together, as different holders of seats.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CrossPlayPair {
+    /// The task.
+    pub task: String,
+    /// The rule set.
+    pub rules: String,
+    /// All other settings but the seed: games with other ones are another pair.
+    #[cfg_attr(feature = "openapi", schema(value_type = Object))]
+    pub settings: serde_json::Map<String, serde_json::Value>,
+    /// The two models, in order of their names. Twice the same where two holders played with it.
+    pub models: [String; 2],
+    /// False where in some of the games nobody but the holder says that this was the model.
+    pub vouched: bool,
+    /// Finished games in which both took part, perhaps beside others.
+    pub games: u32,
+    /// The mean score of these games.
+    pub mean: f64,
+    /// Its population standard deviation.
+    pub deviation: f64,
+}
+
+/// The first columns of cross-play; settings follow.
+const PAIR_COLUMNS: [&str; 8] =
+    ["task", "rules", "model_a", "model_b", "vouched", "games", "mean", "std"];
+
+impl Table for CrossPlay {
+    type Row = CrossPlayPair;
+
+    fn rows(&self) -> &[CrossPlayPair] {
+        &self.items
+    }
+
+    fn next_cursor(&self) -> Option<&str> {
+        self.next_cursor.as_deref()
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let settings: BTreeSet<&String> =
+            self.items.iter().flat_map(|pair| pair.settings.keys()).collect();
+        PAIR_COLUMNS.map(str::to_owned).into_iter().chain(settings.into_iter().cloned()).collect()
+    }
+
+    fn record(&self, columns: &[String], pair: &CrossPlayPair) -> Vec<String> {
+        let mut cells = vec![
+            text(&pair.task),
+            text(&pair.rules),
+            text(&pair.models[0]),
+            text(&pair.models[1]),
+            pair.vouched.to_string(),
+            pair.games.to_string(),
+            pair.mean.to_string(),
+            pair.deviation.to_string(),
+        ];
+        let settings = columns.iter().skip(PAIR_COLUMNS.len());
+        cells.extend(settings.map(|name| match pair.settings.get(name) {
+            None | Some(serde_json::Value::Null) => String::new(),
+            Some(serde_json::Value::String(word)) => text(word),
+            Some(other) => other.to_string(),
+        }));
+        cells
+    }
+}

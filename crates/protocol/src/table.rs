@@ -1,0 +1,96 @@
+//! Lists as CSV.
+
+use serde::Serialize;
+
+/// A list that is written as JSON or as CSV.
+pub trait Table: Serialize {
+    /// An item of it.
+    type Row: Serialize;
+
+    /// How lines of CSV end.
+    const LINES_END: csv::Terminator = csv::Terminator::CRLF;
+
+    /// Its items.
+    fn rows(&self) -> &[Self::Row];
+
+    /// Where the next page begins.
+    fn next_cursor(&self) -> Option<&str>;
+
+    /// The names of the columns.
+    fn columns(&self) -> Vec<String>;
+
+    /// A row in these columns.
+    fn record(&self, columns: &[String], row: &Self::Row) -> Vec<String>;
+
+    /// All of it as CSV, a row for each item.
+    fn csv(&self) -> String {
+        let columns = self.columns();
+        let records = self.rows().iter().map(|row| self.record(&columns, row));
+        write_lines(std::iter::once(columns.clone()).chain(records), Self::LINES_END)
+    }
+
+    /// A row as a line of CSV.
+    fn csv_line(&self, columns: &[String], row: &Self::Row) -> String {
+        write_lines([self.record(columns, row)].into_iter(), Self::LINES_END)
+    }
+}
+
+/// A value as a cell; empty where there is none.
+pub(crate) fn maybe<T: ToString>(value: Option<T>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}
+
+/// A text as a cell. Names come from strangers, and spreadsheets run what begins like a formula: such a text gets an
+/// apostrophe before it, which they do not show.
+#[must_use]
+pub fn text(cell: &str) -> String {
+    if cell.trim_start().starts_with(['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠'])
+    {
+        format!("'{cell}")
+    } else {
+        cell.to_owned()
+    }
+}
+
+/// Records below the names of their columns, with lines that end as in RFC 4180.
+#[must_use]
+pub fn write_csv(columns: &[String], records: impl Iterator<Item = Vec<String>>) -> String {
+    write_lines(std::iter::once(columns.to_vec()).chain(records), csv::Terminator::CRLF)
+}
+
+fn write_lines(records: impl Iterator<Item = Vec<String>>, end: csv::Terminator) -> String {
+    let mut csv = csv::WriterBuilder::new().terminator(end).from_writer(Vec::new());
+    for record in records {
+        csv.write_record(record)
+            .expect("memory can be written, and all records have as many cells");
+    }
+    let bytes = csv.into_inner().expect("memory can be written");
+    String::from_utf8(bytes).expect("texts and numbers")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_spreadsheet_runs_a_name() {
+        for formula in ["=1+1", "+1", "-1", "@SUM(A1)", "  =1", "\t=1", "\r=1", "＝1"] {
+            assert_eq!(text(formula), format!("'{formula}"));
+        }
+        for name in ["gpt-4.1", "a=b", "'quoted'", "", "Ünï"] {
+            assert_eq!(text(name), name);
+        }
+    }
+
+    #[test]
+    fn csv_holds_any_name() {
+        let name = "a \"quoted\", name\nof two lines";
+        let written = write_csv(
+            &["x".to_owned(), "y".to_owned()],
+            [vec![text(name), text("=2")]].into_iter(),
+        );
+        let mut reader = csv::Reader::from_reader(written.as_bytes());
+        let record = reader.records().next().expect("a record").expect("well-formed");
+        assert_eq!((&record[0], &record[1]), (name, "'=2"));
+    }
+}
