@@ -32,7 +32,7 @@ struct Known {
 impl Known {
     fn of(stored: StoredRun) -> Result<Self, ApiError> {
         let definition = definition::read(&stored)?;
-        let visibility = definition.visibility().ok_or_else(|| {
+        let visibility = Visibility::parse(&definition.visibility).ok_or_else(|| {
             ApiError::new(Code::Internal, "what is stored of this run cannot be read")
         })?;
         Ok(Self { stored, definition, visibility })
