@@ -16,7 +16,11 @@
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
 pub use swarmbench_boards as board;
+pub use swarmbench_client as players;
+pub use swarmbench_client::{eval, llm};
 pub use swarmbench_clock as clock;
+pub use swarmbench_loadtest as loadtest;
+pub use swarmbench_prompt as prompt;
 pub use swarmbench_protocol as wire;
 pub use swarmbench_protocol::names;
 
@@ -25,7 +29,6 @@ pub mod cli;
 pub mod competition;
 pub mod dataset;
 pub mod episode;
-pub mod eval;
 pub mod fair;
 pub mod host;
 pub mod hosted;
@@ -33,11 +36,7 @@ pub mod http;
 pub mod ids;
 pub mod journal;
 pub mod keys;
-pub mod llm;
-pub mod loadtest;
 mod migrations;
-pub mod players;
-pub mod prompt;
 pub mod run;
 pub mod server;
 pub mod standings;

@@ -16,6 +16,8 @@ use crate::loadtest::games::SEATS;
 use crate::loadtest::latencies::Spread;
 use crate::loadtest::metrics::Metrics;
 use crate::loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
+use crate::migrations::migrator;
+use crate::telemetry;
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;
@@ -124,7 +126,7 @@ struct Report {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if args.bare_handler {
-        return Ok(bare_handler::serve().await?);
+        return Ok(bare_handler::serve(telemetry::render).await?);
     }
     let target = Target::new(&args.server, args.key.clone()).await?;
     let metrics = Metrics::of(&target)
@@ -218,11 +220,13 @@ async fn measure(
         report.obs = Some(done);
     }
     if named(Scenario::Acts) {
+        let tables = migrator();
         for (&episodes, by_seats) in args.writers.iter().flat_map(|n| [(n, true), (n, false)]) {
             let each = if by_seats { SEATS } else { 1 };
             let episodes = scaled("acts", episodes.into(), connections_max / each);
             let times = (turns, turn);
-            let done = acts::run(target, &args.dir, by_seats, episodes, times, progress).await?;
+            let done = acts::run(target, (&args.dir, &tables), by_seats, episodes, times, progress)
+                .await?;
             report.acts.push(done);
         }
     }

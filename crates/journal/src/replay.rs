@@ -141,6 +141,9 @@ struct Line<'a> {
 }
 
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
+///
+/// # Errors
+/// Where it is no line of the format, or its hash is not that of the chain.
 pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
     let parsed: Line<'_> =

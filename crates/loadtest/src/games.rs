@@ -7,7 +7,7 @@ use tokio::task::JoinSet;
 
 use super::connection::{Connection, Tally, Target, request};
 use super::{LoadError, Progress};
-use crate::wire::episode::{CreatedEpisode, EpisodeRequest};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
 
 /// Seats of an episode in the standard setting.
 pub const SEATS: usize = 12;

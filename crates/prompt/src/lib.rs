@@ -1,5 +1,7 @@
 //! Observations as text for language models.
 //!
+//! A crate of its own because a server sends prompts, and tools that study prompts make the same without one.
+//!
 //! A prompt is a template (minijinja) filled with what one seat may see. The built-in template has
 //! the sections of the paper's Appendix "Prompt Design" in its order. An episode may bring its own;
 //! it is not trusted, so it is checked when the episode is created and bounded when it runs:
@@ -22,8 +24,8 @@ use swarmbench_engine::{Action, AgentId, Config, Control};
 
 use work::{READ_BYTES_MAX, Work, count_filters, counted};
 
-use crate::wire::Position;
-use crate::wire::observation::{Cell, HistoryEntry, Sight};
+use swarmbench_protocol::Position;
+use swarmbench_protocol::observation::{Cell, HistoryEntry, Sight};
 
 /// The built-in template.
 pub const BUILT_IN: &str = include_str!("prompt.txt.j2");
@@ -283,7 +285,7 @@ fn check_expression(expression: &Expr<'_>) -> Result<(), TemplateError> {
 #[derive(Serialize)]
 struct Context<'a> {
     agent: &'a str,
-    task: &'a crate::wire::observation::Task,
+    task: &'a swarmbench_protocol::observation::Task,
     round: u32,
     max_round: u32,
     memory: usize,
@@ -402,7 +404,7 @@ mod tests {
     use swarmbench_engine::{Act, Message, Settings, TaskName, World};
 
     use super::*;
-    use crate::wire::status::Status;
+    use swarmbench_protocol::status::Status;
 
     fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
         let config = Config::check(settings).expect("valid settings");

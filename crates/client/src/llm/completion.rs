@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::wire::act::Usage;
+use swarmbench_protocol::act::Usage;
 
 /// Bytes of a response that are kept, as JSON writes them. With [`REASONING_BYTES_MAX`] it is far less than an act may
 /// have, and the journal has room for as much in every act of an episode of usual size: 12 agents, 100 rounds.

@@ -46,7 +46,7 @@ use endpoint::{Endpoint, Kind, Passing, Trouble};
 use gate::Gate;
 use spent::Counters;
 
-use crate::clock::{after, millis};
+use swarmbench_clock::{after, millis};
 
 /// How many times an address is tried again where no request was ever answered: it may be wrong, and a user who mistyped it is
 /// not to wait for minutes.

@@ -321,7 +321,7 @@ fn acts(id: &str, agents: usize, round: u32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wire::act::SwarmActRequest;
+    use swarmbench_protocol::act::SwarmActRequest;
 
     #[test]
     fn acts_are_those_of_the_contract() {

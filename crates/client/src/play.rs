@@ -12,11 +12,11 @@ use tokio_util::sync::CancellationToken;
 use super::client::Client;
 use super::drive::{DriveError, Note, Swarm, Thought, drive};
 use super::recent::Recent;
-use crate::journal::replay::verify_seen;
-use crate::wire::act::{ActRequest, SwarmAct};
-use crate::wire::episode::{CreatedEpisode, EpisodeSummary};
-use crate::wire::observation::{Observation, Sight};
-use crate::wire::run::RunDetail;
+use swarmbench_journal::replay::verify_seen;
+use swarmbench_protocol::act::{ActRequest, SwarmAct};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeSummary};
+use swarmbench_protocol::observation::{Observation, Sight};
+use swarmbench_protocol::run::RunDetail;
 
 /// A built-in player cannot decide.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -4,12 +4,12 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 
 use super::LoadError;
 use super::games::SEATS;
-use crate::migrations::migrator;
 
 /// Rows that one statement inserts at most: each binds six values, and SQLite takes some thousands.
 const ROWS_MAX: usize = 1000;
@@ -48,11 +48,17 @@ pub struct Committed {
 }
 
 impl BareCommit {
-    /// A new database below `dir`, for acts that look like `record` of as many episodes at once.
+    /// A new database below `dir` with the server's tables, for acts that look like `record` of as many episodes at
+    /// once.
     ///
     /// # Errors
     /// Where it cannot be created.
-    pub async fn open(dir: &Path, episodes: usize, record: String) -> Result<Self, LoadError> {
+    pub async fn open(
+        dir: &Path,
+        tables: &Migrator,
+        episodes: usize,
+        record: String,
+    ) -> Result<Self, LoadError> {
         let failed = LoadError::of("the database of the bare writer cannot be created");
         let folder = Folder(dir.join(format!("swarmbench-loadtest-{}", std::process::id())));
         std::fs::create_dir_all(&folder.0).map_err(|error| failed(&error))?;
@@ -63,7 +69,7 @@ impl BareCommit {
             .synchronous(SqliteSynchronous::Full)
             .disable_statement_logging();
         let mut connection = options.connect().await.map_err(|error| failed(&error))?;
-        migrator().run(&mut connection).await.map_err(|error| failed(&error))?;
+        tables.run(&mut connection).await.map_err(|error| failed(&error))?;
         Ok(Self { connection, folder, episodes: episodes.max(1), acts: 0, record })
     }
 
@@ -176,7 +182,10 @@ mod tests {
     #[tokio::test]
     async fn groups_are_as_large_as_they_are_to_be() {
         let folder = std::env::temp_dir();
-        let mut bare = BareCommit::open(&folder, 3, "{}".to_owned()).await.expect("a database");
+        let tables = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations");
+        let tables = Migrator::new(Path::new(tables)).await.expect("the server's tables");
+        let bare = BareCommit::open(&folder, &tables, 3, "{}".to_owned()).await;
+        let mut bare = bare.expect("a database");
         // No time: each call makes one commit. 19.5 entries are 18 acts.
         for acts in [18, 18] {
             let done = bare.run(19.5, Duration::ZERO).await.expect("a commit");

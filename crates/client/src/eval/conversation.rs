@@ -7,11 +7,11 @@ use tokio::sync::Mutex;
 
 use super::plan::Planned;
 use super::stop_reason::StopReason;
+use crate::client::Client;
+use crate::drive::{Swarm, Thought};
 use crate::llm::{Answer, Model, Question};
-use crate::players::client::Client;
-use crate::players::drive::{Swarm, Thought};
-use crate::wire::act::{ActRequest, SwarmAct};
-use crate::wire::observation::Observation;
+use swarmbench_protocol::act::{ActRequest, SwarmAct};
+use swarmbench_protocol::observation::Observation;
 
 /// A language model on all seats of a run. Each seat is a conversation for itself: it is shown the server's prompt of its
 /// own observation, which holds what it remembers, and nothing else.

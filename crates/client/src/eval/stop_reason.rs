@@ -1,7 +1,7 @@
 //! Why an evaluation stops before its end.
 
+use crate::client::ClientError;
 use crate::llm::Stop;
-use crate::players::client::ClientError;
 
 /// Why not everything was played.
 #[derive(Debug, thiserror::Error)]

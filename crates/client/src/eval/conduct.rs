@@ -12,15 +12,15 @@ use tokio_util::sync::CancellationToken;
 use super::conversation::Conversation;
 use super::plan::{AXES, META, Planned, Who, ranges};
 use super::stop_reason::StopReason;
-use crate::clock::{Clock, SystemClock, after};
+use crate::client::{Client, ClientError};
+use crate::drive::{DriveError, End, Note, Swarm, drive};
 use crate::llm::Model;
-use crate::players::client::{Client, ClientError};
-use crate::players::drive::{DriveError, End, Note, Swarm, drive};
-use crate::players::play::{BuiltIns, GameParams};
-use crate::run::RunStatus;
-use crate::wire::act::{Receipt, SwarmAct};
-use crate::wire::observation::Observation;
-use crate::wire::run::{RunDetail, RunList, RunSummary};
+use crate::play::{BuiltIns, GameParams};
+use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_protocol::act::{Receipt, SwarmAct};
+use swarmbench_protocol::observation::Observation;
+use swarmbench_protocol::run::{RunDetail, RunList, RunSummary};
+use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::digest_of_template;
 
 /// How often the state of all games is polled, for progress.

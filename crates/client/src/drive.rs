@@ -12,10 +12,12 @@ use tokio_util::sync::CancellationToken;
 
 use super::client::{Client, ClientError};
 use super::recent::Recent;
-use crate::clock::{Clock, SystemClock, after};
-use crate::wire::act::{Receipt, SwarmAct, SwarmActResponse, SwarmObsResponse, SwarmReceipt};
-use crate::wire::observation::Observation;
-use crate::wire::problem::Problem;
+use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_protocol::act::{
+    Receipt, SwarmAct, SwarmActResponse, SwarmObsResponse, SwarmReceipt,
+};
+use swarmbench_protocol::observation::Observation;
+use swarmbench_protocol::problem::Problem;
 
 /// Seconds that one look waits for something to happen.
 const WAIT_S: u32 = 30;

@@ -7,8 +7,8 @@ use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
 use super::plan::{Plan, Planned, Who, ranges};
-use crate::wire::run::{ActTally, RunDetail};
-use crate::wire::table::{text, write_csv};
+use swarmbench_protocol::run::{ActTally, RunDetail};
+use swarmbench_protocol::table::{text, write_csv};
 
 /// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -250,7 +250,7 @@ impl Report {
 
 impl Row {
     fn of(plan: &Plan, Played { planned, run, verified }: &Played) -> Self {
-        let cell = |told: &crate::wire::run::TaskResult| {
+        let cell = |told: &swarmbench_protocol::run::TaskResult| {
             let ended = run.games.iter().filter(|game| {
                 game.task == told.task
                     && game.void_reason.is_none()

@@ -11,7 +11,7 @@ use backon::{BackoffBuilder, ExponentialBackoff, ExponentialBuilder};
 use jiff::Timestamp;
 use tokio::sync::{Semaphore, SemaphorePermit};
 
-use crate::clock::{Clock, after};
+use swarmbench_clock::{Clock, after};
 
 /// See the module.
 #[derive(Debug)]

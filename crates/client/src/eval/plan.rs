@@ -10,9 +10,9 @@ use swarmbench_engine::{Config, TaskName};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
-use crate::run::suite::{Suite, SuiteSettings};
-use crate::wire::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::digest_of_template;
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";

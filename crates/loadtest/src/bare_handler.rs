@@ -15,7 +15,6 @@ use tokio::net::TcpListener;
 
 use super::LoadError;
 use super::connection::Target;
-use crate::telemetry;
 
 /// The process that serves; it ends with this value.
 #[derive(Debug)]
@@ -56,22 +55,22 @@ impl Drop for BareHandler {
     }
 }
 
-/// Reads the bytes to send from the standard input, prints where it listens, and serves until the input ends.
+/// Reads the bytes to send from the standard input, prints where it listens, and serves until the input ends. `metrics`
+/// gives the text of `/metrics`.
 ///
 /// # Errors
 /// Where it cannot listen, or the input is not what [`BareHandler::start`] sends.
-pub async fn serve() -> std::io::Result<()> {
+pub async fn serve(metrics: fn() -> String) -> std::io::Result<()> {
     let body = read_body(&mut std::io::stdin().lock())?;
     let listener = TcpListener::bind(("127.0.0.1", 0)).await?;
     println!("http://{}", listener.local_addr()?);
-    telemetry::metrics();
     let answer = move || {
         let body = body.clone();
         async move { ([(header::CONTENT_TYPE, "application/json")], body) }
     };
     let router = Router::new()
         .route("/obs", get(answer))
-        .route("/metrics", get(|| async { telemetry::render() }));
+        .route("/metrics", get(move || async move { metrics() }));
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
         // The input is closed when the parent process is gone.

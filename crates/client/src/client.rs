@@ -7,14 +7,14 @@ use reqwest::{Method, RequestBuilder, StatusCode, Url};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::board::collection::Question;
-use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
-use crate::wire::board::{CrossPlay, Leaderboard};
-use crate::wire::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
-use crate::wire::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
-use crate::wire::problem::Problem;
-use crate::wire::run::{CreatedRun, RunDetail, RunRequest, RunToken};
+use swarmbench_boards::collection::Question;
+use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse};
+use swarmbench_protocol::board::{CrossPlay, Leaderboard};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
+use swarmbench_protocol::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use swarmbench_protocol::loopback::is_loopback;
+use swarmbench_protocol::problem::Problem;
+use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
 
 /// How long one request may take beyond its `wait`.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -55,6 +55,9 @@ pub enum ClientError {
     /// The address is none.
     #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
     Address(String),
+    /// What the server sent cannot be written down.
+    #[error(transparent)]
+    Write(#[from] std::io::Error),
 }
 
 impl ClientError {
@@ -65,7 +68,7 @@ impl ClientError {
             Self::Refused { status, .. } => {
                 matches!(*status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE)
             }
-            Self::Strange { .. } | Self::Address(_) => false,
+            Self::Strange { .. } | Self::Address(_) | Self::Write(_) => false,
         }
     }
 }
@@ -75,7 +78,9 @@ impl ClientError {
     fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
-            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) => None,
+            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) | Self::Write(_) => {
+                None
+            }
         }
     }
 }
@@ -155,7 +160,7 @@ impl Client {
         path: &str,
         query: &[(&str, &String)],
         out: &mut (impl std::io::Write + ?Sized),
-    ) -> anyhow::Result<Option<String>> {
+    ) -> Result<Option<String>, ClientError> {
         let mut url = self.base.clone();
         url.set_path(path);
         let transport = |source| ClientError::Transport { url: url.clone(), source };
@@ -164,7 +169,7 @@ impl Client {
         let status = answer.status();
         if !status.is_success() {
             let bytes = answer.bytes().await.map_err(transport)?;
-            return Err(refused(url, status, &bytes).into());
+            return Err(refused(url, status, &bytes));
         }
         let next = answer.headers().get("x-next-cursor").and_then(|next| next.to_str().ok());
         let next = next.map(str::to_owned);
@@ -483,7 +488,7 @@ fn pause_after(told: Option<Duration>, grown: Duration) -> Duration {
 
 /// A name for one creation that nobody else uses.
 fn uuid_text() -> String {
-    use crate::clock::{Entropy, SystemEntropy};
+    use swarmbench_clock::{Entropy, SystemEntropy};
     let mut bytes = [0; 16];
     SystemEntropy.fill(&mut bytes);
     data_encoding::HEXLOWER.encode(&bytes)

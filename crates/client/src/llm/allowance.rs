@@ -8,7 +8,7 @@ use tokio::sync::{Semaphore, SemaphorePermit};
 
 use super::gate::Gate;
 use super::stop::Stop;
-use crate::clock::Clock;
+use swarmbench_clock::Clock;
 
 /// Requests at once, tokens in all, and the clock by which everybody waits. Cloning shares it.
 #[derive(Clone)]

@@ -5,12 +5,12 @@ use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
 
 use super::plan::Planned;
-use crate::board::result::mean_and_deviation;
-use crate::journal::chain::Head;
-use crate::journal::replay::verify;
-use crate::players::client::{Client, ClientError};
-use crate::run::suite::Game;
-use crate::wire::run::RunDetail;
+use crate::client::{Client, ClientError};
+use swarmbench_boards::result::mean_and_deviation;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::verify;
+use swarmbench_protocol::run::RunDetail;
+use swarmbench_protocol::suite::Game;
 
 /// Journals that are read at once.
 const AT_ONCE: usize = 4;

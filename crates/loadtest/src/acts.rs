@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::value::RawValue;
+use sqlx::migrate::Migrator;
 use tokio::task::JoinSet;
 
 use super::bare_commit::BareCommit;
@@ -59,7 +60,7 @@ pub struct Comparison {
 /// Where the server does not tell the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
-    dir: &Path,
+    (dir, tables): (&Path, &Migrator),
     by_seats: bool,
     episodes: usize,
     (turns, turn): (usize, Duration),
@@ -88,7 +89,7 @@ pub async fn run(
     players = play(players, &score, Duration::ZERO).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
-    let mut bare = BareCommit::open(dir, games.len(), record).await?;
+    let mut bare = BareCommit::open(dir, tables, games.len(), record).await?;
     let (mut rates, mut bare_rates, mut groups) = (Vec::new(), Vec::new(), Vec::new());
     let (mut commits, mut bare_commits, mut cpu) = (Vec::new(), Vec::new(), Vec::new());
     for place in 0..turns {

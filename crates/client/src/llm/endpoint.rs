@@ -14,7 +14,7 @@ use super::completion::{
 use super::key::NoKey;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
-use crate::clock::{Clock, after, millis, until};
+use swarmbench_clock::{Clock, after, millis, until};
 use swarmbench_protocol::loopback::is_loopback;
 
 /// How long a connection may take to come about.

@@ -1,5 +1,7 @@
 //! A load test of a running server, from the outside, and of what it is measured against.
 //!
+//! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
+//!
 //! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: clients that do harm.
 //! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: how far the server is from what the
 //!   libraries below it could do at best, measured in turns.

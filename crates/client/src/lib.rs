@@ -1,0 +1,14 @@
+//! What meets a SwarmBench server over HTTP: a client, players, language models, and evaluations made of them.
+//!
+//! A crate of its own because it needs no server: it is built without a database and without a web framework.
+//!
+//! - [`client`]: requests, and which of them are tried again.
+//! - [`drive`]: the one way in which seats are played. [`play`]: built-in players.
+//! - [`llm`]: language models. [`eval`]: experiments, their runs and reports.
+
+pub mod client;
+pub mod drive;
+pub mod eval;
+pub mod llm;
+pub mod play;
+mod recent;
