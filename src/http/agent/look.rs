@@ -124,7 +124,7 @@ impl Look {
             &self.snapshot.world.observe(self.agent),
             self.handle.id.to_string(),
             tasks::description(&self.handle.spec.config),
-            self.snapshot.status.into(),
+            self.snapshot.status,
             result(&self.snapshot),
         )
     }

@@ -158,7 +158,7 @@ fn created(handle: &Handle, claimed: &Claimed, tokens: &Tokens) -> Response {
     };
     let body = CreatedClaim {
         episode: handle.id.to_string(),
-        status: handle.snapshot().status.into(),
+        status: handle.snapshot().status,
         claim: claimed.number,
         seats: claimed.agents.iter().zip(&tokens.seats).map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),

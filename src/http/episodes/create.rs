@@ -157,7 +157,7 @@ fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
     };
     let body = CreatedEpisode {
         id: handle.id.to_string(),
-        status: handle.snapshot().status.into(),
+        status: handle.snapshot().status,
         config: config(&handle.spec, shows_seed),
         seats: tokens.seats.iter().map(seat).collect(),
         swarm_token: tokens.swarm.reveal().to_owned(),

@@ -119,7 +119,7 @@ impl App {
         let may_know_seed = caller.oversees(subject) || (may_read && subject.is_over);
         Ok(EpisodeSummary {
             id: stored.id.to_string(),
-            status: status.into(),
+            status,
             task: spec.config.task().name().to_owned(),
             model: spec.model.clone(),
             run: spec.run.clone(),
