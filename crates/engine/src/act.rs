@@ -2,7 +2,7 @@
 
 use crate::grid::Direction;
 use crate::message::Message;
-use crate::tasks::TaskName;
+use crate::names::TaskName;
 
 /// The number of an agent; its name is `Agent_` and this number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -6,8 +6,9 @@
 
 use crate::act::{Act, Action, AgentId};
 use crate::config::Config;
-use crate::message::{Control, Message};
-use crate::tasks::TaskName;
+use crate::message::Message;
+use crate::names::Control;
+use crate::names::TaskName;
 
 /// What an answer says.
 #[derive(Clone, Debug, PartialEq, Eq)]

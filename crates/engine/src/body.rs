@@ -6,19 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::grid::{Direction, Grid, Pos};
-
-/// The number of a body on its board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct BodyId(pub(crate) u16);
-
-impl BodyId {
-    /// The place of the body in its board's list.
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self.0 as usize
-    }
-}
+use crate::grid::{BodyId, Direction, Grid, Pos};
 
 /// What a body is; this decides the symbol that stands for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

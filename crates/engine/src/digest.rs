@@ -6,7 +6,8 @@
 use sha2::{Digest as _, Sha256};
 
 use crate::body::Board;
-use crate::message::{Audience, Message};
+use crate::mail::Audience;
+use crate::message::Message;
 use crate::tasks::Task;
 use crate::world::World;
 

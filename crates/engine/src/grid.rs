@@ -2,7 +2,17 @@
 
 use std::sync::Arc;
 
-use crate::body::BodyId;
+/// The number of a body on its board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BodyId(pub(crate) u16);
+
+impl BodyId {
+    /// The place of the body in its board's list.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+}
 
 /// A cell by row and column: `i` grows downward, `j` to the right. May lie outside the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

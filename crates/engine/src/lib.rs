@@ -57,20 +57,24 @@ mod body;
 mod config;
 mod digest;
 mod grid;
+mod mail;
 mod message;
+mod names;
 mod observe;
 mod rng;
+mod settings;
 mod step;
 mod world;
 
 pub use act::{Act, Action, AgentId};
-pub use body::{Board, Body, BodyId, Kind};
-pub use config::{Config, RuleSet, SettingError, SettingErrors, Settings, limits};
+pub use body::{Board, Body, Kind};
+pub use config::Config;
 pub use digest::Digest;
-pub use grid::{Direction, Grid, Pos};
-pub use message::{Control, Message};
+pub use grid::{BodyId, Direction, Grid, Pos};
+pub use message::Message;
+pub use names::{Control, RuleSet, TaskName};
 pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};
-pub use tasks::TaskName;
+pub use settings::{SettingError, SettingErrors, Settings, limits};
 pub use world::World;
 
 /// The revision of the rules that this engine plays; every journal names its own. A change of

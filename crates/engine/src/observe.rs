@@ -2,10 +2,13 @@
 
 use crate::act::{Act, AgentId};
 use crate::body::{Board, Kind};
-use crate::config::{Config, RuleSet};
+use crate::config::Config;
 use crate::grid::Pos;
-use crate::message::{Control, Message};
-use crate::tasks::{Task, TaskName};
+use crate::message::Message;
+use crate::names::Control;
+use crate::names::RuleSet;
+use crate::names::TaskName;
+use crate::tasks::Task;
 use crate::world::World;
 
 /// A cell as an agent sees it.

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use crate::act::{Act, AgentId};
 use crate::body::Board;
 use crate::config::Config;
-use crate::message::{Mail, Message};
+use crate::mail::Mail;
+use crate::message::Message;
 use crate::tasks::{self, Task};
 
 /// Everything that decides what happens next, and what every agent sees.

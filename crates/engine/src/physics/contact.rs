@@ -1,7 +1,7 @@
 //! The contact graph: which body would run into which.
 
-use crate::body::{Board, BodyId};
-use crate::grid::Direction;
+use crate::body::Board;
+use crate::grid::{BodyId, Direction};
 
 /// The bodies that a pass may move, and which of them points at which.
 #[derive(Clone, Debug, Default)]

@@ -10,8 +10,8 @@ pub mod contact;
 pub mod flow;
 pub mod ilp;
 
-use crate::body::{Board, BodyId};
-use crate::grid::Direction;
+use crate::body::Board;
+use crate::grid::{BodyId, Direction};
 use components::Components;
 
 /// How the moving bodies of a pass are found.

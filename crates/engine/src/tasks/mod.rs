@@ -11,46 +11,8 @@ use crate::act::Act;
 use crate::body::{Board, Body, Kind};
 use crate::config::Config;
 use crate::grid::Pos;
+use crate::names::TaskName;
 use crate::rng::LayoutRng;
-
-/// One of the five tasks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum TaskName {
-    /// Push a block out of a gap in the wall, then leave through it.
-    Transport,
-    /// Surround a prey that flees.
-    Pursuit,
-    /// Switch all lights on, then off, and so on.
-    Synchronization,
-    /// Carry food to the nest.
-    Foraging,
-    /// Form the outline of a square.
-    Flocking,
-}
-
-impl TaskName {
-    /// All tasks.
-    pub const ALL: [Self; 5] =
-        [Self::Transport, Self::Pursuit, Self::Synchronization, Self::Foraging, Self::Flocking];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Transport => "Transport",
-            Self::Pursuit => "Pursuit",
-            Self::Synchronization => "Synchronization",
-            Self::Foraging => "Foraging",
-            Self::Flocking => "Flocking",
-        }
-    }
-
-    /// The task with exactly this name.
-    #[must_use]
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|task| task.name() == name)
-    }
-}
 
 /// The state that a task keeps beside the board.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,8 +103,8 @@ pub(crate) struct Plan {
 
 /// What a layout's first draws decided for its task.
 pub(crate) enum Terrain {
-    Transport { block: crate::body::BodyId },
-    Pursuit { prey: crate::body::BodyId },
+    Transport { block: crate::grid::BodyId },
+    Pursuit { prey: crate::grid::BodyId },
     Synchronization(synchronization::Synchronization),
     Foraging,
     Flocking,
@@ -222,7 +184,8 @@ fn place_ring(board: &mut Board) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{RuleSet, Settings};
+    use crate::names::RuleSet;
+    use crate::settings::Settings;
 
     /// The free cells of a map that was drawn.
     fn counted(config: &Config) -> usize {

@@ -1,9 +1,11 @@
 //! Pursuit: surround the prey, which takes two steps a round toward the least danger.
 
 use super::{Plan, Region, Stage, Terrain, place_ring};
-use crate::body::{Board, Body, BodyId, Kind};
-use crate::config::{Config, RuleSet};
+use crate::body::{Board, Body, Kind};
+use crate::config::Config;
+use crate::grid::BodyId;
 use crate::grid::{Direction, Pos};
+use crate::names::RuleSet;
 use crate::rng::LayoutRng;
 
 /// The order in which the prey tries its steps.

@@ -1,8 +1,9 @@
 //! Transport: push the block out of the gap in the wall, then escape through it.
 
 use super::{Plan, Region, Stage, Terrain, place_wall};
-use crate::body::{Board, Body, BodyId, Kind};
+use crate::body::{Board, Body, Kind};
 use crate::config::Config;
+use crate::grid::BodyId;
 use crate::grid::Pos;
 use crate::rng::LayoutRng;
 

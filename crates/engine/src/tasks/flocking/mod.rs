@@ -4,8 +4,9 @@ mod cost;
 
 use super::{Plan, Region, Stage, Terrain, place_ring};
 use crate::body::Board;
-use crate::config::{Config, RuleSet};
+use crate::config::Config;
 use crate::grid::Pos;
+use crate::names::RuleSet;
 use crate::rng::LayoutRng;
 
 pub use cost::distance;
