@@ -1,0 +1,404 @@
+//! `swarmbench competition`
+
+mod definition;
+mod tables;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::players::client::Client;
+use crate::wire::competition::{
+    AttemptRequest, CodesRequest, Competition, CompetitionBoard, CreatedEntrant, EntrantChange,
+    EntrantRequest, EntrantSummary, StartedAttempt,
+};
+use crate::wire::episode::VoidRequest;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "A competition is played on sealed seeds: the server draws them when it is created, shows a commitment to \
+    them at once and the seeds themselves after the end. docs/organizer.md walks through one, from the TOML file to \
+    the published results.\n\n\
+    The server asks for an organizer's key: put it into SWARMBENCH_KEY.\n\n\
+    Examples:\n  \
+    swarmbench competition create examples/competition.toml\n  \
+    swarmbench competition codes cmp_… 'team blue' 'team red'\n  \
+    swarmbench competition board cmp_…\n  \
+    swarmbench competition disqualify cmp_… ent_… --reason 'two entrants of one team'\n  \
+    swarmbench competition export cmp_… > cup.jsonl\n  \
+    swarmbench verify --competition cup.jsonl --commitment 5f0c…"
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    command: Command,
+    /// The address of the server.
+    #[arg(long, global = true, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
+    server: String,
+    /// Your key: an organizer's, or that of an entrant.
+    #[arg(long, global = true, env = "SWARMBENCH_KEY", hide_env_values = true)]
+    key: Option<String>,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Create a competition from a TOML file, and show its id and its commitment: publish that.
+    Create {
+        /// The file, like examples/competition.toml; - for the standard input.
+        file: PathBuf,
+    },
+    /// List all competitions.
+    List,
+    /// Show a competition; after its end with its seeds and its salt.
+    Show {
+        /// The competition's id.
+        id: String,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Create invitation codes, one for each entrant. They are shown only once.
+    Codes {
+        /// The competition's id.
+        id: String,
+        /// A label for each code, visible to organizers only.
+        #[arg(required = true)]
+        labels: Vec<String>,
+    },
+    /// Enter a competition, and show the new key for it, only once. If you have a key, enter with that.
+    Enter {
+        /// The competition's id.
+        id: String,
+        #[command(flatten)]
+        entrant: Declaration,
+    },
+    /// Start an attempt, and show its swarm token: play with it over /swarm/obs and /swarm/act.
+    Attempt {
+        /// The competition's id.
+        id: String,
+        /// The entrant, if the key has several.
+        #[arg(long)]
+        entrant: Option<String>,
+        /// Its number; default: the next one that is open.
+        #[arg(long)]
+        attempt: Option<u32>,
+    },
+    /// Show your own attempts and their results; an organizer sees all.
+    Attempts {
+        /// The competition's id.
+        id: String,
+    },
+    /// List the entrants.
+    Entrants {
+        /// The competition's id.
+        id: String,
+    },
+    /// Exclude an entrant: it stays on the board without a rank, with the reason.
+    Disqualify {
+        #[command(flatten)]
+        entrant: EntrantOf,
+        /// The reason, visible to everybody.
+        #[arg(long)]
+        reason: String,
+    },
+    /// Withdraw an entrant: it stays on the board without a rank.
+    Withdraw {
+        #[command(flatten)]
+        entrant: EntrantOf,
+        /// The reason, visible to everybody.
+        #[arg(long)]
+        reason: Option<String>,
+    },
+    /// Readmit an entrant that was withdrawn or disqualified.
+    Readmit {
+        #[command(flatten)]
+        entrant: EntrantOf,
+    },
+    /// Vouch that the model that an entrant declared is the one that plays.
+    Vouch {
+        #[command(flatten)]
+        entrant: EntrantOf,
+        /// Withdraw this confirmation.
+        #[arg(long)]
+        not: bool,
+    },
+    /// Void an attempt that failed because of the server: it does not count, and may be repeated on the same seeds.
+    Void {
+        /// The competition's id.
+        id: String,
+        /// The id of the attempt's run, from the board or the entrant.
+        run: String,
+        /// What happened, visible to everybody.
+        #[arg(long)]
+        reason: String,
+    },
+    /// Show the board.
+    Board {
+        /// The competition's id.
+        id: String,
+        /// As CSV.
+        #[arg(long, conflicts_with = "json")]
+        csv: bool,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Export all of a competition to the standard output, for `swarmbench verify --competition`.
+    Export {
+        /// The competition's id.
+        id: String,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct EntrantOf {
+    /// The competition's id.
+    id: String,
+    /// The entrant's id, from `swarmbench competition entrants`.
+    entrant: String,
+}
+
+#[derive(Debug, clap::Args)]
+struct Declaration {
+    /// The name on the board.
+    #[arg(long)]
+    name: String,
+    /// The model that plays.
+    #[arg(long)]
+    model: String,
+    /// Its sampling temperature.
+    #[arg(long)]
+    temperature: Option<f64>,
+    /// Its nucleus of sampling.
+    #[arg(long)]
+    top_p: Option<f64>,
+    /// A file with a prompt template of its own.
+    #[arg(long)]
+    prompt_template: Option<PathBuf>,
+    /// The invitation code, where one is needed.
+    #[arg(long)]
+    code: Option<String>,
+}
+
+/// A page of a list.
+#[derive(Deserialize)]
+struct Page<T> {
+    items: Vec<T>,
+    next_cursor: Option<String>,
+}
+
+const COMPETITIONS: &str = "/api/v1/competitions";
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let mut client = Client::new(&args.server)?;
+    if let Some(key) = args.key {
+        client = client.with_key(key);
+    }
+    let client = &client;
+    match args.command {
+        Command::Create { file } => create(client, &file).await,
+        Command::List => print(tables::competitions(all(client, COMPETITIONS).await?)),
+        Command::Show { id, json } => {
+            let shown: Competition = client.get(&path(&id, "")).await?;
+            if json { print_json(&shown) } else { print(tables::competition(&shown)) }
+        }
+        Command::Codes { id, labels } => codes(client, &id, labels).await,
+        Command::Enter { id, entrant } => enter(client, &id, entrant).await,
+        Command::Attempt { id, entrant, attempt } => {
+            start(client, &id, AttemptRequest { entrant, attempt }).await
+        }
+        Command::Attempts { id } => {
+            print(tables::attempts(all(client, &path(&id, "/attempts")).await?))
+        }
+        Command::Entrants { id } => {
+            print(tables::entrants(all(client, &path(&id, "/entrants")).await?))
+        }
+        Command::Disqualify { entrant, reason } => {
+            set_status(client, entrant, "disqualified", Some(reason)).await
+        }
+        Command::Withdraw { entrant, reason } => {
+            set_status(client, entrant, "withdrawn", reason).await
+        }
+        Command::Readmit { entrant } => set_status(client, entrant, "active", None).await,
+        Command::Vouch { entrant, not } => {
+            let vouched = Some(!not);
+            change(client, entrant, EntrantChange { vouched, ..EntrantChange::default() }).await
+        }
+        Command::Void { id, run, reason } => {
+            let path = path(&id, &format!("/attempts/{run}/void"));
+            let _: serde_json::Value = client.post(&path, &VoidRequest { reason }).await?;
+            println!("{run} does not count; its entrant may start that attempt again.");
+            Ok(())
+        }
+        Command::Board { id, csv: true, .. } => print_board_csv(client, &path(&id, "/board")).await,
+        Command::Board { id, json, .. } => {
+            let board = whole_board(client, &path(&id, "/board")).await?;
+            if json {
+                return print_json(&board);
+            }
+            tables::print_board(&board);
+            Ok(())
+        }
+        Command::Export { id } => {
+            let path = format!("/api/v1/exports/competitions/{id}");
+            let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+            client.download(&path, &[], &mut out).await?;
+            Ok(())
+        }
+    }
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "the last step of a command")]
+fn print(table: comfy_table::Table) -> anyhow::Result<()> {
+    println!("{table}");
+    Ok(())
+}
+
+fn print_json(shown: &impl Serialize) -> anyhow::Result<()> {
+    println!("{}", serde_json::to_string_pretty(shown)?);
+    Ok(())
+}
+
+async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
+    let created: Competition = client.post(COMPETITIONS, &definition::read(file)?).await?;
+    println!("{}", created.id);
+    eprintln!(
+        "\n{:?} opens at {} and closes at {}.\nIts commitment, to be published before anybody plays:\n  {}\n\
+         Entrants register with POST {}api/v1/competitions/{}/entrants.",
+        created.name,
+        created.opens_at,
+        created.closes_at,
+        created.commitment,
+        client.base(),
+        created.id
+    );
+    Ok(())
+}
+
+async fn codes(client: &Client, id: &str, labels: Vec<String>) -> anyhow::Result<()> {
+    let codes = client.post(&path(id, "/codes"), &CodesRequest { labels }).await?;
+    println!("{}", tables::codes(codes));
+    eprintln!("Each is good for one entrant. They cannot be shown again.");
+    Ok(())
+}
+
+async fn enter(client: &Client, id: &str, entrant: Declaration) -> anyhow::Result<()> {
+    let Declaration { name, model, temperature, top_p, prompt_template, code } = entrant;
+    let read = |file: PathBuf| {
+        std::fs::read_to_string(&file).with_context(|| format!("{}", file.display()))
+    };
+    let prompt_template = prompt_template.map(read).transpose()?;
+    let agent_meta = None;
+    let request =
+        EntrantRequest { name, model, temperature, top_p, agent_meta, prompt_template, code };
+    let created: CreatedEntrant = client.post(&path(id, "/entrants"), &request).await?;
+    if let Some(key) = &created.key {
+        println!("{key}");
+    }
+    eprintln!(
+        "{:?} takes part as {}. {}",
+        created.entrant.name,
+        created.entrant.id,
+        match created.key {
+            Some(_) => "The key cannot be shown again: put it into SWARMBENCH_KEY.",
+            None => "It belongs to your key.",
+        }
+    );
+    Ok(())
+}
+
+async fn start(client: &Client, id: &str, request: AttemptRequest) -> anyhow::Result<()> {
+    let started: StartedAttempt = client.post(&path(id, "/attempts"), &request).await?;
+    println!("{}", started.swarm_token);
+    eprintln!(
+        "Attempt {} of {} has {} games, in {}. No round begins after {}.\nThis is its swarm token; a lost one is \
+         replaced by POST /api/v1/runs/{}/token.",
+        started.attempt,
+        started.entrant,
+        started.games,
+        started.run,
+        started.closes_at,
+        started.run
+    );
+    Ok(())
+}
+
+async fn set_status(
+    client: &Client,
+    of: EntrantOf,
+    status: &str,
+    reason: Option<String>,
+) -> anyhow::Result<()> {
+    let status = Some(status.to_owned());
+    change(client, of, EntrantChange { status, reason, vouched: None }).await
+}
+
+async fn change(client: &Client, of: EntrantOf, change: EntrantChange) -> anyhow::Result<()> {
+    let path = path(&of.id, &format!("/entrants/{}", of.entrant));
+    let entrant: EntrantSummary = client.patch(&path, &change).await?;
+    let vouched = if entrant.vouched { ", vouched for" } else { "" };
+    println!("{} ({:?}) is {}{vouched}.", entrant.id, entrant.name, entrant.status);
+    Ok(())
+}
+
+/// All items of a list.
+async fn all<T: DeserializeOwned>(client: &Client, path: &str) -> anyhow::Result<Vec<T>> {
+    let mut items = Vec::new();
+    let add = |page: Page<T>| {
+        items.extend(page.items);
+        page.next_cursor
+    };
+    pages(client, path, add).await?;
+    Ok(items)
+}
+
+/// Reads a list page by page; `add` takes a page and says where the next one begins.
+async fn pages<T: DeserializeOwned>(
+    client: &Client,
+    path: &str,
+    mut add: impl FnMut(T) -> Option<String>,
+) -> anyhow::Result<()> {
+    let mut cursor = None;
+    loop {
+        let query = cursor.as_deref().map(|cursor| ("cursor", cursor));
+        cursor = add(client.get_with(path, query.as_slice()).await?);
+        if cursor.is_none() {
+            return Ok(());
+        }
+    }
+}
+
+/// The board with all its pages; the first says what is shown.
+async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionBoard> {
+    let mut whole: Option<CompetitionBoard> = None;
+    let add = |mut page: CompetitionBoard| {
+        let next = page.next_cursor.take();
+        match &mut whole {
+            Some(whole) => whole.items.extend(page.items),
+            None => whole = Some(page),
+        }
+        next
+    };
+    pages(client, path, add).await?;
+    whole.context("the server shows no board")
+}
+
+/// Prints all pages as CSV, with the line of names once.
+async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let format = ("format", &"csv".to_owned());
+    let mut next = client.download(path, &[format], &mut out).await?;
+    while let Some(cursor) = next {
+        let mut page = Vec::new();
+        next = client.download(path, &[format, ("cursor", &cursor)], &mut page).await?;
+        let names = page.iter().position(|&byte| byte == b'\n').map_or(page.len(), |end| end + 1);
+        out.write_all(&page[names..])?;
+    }
+    Ok(out.flush()?)
+}
+
+fn path(id: &str, rest: &str) -> String {
+    format!("{COMPETITIONS}/{id}{rest}")
+}

@@ -1,0 +1,147 @@
+//! Competitions, their entrants, attempts and boards as tables.
+
+use comfy_table::Table;
+use jiff::Timestamp;
+
+use crate::cli::play::table;
+use crate::wire::competition::{
+    AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
+};
+
+/// A list of competitions, a row for each.
+pub(super) fn competitions(list: Vec<Competition>) -> Table {
+    let mut table = table(&["competition", "name", "phase", "opens", "closes"]);
+    for one in list {
+        let (opens, closes) = (one.opens_at.to_string(), one.closes_at.to_string());
+        table.add_row([one.id, one.name, one.phase, opens, closes]);
+    }
+    table
+}
+
+pub(super) fn codes(codes: InvitationCodes) -> Table {
+    let mut table = table(&["for", "code"]);
+    for code in codes.items {
+        table.add_row([code.label, code.code]);
+    }
+    table
+}
+
+pub(super) fn attempts(list: Vec<AttemptSummary>) -> Table {
+    let mut table = table(&["entrant", "attempt", "run", "status", "games", "total", "note"]);
+    for attempt in list {
+        let note = attempt.voided.map(|reason| format!("does not count: {reason}"));
+        table.add_row([
+            attempt.entrant,
+            attempt.attempt.to_string(),
+            attempt.run,
+            attempt.status,
+            format!("{} of {}", attempt.games_ended, attempt.games),
+            attempt.total.map_or_else(String::new, |total| format!("{total:.2}")),
+            note.unwrap_or_default(),
+        ]);
+    }
+    table
+}
+
+pub(super) fn entrants(list: Vec<EntrantSummary>) -> Table {
+    let mut table =
+        table(&["entrant", "name", "model", "status", "reason", "vouched", "registered"]);
+    for entrant in list {
+        table.add_row([
+            entrant.id,
+            entrant.name,
+            entrant.model,
+            entrant.status,
+            entrant.reason.unwrap_or_default(),
+            if entrant.vouched { "yes" } else { "no" }.to_owned(),
+            entrant.registered_at.to_string(),
+        ]);
+    }
+    table
+}
+
+/// All of a competition, a row for each field.
+pub(super) fn competition(competition: &Competition) -> Table {
+    let mut shown = table(&["", ""]);
+    let suite = &competition.suite;
+    let tasks = suite.tasks.clone().unwrap_or_default().join(", ");
+    let seeds = suite.seeds.unwrap_or_default();
+    let clock = competition.clocks.round_deadline_s.map_or(0.0, |seconds| seconds.0);
+    let time = |at: Option<Timestamp>| at.map_or_else(|| "?".to_owned(), |at| at.to_string());
+    let mut row = |what: &str, value: String| {
+        shown.add_row([what.to_owned(), value]);
+    };
+    row("competition", competition.id.clone());
+    row("name", competition.name.clone());
+    row("description", competition.description.clone());
+    row("phase", competition.phase.clone());
+    row("opens", competition.opens_at.to_string());
+    row("closes", competition.closes_at.to_string());
+    let rules = suite.rules.clone().unwrap_or_default();
+    row("plays", format!("{tasks}, each on {seeds} sealed seeds, rules {rules}"));
+    row("clock", format!("{clock} s a round"));
+    row("entry", competition.entry.clone());
+    for (number, window) in (1..).zip(&competition.attempts) {
+        let (opens, closes) = (time(window.opens_at), time(window.closes_at));
+        row(&format!("attempt {number}"), format!("from {opens} until {closes}"));
+    }
+    row("counts", format!("the {} attempt", competition.counts));
+    row("board", competition.board.clone());
+    row("commitment", competition.commitment.clone());
+    if let (Some(salt), Some(seeds)) = (&competition.salt, &competition.seeds) {
+        row("salt", salt.clone());
+        row("seeds", seeds.join("\n"));
+    }
+    shown
+}
+
+/// Prints a board.
+pub(super) fn print_board(board: &CompetitionBoard) {
+    if board.shows == "nothing" {
+        println!("The board is hidden until the competition is closed.");
+        return;
+    }
+    let first = board.items.iter().find(|row| !row.tasks.is_empty());
+    let tasks: Vec<String> =
+        first.map_or(Vec::new(), |row| row.tasks.iter().map(|task| task.task.clone()).collect());
+    let mut head = vec!["rank", "name", "model"];
+    head.extend(tasks.iter().map(String::as_str));
+    head.extend(["total", "attempt", "invalid", "clock", "decentralization", "status"]);
+    let mut shown = table(&head);
+    for row in &board.items {
+        let mut cells = vec![
+            row.rank.map_or_else(|| "–".to_owned(), |rank| rank.to_string()),
+            row.entrant.name.clone(),
+            if row.entrant.vouched {
+                row.entrant.model.clone()
+            } else {
+                format!("{} (not vouched for)", row.entrant.model)
+            },
+        ];
+        for name in &tasks {
+            let of = row.tasks.iter().find(|task| task.task == *name);
+            let numbers = of.and_then(|task| task.mean.zip(task.deviation));
+            cells.push(numbers.map_or_else(String::new, |(m, d)| format!("{m:.2} ± {d:.2}")));
+        }
+        let status = match &row.entrant.reason {
+            Some(reason) => format!("{}: {reason}", row.entrant.status),
+            None => row.entrant.status.clone(),
+        };
+        cells.extend([
+            row.total.map_or_else(String::new, |total| format!("{total:.2}")),
+            row.attempt.map_or_else(String::new, |attempt| attempt.to_string()),
+            format!("{:.1} %", 100.0 * row.invalid_share),
+            format!("{:.1} %", 100.0 * row.clock_share),
+            row.decentralization.clone().unwrap_or_default(),
+            status,
+        ]);
+        shown.add_row(cells);
+    }
+    println!("{shown}");
+    if board.shows == "totals" {
+        println!("What each task came to is shown when the competition is closed.");
+    }
+    if let Some(at) = board.frozen_at {
+        println!("The board is frozen: it shows what was over before {at}.");
+    }
+}
