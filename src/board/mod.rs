@@ -7,7 +7,7 @@
 //! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
-//! `docs/boards.md`.
+//! `docs/evaluate/boards.md`.
 
 pub mod collection;
 pub mod cross_play;

@@ -1,11 +1,11 @@
-"""Every code block of docs/python.md runs, and the README shows the agent that is tested."""
+"""Every code block of docs/play/python.md runs, and the README shows the agent that is tested."""
 
 import re
 
 import pytest
 from conftest import ROOT
 
-PAGE = (ROOT / "docs" / "python.md").read_text()
+PAGE = (ROOT / "docs" / "play" / "python.md").read_text()
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
@@ -15,7 +15,7 @@ def test_the_page_works_from_top_to_bottom(capsys: pytest.CaptureFixture[str]) -
     for place, block in blocks:
         # A failure is told with the line of the page.
         lines = "\n" * (PAGE.count("\n", 0, place) + 1)
-        exec(compile(lines + block, "docs/python.md", "exec"), names)
+        exec(compile(lines + block, "docs/play/python.md", "exec"), names)
     assert len(blocks) >= 8
     shown = capsys.readouterr().out
     assert "\n10.0\n" in shown
