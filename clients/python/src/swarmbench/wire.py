@@ -409,7 +409,7 @@ class OwnSuite(TypedDict):
 
 
 class RunRequest(TypedDict):
-    """What a run is to be: a suite by its name, or one of your own, for one model (docs/play/runs.md)."""
+    """What a run is to be: a suite by its name, or one of your own, for one model (docs/protocol.md)."""
 
     suite: str | OwnSuite
     model: str
