@@ -20,7 +20,7 @@ use crate::store::episodes::{Filter, Readable};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "The database is only read; its server may go on meanwhile. What is not complete has .partial behind \
-    its name.\n\nThe format `dataset` is that of the public toolkit (docs/dataset.md): its scripts work on the folder. \
+    its name.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts work on the folder. \
     `jsonl` and `parquet` write the two tables acts and rounds into it.\n\nExamples:\n  \
     swarmbench export games --db swarmbench.db\n  \
     swarmbench export games.zip --task Transport --model my-model\n  \

@@ -14,7 +14,7 @@ use crate::store::{OpenError, Store};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Reads what the public toolkit writes, and what `swarmbench export` writes: meta_log.json with \
-    game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/dataset.md). What is missing or \
+    game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/evaluate/dataset.md). What is missing or \
     broken is told by its name and skipped, the rest is imported. The same data again changes nothing. Imported games \
     are unverified: they are shown as they were recorded, at /api/v1/imports of a server on this database.\n\n\
     Examples:\n  swarmbench import experiment_v01 --db swarmbench.db\n  swarmbench import games.zip"

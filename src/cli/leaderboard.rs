@@ -22,7 +22,7 @@ const WIDE: u16 = 132;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Scores are means over the seeds ± population standard deviation; the total is their sum. docs/boards.md says \
+    after_help = "Scores are means over the seeds ± population standard deviation; the total is their sum. docs/evaluate/boards.md says \
     how everything is computed.\n\nExamples:\n  \
     swarmbench leaderboard                             (the standard suite, on a server on this machine)\n  \
     swarmbench leaderboard --suite quick --task Pursuit --db swarmbench.db\n  \

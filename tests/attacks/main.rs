@@ -1,5 +1,5 @@
 //! The attacks: strangers who take memory, time and places from the real server, and an honest entrant beside them
-//! whose games must continue. See `docs/attacks.md`.
+//! whose games must continue. See `docs/develop/attacks.md`.
 //!
 //! It is a program of its own and not a list of tests, because attacks must not be played at the same time, and because
 //! it starts itself again as the attackers.

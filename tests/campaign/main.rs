@@ -1,5 +1,5 @@
 //! The campaign: the real server, the real disk, many clients; and then the server is killed, told to stop, or
-//! its disk breaks. Whatever was acknowledged must be there afterwards. See `docs/campaign.md`.
+//! its disk breaks. Whatever was acknowledged must be there afterwards. See `docs/develop/campaign.md`.
 //!
 //! Everywhere else tests have a clock of their own and never sleep. Here a process is killed at moments that
 //! nobody chose, so time is the host's, and what is waited for has a limit after which the test fails.

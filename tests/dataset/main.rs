@@ -511,10 +511,10 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     assert!(!output.status.success() && text(&output.stderr).contains("no game"));
 }
 
-/// Makes data of the published size in the folder that SAMPLE names: what the numbers of docs/dataset.md were
+/// Makes data of the published size in the folder that SAMPLE names: what the numbers of docs/evaluate/dataset.md were
 /// measured with. A tenth of its games has a file that is missing or broken.
 #[test]
-#[ignore = "writes several gigabytes; see docs/dataset.md"]
+#[ignore = "writes several gigabytes; see docs/evaluate/dataset.md"]
 fn data_of_the_published_size_is_made() {
     let folder =
         PathBuf::from(std::env::var_os("SAMPLE").expect("SAMPLE names a folder to be made"));

@@ -1,4 +1,4 @@
-//! Fuzz targets: what comes from outside, in forms that nobody thought of. docs/testing.md says how to run them
+//! Fuzz targets: what comes from outside, in forms that nobody thought of. docs/develop/testing.md says how to run them
 //! for longer. (The target of `POST /act` is beside its code, in `src/http/agent/act.rs`.)
 
 mod answer;

@@ -101,7 +101,7 @@ async fn the_guide_is_done_as_it_is_written() {
         server: app.base().to_owned(),
         key: app.organizer.clone(),
     };
-    let guide = include_str!("../../docs/organizer.md");
+    let guide = include_str!("../../docs/organise/organizer.md");
     let mut said = String::new();
     let mut blocks = 0;
     for step in steps(guide) {

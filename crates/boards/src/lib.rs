@@ -11,7 +11,7 @@
 //! - [`run`]: what a run is. [`competition`]: runs on seeds that nobody knows before the end.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
-//! `docs/boards.md`.
+//! `docs/evaluate/boards.md`.
 
 pub mod collection;
 pub mod competition;

@@ -20,7 +20,7 @@ use crate::wire::episode::VoidRequest;
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "A competition is played on sealed seeds: the server draws them when it is created, shows a commitment to \
-    them at once and the seeds themselves after the end. docs/organizer.md walks through one, from the TOML file to \
+    them at once and the seeds themselves after the end. docs/organise/organizer.md walks through one, from the TOML file to \
     the published results.\n\n\
     The server asks for an organizer's key: put it into SWARMBENCH_KEY.\n\n\
     Examples:\n  \

@@ -54,7 +54,7 @@ const REQUESTS: u32 = 16;
         is kept nowhere. Lists may be given with commas or by naming an option several times.\n\n\
         Exit codes: 0 all was played; 1 something has to be mended; 2 the command line; 3 it stopped and the same command \
         resumes (a budget, an endpoint or a server that does not answer); 130 it was interrupted, the same.\n\n\
-        docs/eval.md says more, and examples/eval has the experiments of the paper."
+        docs/evaluate/eval.md says more, and examples/eval has the experiments of the paper."
 )]
 pub(super) struct Args {
     /// An experiment as a TOML file; options on the command line override it.
@@ -115,7 +115,7 @@ struct Games {
     /// The maximum delay of a message, in rounds (0).
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     max_delay: Vec<i64>,
-    /// A prompt template for models instead of the server's own; docs/prompts.md.
+    /// A prompt template for models instead of the server's own; docs/play/prompts.md.
     #[arg(long, value_name = "FILE")]
     prompt_template: Option<PathBuf>,
 }
@@ -125,7 +125,7 @@ struct WhoArgs {
     /// Language models, as their endpoint calls them.
     #[arg(long = "model", alias = "models", value_delimiter = ',', value_name = "MODEL")]
     model: Vec<String>,
-    /// Built-in players: names (docs/baselines.md), default for the best of each task, or all.
+    /// Built-in players: names (docs/evaluate/baselines.md), default for the best of each task, or all.
     #[arg(long = "player", alias = "players", value_delimiter = ',', value_name = "NAME")]
     player: Vec<String>,
     /// The seed of built-in players' own choices (1).

@@ -48,7 +48,7 @@ pub(in super::super) struct BoardParams {
 /// The leaderboard of a suite.
 ///
 /// A row for each player: owner, model, temperature, `top_p` and prompt template, as declared. Runs that are over
-/// count, also those that were broken off; planned games that were not played count as 0. `docs/boards.md` says how
+/// count, also those that were broken off; planned games that were not played count as 0. `docs/evaluate/boards.md` says how
 /// everything is computed. A page that is not the last names the next in `next_cursor`, and in the header
 /// `X-Next-Cursor`.
 #[utoipa::path(

@@ -1,7 +1,7 @@
 """Client and PettingZoo environment for the swarmbench server.
 
 `Client` and `AsyncClient` speak its protocol, `Server` starts one on this machine, and `parallel_env` makes an
-episode an environment for reinforcement learning. docs/python.md in the repository shows all of it.
+episode an environment for reinforcement learning. docs/play/python.md in the repository shows all of it.
 """
 
 from importlib.metadata import version

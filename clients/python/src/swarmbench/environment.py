@@ -62,7 +62,7 @@ def parallel_env(
     agent_meta: dict[str, Any] | None = None,
     visibility: Literal["public", "owner"] | None = None,
 ) -> "SwarmEnv":
-    """One episode after the other as a PettingZoo `ParallelEnv`. docs/python.md has all shapes.
+    """One episode after the other as a PettingZoo `ParallelEnv`. docs/play/python.md has all shapes.
 
     Args:
         task: What is played.

@@ -409,7 +409,7 @@ class OwnSuite(TypedDict):
 
 
 class RunRequest(TypedDict):
-    """What a run is to be: a suite by its name, or one of your own, for one model (docs/runs.md)."""
+    """What a run is to be: a suite by its name, or one of your own, for one model (docs/protocol.md)."""
 
     suite: str | OwnSuite
     model: str
@@ -543,7 +543,7 @@ class RunToken(TypedDict):
 
 
 class LeaderboardQuery(TypedDict, total=False):
-    """Which leaderboard, and how it is sorted (docs/boards.md)."""
+    """Which leaderboard, and how it is sorted (docs/evaluate/boards.md)."""
 
     suite: str
     rules: Literal["paper", "reference"]

@@ -56,7 +56,7 @@ pub struct Experiment {
 /// Lists of settings, which multiply. What is left out is as in the standard setting.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-#[expect(missing_docs, reason = "the names are those of a run, described in docs/runs.md")]
+#[expect(missing_docs, reason = "the names are those of a run, described in docs/protocol.md")]
 pub struct Axes {
     pub rules: Option<List<String>>,
     pub control: Option<List<String>>,
