@@ -26,6 +26,7 @@ pub mod run;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::suite::{Game as Planned, Suite};
 
 /// Who answers for a run: the holder of a key, or an entrant of a competition.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -145,6 +146,16 @@ pub struct Slot {
     pub task: TaskName,
     /// The seed of its layout.
     pub seed: u64,
+}
+
+impl Slot {
+    /// The games of a suite in the order of its plan; none if it names a task that does not exist.
+    #[must_use]
+    pub fn plan(suite: &Suite) -> Option<Vec<Self>> {
+        let slot =
+            |game: Planned| Some(Self { task: TaskName::parse(&game.task)?, seed: game.seed });
+        suite.plan().into_iter().map(slot).collect()
+    }
 }
 
 /// A game that has ended, in whichever way.

@@ -24,6 +24,35 @@ pub(super) const fn float(count: usize) -> f64 {
     count as f64
 }
 
+/// What came of a plan in each of its tasks, in the order of [`TaskName::ALL`]; `games` are those that have ended.
+///
+/// As long as it is not over these are means over what was played. Once it is over, a planned game that was not played
+/// counts as 0: doing nothing scores about that, and otherwise it would pay to abort a run that goes badly. A voided
+/// game does not count, unless it was played again.
+#[must_use]
+pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskResult> {
+    let mut slots: BTreeMap<Slot, Vec<Game>> =
+        plan.iter().map(|&slot| (slot, Vec::new())).collect();
+    for &game in games {
+        if let Some(played) = slots.get_mut(&game.slot) {
+            played.push(game);
+        }
+    }
+    let mut tasks: Vec<TaskResult> = Vec::new();
+    for (slot, mut played) in slots {
+        if tasks.last().is_none_or(|last| last.task != slot.task) {
+            tasks.push(TaskResult::empty(slot.task));
+        }
+        // The order in which games came does not matter.
+        played.sort_by(|a, b| a.voided.cmp(&b.voided).then(b.score.total_cmp(&a.score)));
+        tasks.last_mut().expect("one was pushed").add(slot.seed, &played, is_over);
+    }
+    for task in &mut tasks {
+        task.finish();
+    }
+    tasks
+}
+
 /// A run, or several of the same player taken together, task by task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunResult {
@@ -59,31 +88,10 @@ pub struct TaskResult {
 }
 
 impl RunResult {
-    /// What a run is worth. Once it is over, a planned game that was not played counts as 0: doing nothing scores
-    /// about that, and otherwise it would pay to abort a run that goes badly. A voided game does
-    /// not count, unless it was played again.
+    /// What a run is worth.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
-        let mut slots: BTreeMap<Slot, Vec<Game>> =
-            plan.iter().map(|&slot| (slot, Vec::new())).collect();
-        for &game in games {
-            if let Some(played) = slots.get_mut(&game.slot) {
-                played.push(game);
-            }
-        }
-        let mut tasks: Vec<TaskResult> = Vec::new();
-        for (slot, mut played) in slots {
-            if tasks.last().is_none_or(|last| last.task != slot.task) {
-                tasks.push(TaskResult::empty(slot.task));
-            }
-            // Whatever order they came in.
-            played.sort_by(|a, b| a.voided.cmp(&b.voided).then(b.score.total_cmp(&a.score)));
-            tasks.last_mut().expect("one was pushed").add(slot.seed, &played, is_over);
-        }
-        for task in &mut tasks {
-            task.finish();
-        }
-        Self { row: run.player.row(), run, tasks }
+        Self { row: run.player.row(), run, tasks: task_results(plan, games, is_over) }
     }
 
     /// Games of a model that were read from files: the mean of those of the same task and seed, and nothing for
@@ -183,7 +191,8 @@ impl TaskResult {
     fn add(&mut self, seed: u64, played: &[Game], is_over: bool) {
         self.voided += u32::try_from(played.iter().filter(|game| game.voided).count()).unwrap_or(0);
         match played.first() {
-            Some(game) if game.voided => {}
+            // It is played again.
+            Some(game) if game.voided => self.planned += u32::from(!is_over),
             Some(game) => {
                 self.planned += 1;
                 self.games += 1;
@@ -293,5 +302,27 @@ mod tests {
         let both = RunResult::together(&[&first, &second]).expect("two");
         assert_eq!(both.tasks[0].scores, [(1, 3.0), (2, 7.0)]);
         assert_eq!(shown(&both.tasks[0]), "5.00 ± 2.00 4/4");
+    }
+
+    /// As long as a run is not over, nothing is 0 for want of a game, and a voided game is still to be played.
+    #[test]
+    fn a_run_that_is_not_over_has_means_of_what_was_played() {
+        let plan = slots(&[TaskName::Transport, TaskName::Foraging], &[1, 2, 3]);
+        let games = [
+            game(TaskName::Transport, 1, 6.0),
+            Game { voided: true, ..game(TaskName::Transport, 2, 9.0) },
+            game(TaskName::Transport, 2, 3.0),
+            Game { voided: true, ..game(TaskName::Foraging, 2, 8.0) },
+        ];
+        let rows = |is_over| {
+            let row = |task: &TaskResult| {
+                (task.mean_and_deviation, task.games, task.planned, task.voided)
+            };
+            task_results(&plan, &games, is_over).iter().map(row).collect::<Vec<_>>()
+        };
+        assert_eq!(rows(false), [(Some((4.5, 1.5)), 2, 3, 1), (None, 0, 3, 1)]);
+        let (mean, deviation) = rows(true)[0].0.expect("three scores");
+        assert_eq!(format!("{mean} ± {deviation:.2}"), "3 ± 2.45");
+        assert_eq!(rows(true)[1], (Some((0.0, 0.0)), 0, 2, 1));
     }
 }
