@@ -65,7 +65,10 @@ fn golden(revision: u32) -> Vec<Golden> {
 fn every_revision_has_its_journals_and_no_file_is_missing_or_extra() {
     let revisions: BTreeSet<String> = (1..=RULES_REVISION).map(|n| n.to_string()).collect();
     let mut folders = names(&folder());
-    assert!(folders.remove("database"), "whole databases: see tests/http/golden_database.rs");
+    assert!(
+        folders.remove("database"),
+        "whole databases: see tests/http/across/golden_database.rs"
+    );
     assert_eq!(folders, revisions, "a folder for every revision up to this one");
     for revision in revisions {
         let folder = folder().join(&revision);

@@ -1,5 +1,7 @@
 //! The server through its front door: every route, over real HTTP, by the wire contract.
 //!
+//! The files mirror those of `src/http`; [`across`] has the tests of more than one route.
+//!
 //! [`app`] starts a server on a free port over a database of its own. No test sleeps: where time has
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
@@ -12,38 +14,18 @@ mod dice;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
 mod oracle;
 
-mod access;
+mod across;
 mod agent;
-mod backup;
-mod bad_input;
 mod boards;
-mod bounds;
 mod claims;
-mod clocks;
+mod clock;
 mod competitions;
-mod concurrency;
 mod connections;
-mod damage;
-mod doubt;
-mod episode;
 mod episodes;
 mod exports;
-mod fairness;
-mod faults;
-mod files;
-mod golden;
-mod golden_database;
 mod host;
-mod hosted;
 mod keys;
 mod limits;
-mod organizer;
-mod privacy;
-mod published;
-mod restart;
 mod runs;
-mod sealed;
-mod shares;
-mod streams;
+mod stream;
 mod swarm;
-mod vectors;

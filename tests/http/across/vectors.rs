@@ -36,8 +36,8 @@ struct State {
     carrying: Option<Vec<bool>>,
 }
 
-const PAPER: &str = include_str!("../../crates/engine/tests/vectors/paper.jsonl");
-const REFERENCE: &str = include_str!("../../crates/engine/tests/vectors/reference.jsonl");
+const PAPER: &str = include_str!("../../../crates/engine/tests/vectors/paper.jsonl");
+const REFERENCE: &str = include_str!("../../../crates/engine/tests/vectors/reference.jsonl");
 
 #[rstest]
 #[case::paper(PAPER)]

@@ -27,9 +27,9 @@ use swarmbench::journal::replay::verify;
 use swarmbench_engine::physics::Solver;
 use tokio::task::spawn_blocking;
 
+use super::golden::games;
 use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
-use crate::golden::games;
 
 mod old_settings;
 

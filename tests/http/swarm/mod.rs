@@ -3,8 +3,8 @@
 use rstest::rstest;
 use serde_json::{Value, json};
 
+use crate::across::vectors;
 use crate::app::{Episode, TestApp, check_problem, fields, list, number};
-use crate::vectors;
 
 fn request(agents: u32, rounds: u32) -> Value {
     json!({ "task": "Synchronization", "num_agents": agents, "max_round": rounds })

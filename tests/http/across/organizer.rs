@@ -101,7 +101,7 @@ async fn the_guide_is_done_as_it_is_written() {
         server: app.base().to_owned(),
         key: app.organizer.clone(),
     };
-    let guide = include_str!("../../docs/organizer.md");
+    let guide = include_str!("../../../docs/organizer.md");
     let mut said = String::new();
     let mut blocks = 0;
     for step in steps(guide) {
@@ -156,7 +156,7 @@ async fn the_guide_is_done_as_it_is_written() {
 /// The example is a competition that the server takes, with every field that there is.
 #[tokio::test]
 async fn the_example_has_every_field() {
-    let example = include_str!("../../examples/competition.toml");
+    let example = include_str!("../../../examples/competition.toml");
     for field in swarmbench::wire::competition::CompetitionRequest::FIELDS {
         let named = [format!("{field} ="), format!("[{field}]"), format!("[[{field}]]")];
         assert!(named.iter().any(|named| example.contains(named)), "{field} is missing");

@@ -6,8 +6,8 @@ use std::time::Duration;
 use rstest::rstest;
 use serde_json::{Value, json};
 
+use crate::across::vectors;
 use crate::app::{Episode, TestApp, check_problem, fields, list, number};
-use crate::vectors;
 
 /// A small episode: two agents that stand on the map for `rounds` rounds.
 fn two_agents(rounds: u32) -> Value {

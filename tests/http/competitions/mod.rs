@@ -1,5 +1,7 @@
 //! Competitions: created, entered, played, closed, shown.
 
+mod export;
+
 use std::collections::BTreeSet;
 use std::time::Duration;
 
