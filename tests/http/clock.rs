@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use crate::across::memory::until_in_memory;
 use crate::app::{TestApp, list, number};
 use crate::cup::{self, Cup};
-use crate::limits::until_in_memory;
 
 const HOUR_MS: i64 = 3_600_000;
 

@@ -1,14 +1,10 @@
-//! Long answers and slow readers, and the memory that all worlds and answers take together.
-
-use std::time::Duration;
+//! Long answers and slow readers.
 
 use serde_json::{Value, json};
-use swarmbench::journal::replay::{Report, verify};
-use swarmbench_engine::physics::Solver;
-use tokio::io::AsyncWriteExt;
+use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpSocket, TcpStream};
 
-use crate::app::{Episode, TestApp, list, number};
+use crate::app::{Episode, TestApp, list, verified};
 
 /// Plays rounds in which each seat tells a long story.
 async fn talk(app: &TestApp, episode: &Episode, rounds: u64, bytes: usize) {
@@ -23,10 +19,6 @@ async fn talk(app: &TestApp, episode: &Episode, rounds: u64, bytes: usize) {
 
 fn request(agents: u64, rounds: u64) -> Value {
     json!({ "task": "Synchronization", "seed": 6, "num_agents": agents, "max_round": rounds })
-}
-
-fn verified(journal: &str) -> Report {
-    verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it plays again")
 }
 
 #[tokio::test]
@@ -120,90 +112,4 @@ async fn open_exports_and_event_streams_have_places_by_party() {
     assert_eq!(problem["limit"]["name"], "exports_open_per_party_max");
     drop(slow);
     while app.get(export).token(&episode.swarm).send().await.status != 200 {}
-}
-
-/// A world of about 200 kB in its first round.
-fn large() -> Value {
-    json!({
-        "task": "Synchronization", "num_agents": 1, "width": 256, "height": 256, "view_size": 3,
-        "memory": 5, "max_round": 50, "visibility": "public",
-    })
-}
-
-#[tokio::test]
-async fn idle_worlds_leave_memory_when_others_need_it_and_come_back() {
-    let app = TestApp::builder()
-        .manual_clock()
-        .limits(|limits| limits.memory_bytes_max = 2_000_000)
-        .start()
-        .await;
-    let mut games = Vec::new();
-    for _ in 0..20 {
-        let game = app.create(large()).await;
-        app.all_act(&game, "STAY").await;
-        games.push((app.obs(game.seat(0)).await, game));
-        app.pass(Duration::from_secs(11));
-    }
-    for (seen, game) in &games {
-        assert_eq!(&app.obs(game.seat(0)).await, seen);
-        app.pass(Duration::from_secs(11));
-    }
-    // Nobody waits for the sweep, which comes after five minutes without a request.
-    let metrics = app.get("/metrics").send().await.text();
-    assert!(metrics.contains("swarmbench_evictions_total"), "{metrics}");
-}
-
-#[tokio::test]
-async fn a_full_server_refuses_what_is_large_and_plays_on_what_is_small() {
-    let mut app = TestApp::builder()
-        .manual_clock()
-        .limits(|limits| limits.memory_bytes_max = 2_000_000)
-        .start()
-        .await;
-    let small = app.create(request(2, 3)).await;
-    // All of them were just asked for.
-    let mut games = Vec::new();
-    let refused = loop {
-        let answer = app.post("/api/v1/episodes").json(&large()).send().await;
-        if answer.status != 201 {
-            break answer;
-        }
-        games.push(Episode::of(&answer.json()));
-        assert!(games.len() < 20, "all of them fit");
-    };
-    assert_eq!((refused.status, refused.header("retry-after")), (503, "5"));
-    let limit = json!({ "name": "memory_bytes_max", "value": 2_000_000 });
-    assert_eq!(refused.json()["limit"], limit);
-    // A state of 65,536 cells is a large answer.
-    let problem = app.get(&games[0].path("/state")).problem(503, "overloaded").await;
-    assert_eq!(problem["limit"], limit);
-    // What is small is created and played as ever, and so is every game that is there.
-    let another = app.create(request(2, 3)).await;
-    for game in [&small, &another] {
-        while app.show(game).await["status"] == "running" {
-            app.all_act(game, "STAY").await;
-        }
-        assert_eq!(number(&app.show(game).await["result"]["rounds"]), 3);
-        verified(&app.journal(game).await);
-    }
-    for game in &games {
-        app.all_act(game, "STAY").await;
-    }
-    // The same holds for games that are recovered after a restart.
-    app.restart().await;
-    let mut found = 0;
-    for game in &games {
-        let answer = app.get("/obs").token(game.seat(0)).send().await;
-        if answer.status == 200 {
-            found += 1;
-        } else {
-            assert_eq!(answer.json()["limit"], limit);
-        }
-    }
-    assert!((1..games.len()).contains(&found), "{found} of {}", games.len());
-    app.pass(Duration::from_secs(11));
-    for game in games.iter().rev() {
-        app.obs(game.seat(0)).await;
-        app.pass(Duration::from_secs(11));
-    }
 }

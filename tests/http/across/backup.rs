@@ -1,26 +1,20 @@
 //! Backups: made by another process while the server runs, and restored.
 
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use swarmbench::journal::replay::verify;
-use swarmbench_engine::physics::Solver;
 use tokio::sync::watch;
-use tokio::task::{JoinHandle, spawn_blocking};
+use tokio::task::JoinHandle;
 
-use crate::app::{Episode, TestApp, number};
+use crate::app::program::{swarmbench, text};
+use crate::app::{Episode, TestApp, number, verified};
 
 /// Runs `swarmbench backup` as its user does.
 async fn backup(db: &Path, file: &Path) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-    command.arg("backup").arg("--db").arg(db).arg(file).stdin(Stdio::null());
-    spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
+    let [db, file] = [db, file].map(|path| path.as_os_str());
+    swarmbench(&["backup".as_ref(), "--db".as_ref(), db, file]).await
 }
 
 /// What a backup that must not be made says.
@@ -130,8 +124,7 @@ async fn what_was_acknowledged_before_a_backup_is_in_it_and_the_game_goes_on() {
         }
         let journal = restored.journal(episode).await;
         assert!(app.journal(episode).await.starts_with(&journal));
-        let report =
-            verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it is sound");
+        let report = verified(&journal);
         let round = number(&restored.obs(token).await["round"]);
         assert_eq!(u64::from(report.rounds), round);
         let next = usize::try_from(round).expect("few rounds");

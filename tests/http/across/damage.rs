@@ -3,14 +3,13 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Row};
 use swarmbench::store::check::{Checked, check};
-use tokio::task::spawn_blocking;
 
+use crate::app::program::{printed, swarmbench};
 use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
 
@@ -183,13 +182,9 @@ async fn damage_is_told_with_what_it_is_and_the_command_fails() {
         games.push(episode);
     }
     let verify = async |app: &TestApp| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-        command.args(["verify", "--db"]).arg(app.database()).stdin(Stdio::null());
-        let output =
-            spawn_blocking(move || command.output()).await.expect("no panic").expect("it runs");
-        let said = String::from_utf8_lossy(&output.stdout).into_owned()
-            + &String::from_utf8_lossy(&output.stderr);
-        (output.status.code(), said)
+        let db = app.database().display().to_string();
+        let output = swarmbench(&["verify", "--db", &db]).await;
+        (output.status.code(), printed(&output))
     };
     // Beside the server, too.
     let (code, said) = verify(&app).await;

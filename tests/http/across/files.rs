@@ -3,25 +3,13 @@
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
 
 use rstest::rstest;
 use serde_json::{Value, json};
 use swarmbench::store::{OpenError, Store};
-use tokio::task::spawn_blocking;
 
+use crate::app::program::{printed, swarmbench_in};
 use crate::app::{Episode, TestApp};
-
-/// Runs the program in a process of its own, in a folder.
-async fn swarmbench(folder: &Path, args: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-    command.args(args).current_dir(folder).stdin(Stdio::null());
-    spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
-}
 
 fn beside(database: &Path, end: &str) -> PathBuf {
     let mut name = database.to_owned().into_os_string();
@@ -64,8 +52,8 @@ async fn no_path_leads_a_second_server_into_the_same_file() {
         "below/../hard.db",
         "below/around/swarmbench.db",
     ] {
-        let output = swarmbench(&folder, &["key", "list", "--db", path]).await;
-        let said = said(&output);
+        let output = swarmbench_in(&folder, &["key", "list", "--db", path]).await;
+        let said = printed(&output);
         assert!(!output.status.success() && said.contains("in use by another process"), "{said}");
         // The same process finds it out without touching the locks that SQLite has.
         let again = Store::open(&folder.join(path)).await;
@@ -76,15 +64,15 @@ async fn no_path_leads_a_second_server_into_the_same_file() {
     for args in
         [&["backup", &copy, "--db", "symbolic.db"][..], &["export", "out", "--db", "swarmbench.db"]]
     {
-        let output = swarmbench(&folder, args).await;
-        assert!(output.status.success(), "{}", said(&output));
+        let output = swarmbench_in(&folder, args).await;
+        assert!(output.status.success(), "{}", printed(&output));
     }
     // By another hard link SQLite would not find what was written last.
     for args in
         [&["backup", "new.db", "--db", "hard.db"][..], &["export", "new", "--db", "hard.db"]]
     {
-        let output = swarmbench(&folder, args).await;
-        let said = said(&output);
+        let output = swarmbench_in(&folder, args).await;
+        let said = printed(&output);
         assert!(!output.status.success() && said.contains("hard links"), "{said}");
     }
     assert!(!folder.join("hard.db-wal").exists());
@@ -98,8 +86,8 @@ async fn no_path_leads_a_second_server_into_the_same_file() {
     assert!(matches!(linked, Err(OpenError::Linked(_))), "{linked:?}");
     fs::remove_file(folder.join("hard.db")).expect("removed");
     // Now another path may have it, and what was acknowledged is in it.
-    let output = swarmbench(&folder, &["key", "list", "--db", "symbolic.db"]).await;
-    assert!(output.status.success(), "{}", said(&output));
+    let output = swarmbench_in(&folder, &["key", "list", "--db", "symbolic.db"]).await;
+    assert!(output.status.success(), "{}", printed(&output));
     assert_eq!(
         fs::metadata(beside(&database, "-wal")).map_err(|e| e.kind()).err(),
         Some(std::io::ErrorKind::NotFound)
@@ -180,8 +168,8 @@ async fn only_their_owner_reads_the_files() {
     game(&app).await;
     let database = app.database();
     let folder = database.parent().expect("a folder").to_owned();
-    let output = swarmbench(&folder, &["backup", "copy.db", "--db", "swarmbench.db"]).await;
-    assert!(output.status.success(), "{}", said(&output));
+    let output = swarmbench_in(&folder, &["backup", "copy.db", "--db", "swarmbench.db"]).await;
+    assert!(output.status.success(), "{}", printed(&output));
     let copy = folder.join("copy.db");
     for file in
         ["", "-wal", "-shm", ".lock"].map(|end| beside(&database, end)).iter().chain([&copy])

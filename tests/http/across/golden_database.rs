@@ -13,7 +13,6 @@
 use std::fs::{self, File};
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
@@ -25,9 +24,9 @@ use swarmbench::competition::verify::{Expected, verify as verify_competition};
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::replay::verify;
 use swarmbench_engine::physics::Solver;
-use tokio::task::spawn_blocking;
 
 use super::golden::games;
+use crate::app::program::{printed, swarmbench};
 use crate::app::{Call, Episode, TestApp, list};
 use crate::cup::{Attempt, Cup, Entrant};
 
@@ -127,18 +126,8 @@ fn unpack(path: &Path) -> Vec<u8> {
     bytes
 }
 
-async fn swarmbench(args: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-    command.args(args).stdin(Stdio::null());
-    spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
-}
-
 fn text(value: &Value) -> String {
     value.as_str().unwrap_or_else(|| panic!("not a text: {value}")).to_owned()
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
 /// The time in so many minutes.
@@ -438,7 +427,7 @@ async fn import(app: &mut TestApp) {
     app.stop().await;
     let (archive, db) = (archive.display().to_string(), app.database().display().to_string());
     let output = swarmbench(&["import", &archive, "--db", &db]).await;
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     app.start_again().await;
 }
 
@@ -586,17 +575,17 @@ async fn commands_work(app: &mut TestApp) {
     let (db, copy) = (db.display().to_string(), copy.display().to_string());
     sound(&db).await;
     let output = swarmbench(&["backup", &copy, "--db", &db]).await;
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     app.stop().await;
     sound(&copy).await;
     let output = swarmbench(&["board", "rebuild", "--replay", "--db", &copy]).await;
-    assert!(output.status.success(), "{}", said(&output));
-    assert!(said(&output).contains("All are as they were."), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
+    assert!(printed(&output).contains("All are as they were."), "{}", printed(&output));
 }
 
 async fn sound(db: &str) {
     let output = swarmbench(&["verify", "--db", db]).await;
-    let said = said(&output);
+    let said = printed(&output);
     assert!(output.status.success() && said.contains("no damage was found"), "{said}");
 }
 

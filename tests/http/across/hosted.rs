@@ -10,7 +10,7 @@ use swarmbench::journal::replay::verify;
 use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
 
-use crate::app::{Episode, TestApp, list};
+use crate::app::{Episode, TestApp, list, verified};
 
 /// What a server plays by itself, once it has ended.
 async fn ended(app: &TestApp, episode: &Episode) -> Value {
@@ -118,5 +118,5 @@ async fn hosted_seats_wait_for_the_manual_start() {
     app.post(&episode.path("/start")).token(&episode.swarm).ok().await;
     assert_eq!(ended(&app, &episode).await["round"], 5);
     let journal = app.journal(&episode).await;
-    verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("a proof");
+    verified(&journal);
 }

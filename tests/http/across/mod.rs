@@ -14,6 +14,7 @@ mod files;
 mod golden;
 mod golden_database;
 mod hosted;
+pub(crate) mod memory;
 mod organizer;
 mod privacy;
 mod restart;

@@ -1,11 +1,9 @@
 //! A server that is stopped, or falls over, and started again over the same database.
 
 use serde_json::{Value, json};
-use swarmbench::journal::replay::verify;
 use swarmbench::server::Server;
-use swarmbench_engine::physics::Solver;
 
-use crate::app::{Episode, TestApp};
+use crate::app::{Episode, TestApp, verified};
 
 fn request() -> Value {
     json!({ "task": "Synchronization", "seed": 2, "num_agents": 3, "max_round": 3 })
@@ -47,7 +45,7 @@ async fn an_episode_goes_on_where_it_stood() {
     app.all_act(&episode, "STAY").await;
     let journal = app.journal(&episode).await;
     assert!(journal.starts_with(&before.1));
-    let report = verify(journal.as_bytes(), None, Solver::Flow, |_, _| ()).expect("it plays again");
+    let report = verified(&journal);
     assert_eq!(json!(report.head.to_string()), app.show(&episode).await["result"]["journal_head"]);
 
     // An episode that has ended is the same after a restart, too.

@@ -1,17 +1,22 @@
 //! A server for one test, and what a client does with it.
 
+mod call;
+mod episode;
+pub(crate) mod program;
+pub(crate) mod raw;
+
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 use std::time::Duration;
 
-use reqwest::{Client, Method, RequestBuilder, StatusCode};
-use serde_json::{Value, json};
-use swarmbench::clock::{Clock, ManualClock, SeededEntropy, SystemClock};
+use reqwest::{Client, Method};
+use serde_json::Value;
+use swarmbench::clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use swarmbench::host::ManualDisk;
 use swarmbench::http::auth::Access;
 use swarmbench::http::limits::Limits;
-use swarmbench::journal::{Entry, Journal};
+use swarmbench::journal::{Entry, Journal as _};
 use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::Store;
@@ -19,6 +24,9 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+
+pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
+pub(crate) use self::episode::{Episode, game, verified};
 
 /// Nothing takes this long; a test that hangs is to fail.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
@@ -309,6 +317,7 @@ impl TestApp {
     pub(crate) async fn tamper(&self, statement: &'static str) {
         let mut database = self.other_program().await;
         sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
+        sqlx::Connection::close(database).await.expect("it closes");
     }
 
     /// Another program's connection to the database.
@@ -341,239 +350,4 @@ impl TestApp {
     pub(crate) fn delete(&self, path: &str) -> Call {
         self.call(Method::DELETE, path)
     }
-
-    pub(crate) async fn create(&self, request: Value) -> Episode {
-        Episode::of(&self.post("/api/v1/episodes").json(&request).ok().await)
-    }
-
-    /// The current observation of a seat.
-    pub(crate) async fn obs(&self, token: &str) -> Value {
-        self.get("/obs").token(token).ok().await
-    }
-
-    /// The observation of a seat once the round is past `round`.
-    pub(crate) async fn obs_after(&self, token: &str, round: u64) -> Value {
-        let seen = self.get(&format!("/obs?after={round}&wait=60")).token(token).ok().await;
-        assert!(seen["round"].as_u64() > Some(round) || seen["result"].is_object(), "{seen}");
-        seen
-    }
-
-    /// Acts for a seat.
-    pub(crate) async fn act(&self, token: &str, act: &Value) -> Value {
-        self.post("/act").token(token).json(act).ok().await
-    }
-
-    /// The observations that wait for an act.
-    pub(crate) async fn swarm_obs(&self, episode: &Episode) -> Vec<Value> {
-        list(&self.get("/swarm/obs?limit=1024").token(&episode.swarm).ok().await["observations"])
-    }
-
-    /// Acts for several seats.
-    pub(crate) async fn swarm_act(&self, episode: &Episode, acts: &[Value]) -> Vec<Value> {
-        let body = json!({ "acts": acts });
-        list(&self.post("/swarm/act").token(&episode.swarm).json(&body).ok().await["receipts"])
-    }
-
-    /// All seats that wait for an act do the same; returns the round that they answered.
-    pub(crate) async fn all_act(&self, episode: &Episode, action: &str) -> u64 {
-        let seen = self.swarm_obs(episode).await;
-        let round = seen.first().expect("a seat that waits")["round"].as_u64().expect("a number");
-        let act = |seen: &Value| episode.act(&seen["agent"], round, action);
-        let acts: Vec<Value> = seen.iter().map(act).collect();
-        for receipt in self.swarm_act(episode, &acts).await {
-            assert_eq!(receipt["duplicate"], false, "{receipt}");
-        }
-        round
-    }
-
-    pub(crate) async fn show(&self, episode: &Episode) -> Value {
-        self.get(&episode.path("")).token(&episode.swarm).ok().await
-    }
-
-    pub(crate) async fn state(&self, episode: &Episode) -> Value {
-        self.get(&episode.path("/state")).token(&episode.swarm).ok().await
-    }
-
-    pub(crate) async fn journal(&self, episode: &Episode) -> String {
-        let answer = self.get(&episode.path("/journal")).token(&episode.swarm).send().await;
-        assert_eq!(answer.status, 200, "{}", answer.text());
-        answer.text()
-    }
-}
-
-/// An episode as it was created.
-#[derive(Clone, Debug)]
-pub(crate) struct Episode {
-    pub(crate) id: String,
-    pub(crate) swarm: String,
-    pub(crate) config: Value,
-    /// The tokens of the agents, in order.
-    seats: Vec<String>,
-}
-
-impl Episode {
-    pub(crate) fn of(created: &Value) -> Self {
-        let text = |value: &Value| value.as_str().expect("a text").to_owned();
-        let seats = list(&created["seats"]);
-        for (number, seat) in seats.iter().enumerate() {
-            assert_eq!(seat["agent"], format!("Agent_{number}"));
-        }
-        Self {
-            id: text(&created["id"]),
-            swarm: text(&created["swarm_token"]),
-            config: created["config"].clone(),
-            seats: seats.iter().map(|seat| text(&seat["token"])).collect(),
-        }
-    }
-
-    /// The token of an agent.
-    pub(crate) fn seat(&self, number: usize) -> &str {
-        &self.seats[number]
-    }
-
-    pub(crate) fn seats(&self) -> impl Iterator<Item = &str> {
-        self.seats.iter().map(String::as_str)
-    }
-
-    pub(crate) fn path(&self, rest: &str) -> String {
-        format!("/api/v1/episodes/{}{rest}", self.id)
-    }
-
-    /// An act for one of several seats.
-    pub(crate) fn act(&self, agent: &Value, round: u64, action: &str) -> Value {
-        json!({ "episode": self.id, "agent": agent, "round": round, "action": action })
-    }
-}
-
-/// A request on its way.
-pub(crate) struct Call(RequestBuilder);
-
-impl Call {
-    pub(crate) fn token(self, token: &str) -> Self {
-        Self(self.0.bearer_auth(token))
-    }
-
-    pub(crate) fn header(self, name: &str, value: &str) -> Self {
-        Self(self.0.header(name, value))
-    }
-
-    pub(crate) fn json(self, body: &Value) -> Self {
-        Self(self.0.json(body))
-    }
-
-    /// A body that says that it is JSON.
-    pub(crate) fn body(self, body: impl Into<Vec<u8>>) -> Self {
-        Self(self.0.header("content-type", "application/json").body(body.into()))
-    }
-
-    /// The answer before its body has come.
-    pub(crate) async fn open(self) -> reqwest::Response {
-        self.0.send().await.expect("an answer")
-    }
-
-    pub(crate) async fn send(self) -> Answer {
-        Answer::of(self.open().await).await
-    }
-
-    /// The body of an answer that is no error.
-    pub(crate) async fn ok(self) -> Value {
-        let answer = self.send().await;
-        let good = [StatusCode::OK, StatusCode::CREATED].map(|status| status.as_u16());
-        assert!(good.contains(&answer.status), "{} {}", answer.status, answer.text());
-        answer.json()
-    }
-
-    /// The problem that is expected; the OpenAPI document must have announced it.
-    pub(crate) async fn problem(self, status: u16, code: &str) -> Value {
-        let (client, request) = self.0.build_split();
-        let request = request.expect("a request");
-        let (method, path) = (request.method().clone(), request.url().path().to_owned());
-        let answer = Answer::of(client.execute(request).await.expect("an answer")).await;
-        assert_eq!(answer.header("content-type"), "application/problem+json", "{}", answer.text());
-        let problem = answer.json();
-        check_problem(&problem, status, code);
-        assert_eq!(answer.status, status, "{problem}");
-        if let Some(said) = announced(&method, &path, status) {
-            assert!(said.contains(&format!("`{code}`")), "{method} {path} {status}: {said:?}");
-        }
-        problem
-    }
-}
-
-/// The OpenAPI document.
-pub(crate) static DOCUMENT: LazyLock<Value> =
-    LazyLock::new(|| serde_json::from_str(&swarmbench::http::openapi::document()).expect("JSON"));
-
-/// What the OpenAPI document says of a status of a route; none where it has no such route.
-fn announced(method: &Method, path: &str, status: u16) -> Option<String> {
-    let fits = |route: &str| {
-        let same = |(part, sent): (&str, &str)| part.starts_with('{') || part == sent;
-        let count = |text: &str| text.split('/').count();
-        count(route) == count(path) && route.split('/').zip(path.split('/')).all(same)
-    };
-    let paths = DOCUMENT["paths"].as_object().expect("paths");
-    let (_, item) = paths.iter().find(|(route, _)| fits(route))?;
-    let operation = item.get(method.as_str().to_lowercase())?;
-    let said = operation["responses"][status.to_string()]["description"].as_str();
-    Some(said.unwrap_or("nothing").to_owned())
-}
-
-/// Checks that a problem has all members that every problem has.
-pub(crate) fn check_problem(problem: &Value, status: u16, code: &str) {
-    assert_eq!(problem["code"], code, "{problem}");
-    assert_eq!(problem["status"], status, "{problem}");
-    assert_eq!(problem["type"], format!("urn:swarmbench:problem:{code}"), "{problem}");
-    for member in ["title", "detail"] {
-        assert!(problem[member].as_str().is_some_and(|text| !text.is_empty()), "{problem}");
-    }
-}
-
-/// The fields that a problem names.
-pub(crate) fn fields(problem: &Value) -> Vec<String> {
-    let name = |field: &Value| field["field"].as_str().expect("a name").to_owned();
-    list(&problem["fields"]).iter().map(name).collect()
-}
-
-/// An answer.
-pub(crate) struct Answer {
-    pub(crate) status: u16,
-    headers: reqwest::header::HeaderMap,
-    pub(crate) body: Vec<u8>,
-}
-
-impl Answer {
-    async fn of(response: reqwest::Response) -> Self {
-        let (status, headers) = (response.status().as_u16(), response.headers().clone());
-        let body = response.bytes().await.expect("a whole body").to_vec();
-        Self { status, headers, body }
-    }
-
-    /// An answer whose body does not end.
-    pub(crate) fn without_body(response: &reqwest::Response) -> Self {
-        let (status, headers) = (response.status().as_u16(), response.headers().clone());
-        Self { status, headers, body: Vec::new() }
-    }
-
-    pub(crate) fn header(&self, name: &str) -> &str {
-        self.headers.get(name).map_or("", |value| value.to_str().expect("ASCII"))
-    }
-
-    pub(crate) fn text(&self) -> String {
-        String::from_utf8(self.body.clone()).expect("UTF-8")
-    }
-
-    pub(crate) fn json(&self) -> Value {
-        serde_json::from_slice(&self.body)
-            .unwrap_or_else(|error| panic!("{error}: {}", self.text()))
-    }
-}
-
-/// The items of a list.
-pub(crate) fn list(value: &Value) -> Vec<Value> {
-    value.as_array().unwrap_or_else(|| panic!("not a list: {value}")).clone()
-}
-
-/// A number of a kind that JSON has only one of.
-pub(crate) fn number(value: &Value) -> u64 {
-    value.as_u64().unwrap_or_else(|| panic!("not a whole number: {value}"))
 }

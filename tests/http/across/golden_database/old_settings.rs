@@ -56,7 +56,7 @@ async fn prove(app: &TestApp, episode: &str) {
     fs::write(&file, &journal.body).expect("written");
     let head = text(&shown["result"]["journal_head"]);
     let output = swarmbench(&["verify", &file.display().to_string(), "--head", &head]).await;
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     for round in 0..=number(&shown["round"]) {
         let path = format!("{path}/state?round={round}");
         let state = app.get(&path).token(&app.organizer).ok().await;
