@@ -11,6 +11,8 @@ mod corners;
 mod cup;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
+#[path = "../support/game.rs"]
+mod game;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
 mod oracle;
 

@@ -56,13 +56,7 @@ async fn a_client_behind_a_proxy_that_has_most_places_makes_room_for_another() {
         .await;
     let episode = playing(&app).await;
     let mut waiting = Raw::open(&app).await;
-    let token = episode.seat(0);
-    waiting
-        .send(&format!(
-            "GET /obs?after=0&wait=60 HTTP/1.1\r\nHost: test\r\nX-Forwarded-For: 192.0.2.2\r\n\
-             Authorization: Bearer {token}\r\n\r\n"
-        ))
-        .await;
+    waiting.wait_for_round(&episode, "X-Forwarded-For: 192.0.2.2\r\n").await;
     let mut greedy = Vec::new();
     for _ in 0..5 {
         let mut one = Raw::open(&app).await;

@@ -105,12 +105,7 @@ async fn a_long_poll_waits_for_longer_than_anything_else_may_take() {
         .await;
     let episode = playing(&app).await;
     let mut waiting = Raw::open(&app).await;
-    let token = episode.seat(0);
-    waiting
-        .send(&format!(
-            "GET /obs?after=0&wait=60 HTTP/1.1\r\nHost: test\r\nAuthorization: Bearer {token}\r\n\r\n"
-        ))
-        .await;
+    waiting.wait_for_round(&episode, "").await;
     for _ in 0..3 {
         outlast_a_head(&app).await;
     }

@@ -11,6 +11,8 @@ mod clients;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 mod executor;
+#[path = "../support/game.rs"]
+mod game;
 mod journal;
 mod run;
 mod time;

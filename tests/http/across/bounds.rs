@@ -295,6 +295,15 @@ async fn talk(app: &TestApp, episode: &Episode, round: u64) {
     }
 }
 
+/// A game with these settings in which everybody has talked for some rounds.
+async fn talkative(app: &TestApp, settings: &Settings, rounds: u64) -> Episode {
+    let episode = app.create(request(settings)).await;
+    for round in 0..rounds {
+        talk(app, &episode, round).await;
+    }
+    episode
+}
+
 /// Asks once; the bytes of the answer, which are no more than an answer has.
 async fn bytes(app: &TestApp, path: &str, token: &str) -> usize {
     let mut answer = app.get(path).token(token).send().await;
@@ -327,11 +336,8 @@ async fn the_dearest_requests_of_new_games_stay_within_their_bounds() {
     let app = TestApp::start().await;
     let mut most = [0; 3];
     for settings in &*DEAREST {
-        let episode = app.create(request(settings)).await;
         let rounds = settings.memory.clamp(1, 2).unsigned_abs();
-        for round in 0..rounds {
-            talk(&app, &episode, round).await;
-        }
+        let episode = talkative(&app, settings, rounds).await;
         let case = format!("{settings:?}");
         let last = episode.seats().count() - 1;
         for seat in [episode.seat(0), episode.seat(last)] {
@@ -389,8 +395,7 @@ async fn dearest_requests_are_measured() {
     let app = TestApp::start().await;
     println!("{:>9} {:>8} {:>9}  request", "bytes", "wall ms", "block ms");
     for settings in &*DEAREST {
-        let episode = app.create(request(settings)).await;
-        talk(&app, &episode, 0).await;
+        let episode = talkative(&app, settings, 1).await;
         let Settings { task, control, num_agents, view_size, memory, width, .. } = settings;
         let case = format!("{task} {control} {num_agents} × {view_size} × {memory} on {width}²");
         let (swarm, seat) = (episode.swarm.clone(), episode.seat(0).to_owned());

@@ -1,4 +1,4 @@
-//! A connection of which the test sends and reads every byte.
+//! HTTP byte by byte, for clients that are slow or wrong.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use tokio::time::timeout;
 
 use super::{Episode, PATIENCE, TestApp};
 
-/// A connection of which the test holds every byte in its hands.
+/// A connection whose bytes the test sends and reads itself.
 pub(crate) struct Raw {
     stream: TcpStream,
     /// What was received and not read yet.
@@ -39,6 +39,15 @@ impl Raw {
 
     pub(crate) async fn send(&mut self, text: &str) {
         self.stream.write_all(text.as_bytes()).await.expect("it is open");
+    }
+
+    /// Asks for the observation after the first round, which it waits for.
+    pub(crate) async fn wait_for_round(&mut self, episode: &Episode, headers: &str) {
+        let token = episode.seat(0);
+        self.send(&format!(
+            "GET /obs?after=0&wait=60 HTTP/1.1\r\nHost: test\r\nAuthorization: Bearer {token}\r\n{headers}\r\n"
+        ))
+        .await;
     }
 
     pub(crate) async fn get(&mut self, path: &str) -> RawAnswer {
