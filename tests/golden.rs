@@ -150,7 +150,7 @@ fn every_revision_holds_all_tasks_and_whatever_else_decides_a_score() {
     }
 }
 
-/// Without this, a test that passes whatever the files hold would look the same.
+/// Without this, a test that accepts any file would look the same.
 #[test]
 fn a_changed_byte_fails() {
     for golden in (1..=RULES_REVISION).flat_map(golden) {

@@ -30,7 +30,7 @@ use swarmbench::work::Workers;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 use tempfile::TempDir;
 
-/// Nothing takes this long; a test that hangs is to fail.
+/// Longer than anything takes, so that a test that hangs fails.
 const PATIENCE: Duration = Duration::from_mins(1);
 
 /// A journal that panics in the actor, or never answers for one episode.
@@ -267,7 +267,7 @@ async fn an_episode_that_cannot_be_read_delays_no_other() {
 }
 
 #[tokio::test]
-async fn a_group_leaves_memory_to_others_and_what_runs_is_taken_up_whatever_is_free() {
+async fn a_group_leaves_memory_to_others_and_running_games_are_recovered_in_any_case() {
     let bench = Bench::new(Budget::new(4 << 20, 100)).await;
     let (count, refused) = bench.fill(1).await;
     assert!(matches!(refused, CreateError::NoMemory(NoMemory::Share { percent: 100, .. })));

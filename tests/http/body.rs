@@ -7,7 +7,7 @@ use serde_json::json;
 use crate::app::{TestApp, game};
 
 #[tokio::test]
-async fn many_large_bodies_at_once_are_told_to_come_again() {
+async fn too_many_large_bodies_at_once_are_refused() {
     let app = TestApp::builder().limits(|limits| limits.bodies_bytes_max = 10_000).start().await;
     let episode = app.create(game(2, 50)).await;
     let act =

@@ -46,7 +46,7 @@ async fn until_status(app: &TestApp, path: &str, status: &str) {
 }
 
 #[tokio::test]
-async fn a_step_back_limits_nobody_s_rate() {
+async fn a_step_back_changes_no_rate_limit() {
     let app = TestApp::builder()
         .manual_clock()
         .keys()
@@ -94,7 +94,7 @@ async fn an_hour_back_leaves_a_clock_of_20_seconds() {
 }
 
 #[tokio::test]
-async fn time_in_which_the_process_is_stopped_is_nobody_s() {
+async fn time_in_which_the_process_is_stopped_costs_no_seat_anything() {
     let app = server().await;
     let request = json!({
         "task": "Synchronization", "seed": 1, "num_agents": 2, "max_round": 9,

@@ -493,7 +493,7 @@ async fn a_run_is_exported_by_its_id() {
 }
 
 #[tokio::test]
-async fn only_so_many_exports_are_made_at_once() {
+async fn exports_at_once_are_limited() {
     let app = TestApp::builder().limits(|limits| limits.exports_open_max = 0).start().await;
     let problem = app.get("/api/v1/exports/acts.jsonl").problem(503, "overloaded").await;
     assert_eq!(problem["limit"]["name"], "exports_open_max");
@@ -506,7 +506,7 @@ async fn only_so_many_exports_are_made_at_once() {
 
 /// An episode whose journal was changed is left out and named; the others are whole.
 #[tokio::test]
-async fn what_does_not_play_again_is_left_out() {
+async fn a_game_that_does_not_replay_is_left_out() {
     let mut app = TestApp::start().await;
     let sound = play(&app, request("Pursuit")).await;
     let broken = play(&app, request("Foraging")).await;

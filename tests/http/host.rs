@@ -13,7 +13,7 @@ async fn a_server_says_that_it_lives_and_is_ready() {
     }
 }
 
-/// The sum of all series of a metric; none where it has no series.
+/// The sum of all series of a metric, if it has any.
 fn total(metrics: &str, name: &str) -> Option<f64> {
     let series = metrics
         .lines()

@@ -8,7 +8,7 @@ use crate::exports::{TASKS, dataset, open, play, request, unpack};
 
 /// Plays, exports, imports into a fresh database: the same scores, and the same grids in every round.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn games_go_around() {
+async fn exported_games_are_imported_with_the_same_scores_and_grids() {
     let app = TestApp::start().await;
     let mut all = Vec::new();
     for task in TASKS {
@@ -123,7 +123,7 @@ async fn with_an_import(private: bool) -> (TestApp, String) {
 }
 
 #[tokio::test]
-async fn imported_games_are_as_public_as_what_is_over() {
+async fn imported_games_are_as_public_as_games_that_have_ended() {
     for private in [false, true] {
         let (app, id) = with_an_import(private).await;
         let (member, _) = app.key(json!({ "name": "member" })).await;

@@ -7,7 +7,7 @@ use crate::app::raw::{Raw, playing, was_cut};
 use crate::app::{PATIENCE, TestApp, check_problem};
 
 #[tokio::test]
-async fn beyond_the_last_place_a_client_is_told_so_at_once() {
+async fn a_connection_beyond_the_limit_is_refused_at_once() {
     // One place is for the test's own client.
     let app = TestApp::builder().limits(|limits| limits.connections_max = 3).start().await;
     let (mut first, mut second) = (Raw::open(&app).await, Raw::open(&app).await);

@@ -6,7 +6,7 @@ use tokio::net::{TcpSocket, TcpStream};
 
 use crate::app::{Episode, TestApp, list, verified};
 
-/// Plays rounds in which each seat tells a long story.
+/// Plays rounds in which each seat sends a long text.
 async fn talk(app: &TestApp, episode: &Episode, rounds: u64, bytes: usize) {
     for round in 0..rounds {
         for (number, token) in episode.seats().enumerate() {
@@ -89,7 +89,7 @@ async fn slow_readers_keep_nobody_from_journals_and_exports() {
 }
 
 #[tokio::test]
-async fn open_exports_and_event_streams_have_places_by_party() {
+async fn open_exports_and_event_streams_are_limited_by_party() {
     let app = TestApp::builder()
         .limits(|limits| {
             limits.exports_open_per_party_max = 1;

@@ -1,4 +1,4 @@
-//! What must hold, whatever happens. The checker plays every episode again from what is durable, by
+//! What must hold in every run. The checker plays every episode again from what is durable, by
 //! the rules and with the engine alone, and compares that with all that the server hands over, shows
 //! and answers.
 
@@ -607,7 +607,7 @@ impl Checker {
     }
 }
 
-/// Whether acts that arrived hold one for this seat that is taken whatever was used.
+/// Whether acts that arrived include one of this seat that fits into any quota.
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {

@@ -60,7 +60,7 @@ pub(crate) enum Request {
     Start,
     /// The end.
     Abort,
-    /// The state after so many rounds.
+    /// The state after a number of rounds.
     State(u32),
 }
 
@@ -88,7 +88,7 @@ pub(crate) enum Answer {
     Claimed(Wanted, Result<Claimed, ClaimError>),
     Started(Result<(), StartError>),
     Aborted(Result<(), JournalError>),
-    /// The digest of the state after so many rounds.
+    /// The digest of the state after a number of rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
 }
 

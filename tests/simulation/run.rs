@@ -31,7 +31,7 @@ use crate::executor::{Executor, TaskId};
 use crate::journal::MemoryJournal;
 use crate::time::{ServerClock, SimClock};
 
-/// No run takes so many steps.
+/// More steps than any run takes.
 const STEPS_MAX: usize = 20_000;
 
 /// No game has more rounds.

@@ -118,7 +118,7 @@ struct Stage {
     mixed: bool,
 }
 
-/// The status that says no; none where the token is good for the route.
+/// The status of the refusal, if the route refuses the token.
 fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
     // A seat claimed elsewhere gives no rights here.
     let claimed = stage.mixed && matches!(kind, ClaimedSeat | ClaimedSwarm);

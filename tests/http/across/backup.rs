@@ -61,7 +61,7 @@ impl Player {
         Self { episode, receipts, stop, task }
     }
 
-    /// Waits until so many more acts were acknowledged.
+    /// Waits for more acknowledged acts.
     async fn plays(&mut self, more: usize) {
         let enough = self.receipts.borrow().len() + more;
         let played = self.receipts.wait_for(|receipts| receipts.len() >= enough).await;
@@ -172,7 +172,7 @@ async fn a_backup_says_what_it_holds_and_replaces_only_what_was_broken_off() {
 }
 
 #[tokio::test]
-async fn what_is_no_database_is_not_backed_up() {
+async fn only_a_database_is_backed_up() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     let said = refusal(&path("no-such.db"), &path("backup.db")).await;

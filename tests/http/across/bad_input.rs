@@ -1,4 +1,4 @@
-//! Whatever is wrong with a request: it gets the documented error, and changes nothing.
+//! A wrong request gets the documented error and changes nothing.
 
 use rstest::rstest;
 use serde_json::{Value, json};
@@ -61,7 +61,7 @@ mod bodies {
     #[case::half_a_surrogate(br#"{"round": 1, "action": "\ud800"}"#)]
     #[case::byte_order_mark(b"\xef\xbb\xbf{}")]
     #[tokio::test]
-    async fn what_is_no_json_is_malformed(
+    async fn a_body_that_is_no_json_is_malformed(
         #[values("/act", "/swarm/act", "/api/v1/episodes")] route: &str,
         #[case] body: &[u8],
     ) {
@@ -92,7 +92,7 @@ mod bodies {
     #[case(json!(null))]
     #[case(json!(1))]
     #[tokio::test]
-    async fn what_is_no_object_is_invalid(
+    async fn a_body_that_is_no_object_is_invalid(
         #[values("/act", "/swarm/act", "/api/v1/episodes")] route: &str,
         #[case] body: Value,
     ) {
@@ -225,7 +225,7 @@ mod tokens {
     #[case::basic("Basic c2VhdDpzZWF0")]
     #[case::long(&"x".repeat(4000))]
     #[tokio::test]
-    async fn a_token_that_is_none_is_unknown(
+    async fn a_text_that_is_no_token_is_unknown(
         #[values(SEAT[0], SEAT[1], SWARM[0], SWARM[1], "GET /api/v1/episodes")] route: &str,
         #[case] header: &str,
     ) {

@@ -319,8 +319,8 @@ async fn bytes(app: &TestApp, path: &str, token: &str) -> usize {
     answer.body.len()
 }
 
-/// Of all looks of this process: those of which so many cells or fewer were written on async threads, and all
-/// of which some were.
+/// Of the looks of this process that wrote cells on async threads: how many wrote at most `cells` there, and how
+/// many there were.
 async fn looks_on_async_threads(app: &TestApp, cells: &str) -> (u64, u64) {
     let metrics = app.get("/metrics").send().await.text();
     let value = |series: String| {
@@ -365,7 +365,7 @@ async fn the_dearest_requests_of_new_games_stay_within_their_bounds() {
 
 /// Quotes take two bytes in an answer, and other characters six.
 #[tokio::test]
-async fn the_longest_prompts_of_ones_own_fit_into_an_answer() {
+async fn the_longest_prompts_of_own_templates_fit_into_an_answer() {
     let app = TestApp::start().await;
     let by_window = |settings: &&Settings| window(settings);
     let settings = DEAREST.iter().max_by_key(by_window).expect("a corner");

@@ -234,7 +234,7 @@ mod idle {
     }
 
     #[tokio::test]
-    async fn one_that_was_never_started_is_abandoned_too() {
+    async fn an_episode_that_was_never_started_is_abandoned_too() {
         let app = TestApp::with_manual_clock().await;
         let mut request = request();
         request["start"] = json!("manual");

@@ -172,7 +172,7 @@ async fn a_changed_byte_is_found_wherever_something_follows_from_it() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn damage_is_told_with_what_it_is_and_the_command_fails() {
+async fn damage_is_named_and_the_command_fails() {
     let app = TestApp::start().await;
     let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 1 });
     let mut games = Vec::new();

@@ -1,4 +1,4 @@
-//! A seat that sends more than it needs delays nobody but itself.
+//! A seat that floods the server delays only itself.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -76,7 +76,7 @@ async fn a_flood_of_one_seat_is_refused_to_that_seat_alone() {
 }
 
 #[tokio::test]
-async fn one_call_may_hold_as_many_acts_as_ever() {
+async fn one_call_may_hold_1024_acts_of_one_seat() {
     let app = TestApp::start().await;
     let request = json!({ "task": "Synchronization", "num_agents": 2, "max_round": 5 });
     let episode = app.create(request).await;

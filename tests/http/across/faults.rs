@@ -71,7 +71,7 @@ async fn an_entry_that_the_database_refuses_fails_alone() {
 }
 
 #[tokio::test]
-async fn whoever_waits_at_an_episode_that_failed_is_answered() {
+async fn requests_that_wait_for_a_failed_episode_are_answered() {
     let app = TestApp::builder().manual_clock().start().await;
     let episode = app.create(request(2)).await;
     app.tamper(REFUSE).await;

@@ -130,7 +130,7 @@ fn text(value: &Value) -> String {
     value.as_str().unwrap_or_else(|| panic!("not a text: {value}")).to_owned()
 }
 
-/// The time in so many minutes.
+/// The time `minutes` from now.
 fn at(app: &TestApp, minutes: i64) -> String {
     (app.now() + jiff::SignedDuration::from_mins(minutes)).to_string()
 }

@@ -26,7 +26,7 @@ pub(crate) async fn until_in_memory(app: &TestApp, expected: u64) {
 }
 
 #[tokio::test]
-async fn episodes_that_nobody_asks_for_leave_memory_and_come_back() {
+async fn idle_episodes_are_evicted_and_recovered() {
     let app = TestApp::with_manual_clock().await;
     let episode = app.create(game(2, 50)).await;
     app.all_act(&episode, "SWITCH").await;
@@ -95,7 +95,7 @@ fn large() -> Value {
 }
 
 #[tokio::test]
-async fn idle_worlds_leave_memory_when_others_need_it_and_come_back() {
+async fn idle_worlds_are_evicted_for_others_and_recovered() {
     let app = TestApp::builder()
         .manual_clock()
         .limits(|limits| limits.memory_bytes_max = 2_000_000)

@@ -70,7 +70,7 @@ impl Played {
         [one, Self::create(app, request, &claims, game).await]
     }
 
-    /// Creates an episode of which others claim so many seats, one after the other.
+    /// Creates an episode with open seats, which others claim one after the other.
     async fn create(app: &TestApp, mut request: Value, claims: &[usize], game: Game) -> Self {
         request["open_seats"] = json!(claims.iter().sum::<usize>());
         let episode = app.create(request).await;

@@ -1,4 +1,4 @@
-//! A server that is stopped, or falls over, and started again over the same database.
+//! A server that stops or crashes, and is started again on the same database.
 
 use serde_json::{Value, json};
 use swarmbench::server::Server;
@@ -96,7 +96,7 @@ async fn a_second_server_on_the_same_database_is_refused_by_name() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_stopped_server_lets_go_of_its_database_at_once() {
+async fn a_stopped_server_releases_its_database_at_once() {
     let mut app = TestApp::start().await;
     let mut episodes = Vec::new();
     for _ in 0..20 {

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use crate::app::{DOCUMENT, TestApp, list};
 use crate::cup::{Attempt, Cup, server};
 
-/// Everything that was logged since the first of these tests began, by whatever test.
+/// The log of all tests of this process, since the first of these began.
 static LOG: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
 fn log() -> MutexGuard<'static, Vec<u8>> {

@@ -139,7 +139,7 @@ async fn long_acts_come_at_a_pace_and_short_ones_always() {
 }
 
 #[tokio::test]
-async fn an_address_enters_so_often_an_hour() {
+async fn entries_an_hour_are_limited_by_address() {
     let app = TestApp::builder()
         .manual_clock()
         .keys()
@@ -166,7 +166,7 @@ async fn an_address_enters_so_often_an_hour() {
 }
 
 #[tokio::test]
-async fn whoever_was_excluded_leaves_a_place_and_no_name() {
+async fn an_excluded_entrant_frees_its_place_but_not_its_name() {
     let builder = TestApp::builder().manual_clock().keys();
     let mut app = builder.limits(|limits| limits.entrants_max = 2).start().await;
     let cup = Cup::with(&app, json!({})).await;
@@ -187,7 +187,7 @@ async fn whoever_was_excluded_leaves_a_place_and_no_name() {
 }
 
 #[tokio::test]
-async fn an_address_behind_a_proxy_has_so_many_requests_at_once() {
+async fn requests_at_once_are_limited_by_address_behind_a_proxy() {
     let app = TestApp::builder()
         .limits(|limits| limits.requests_per_address_max = 1)
         .access(forwarded)

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use reqwest::{Method, RequestBuilder, StatusCode};
 use serde_json::Value;
 
-/// A request on its way.
+/// A request that is being built.
 pub(crate) struct Call(pub(super) RequestBuilder);
 
 impl Call {
@@ -64,7 +64,7 @@ impl Call {
 pub(crate) static DOCUMENT: LazyLock<Value> =
     LazyLock::new(|| serde_json::from_str(&swarmbench::http::openapi::document()).expect("JSON"));
 
-/// What the OpenAPI document says of a status of a route; none where it has no such route.
+/// The description of a status of a route in the OpenAPI document, if it has the route.
 fn announced(method: &Method, path: &str, status: u16) -> Option<String> {
     let fits = |route: &str| {
         let same = |(part, sent): (&str, &str)| part.starts_with('{') || part == sent;
@@ -94,7 +94,6 @@ pub(crate) fn fields(problem: &Value) -> Vec<String> {
     list(&problem["fields"]).iter().map(name).collect()
 }
 
-/// An answer.
 pub(crate) struct Answer {
     pub(crate) status: u16,
     headers: reqwest::header::HeaderMap,

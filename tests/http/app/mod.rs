@@ -28,7 +28,7 @@ use tokio::task::JoinHandle;
 pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
 pub(crate) use self::episode::{Episode, game, verified};
 
-/// Nothing takes this long; a test that hangs is to fail.
+/// Longer than anything takes, so that a test that hangs fails.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
 
 /// How a server is started.

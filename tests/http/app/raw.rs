@@ -62,7 +62,7 @@ impl Raw {
         received.expect("it goes on, or is closed").is_ok_and(|count| count > 0)
     }
 
-    /// The next answer; none where the connection is closed before its end.
+    /// The next answer, if it is complete before the connection is closed.
     pub(crate) async fn answer(&mut self) -> Option<RawAnswer> {
         let end = loop {
             if let Some(at) = self.received.windows(4).position(|four| four == b"\r\n\r\n") {
@@ -113,7 +113,7 @@ pub(crate) async fn playing(app: &TestApp) -> Episode {
     app.create(request).await
 }
 
-/// The head of a request that acts, with a body of so many bytes.
+/// The head of a request that acts, with a body of `length` bytes.
 pub(crate) fn act_head(episode: &Episode, length: usize) -> String {
     let token = episode.seat(0);
     format!(

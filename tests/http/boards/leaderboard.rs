@@ -152,7 +152,7 @@ async fn pages_are_parts_of_the_whole() {
     assert_eq!(found, whole);
 }
 
-/// Games on other settings, or by other rules, are never on one board, whatever the suite is called.
+/// Games with other settings or rules have a board of their own, even if their suites share a name.
 #[tokio::test]
 async fn suites_of_one_name_and_other_settings_are_kept_apart() {
     let mut app = played().await;

@@ -1,4 +1,4 @@
-//! The published file of a competition: true, or found out.
+//! The published file of a competition verifies, and every change of it is found.
 
 use serde_json::{Value, json};
 use swarmbench::competition::export::{Line, Writer};

@@ -8,7 +8,7 @@ use crate::app::{fields, number};
 use crate::cup::{Attempt, Cup, server};
 
 #[tokio::test]
-async fn an_attempt_that_the_host_broke_may_be_played_again_on_the_same_seeds() {
+async fn a_voided_attempt_may_be_played_again_on_the_same_seeds() {
     let app = server().await;
     let cup = Cup::open(&app, json!({ "attempts": 1, "parallel": 4 })).await;
     let blue = cup.enter(&app, "blue").await;

@@ -57,7 +57,7 @@ async fn all(app: &TestApp, episode: &Episode, query: &str, last: Option<&str>) 
 }
 
 #[tokio::test]
-async fn every_round_is_told_while_it_happens_and_then_the_end() {
+async fn the_stream_has_every_round_when_it_happens_and_then_the_end() {
     let app = TestApp::with_manual_clock().await;
     let episode = app.create(request(2, 4)).await;
     app.all_act(&episode, "SWITCH").await;
@@ -124,7 +124,7 @@ async fn an_open_stream_ends_when_the_server_stops() {
 }
 
 #[tokio::test]
-async fn an_aborted_episode_is_told_as_its_end() {
+async fn the_stream_of_an_aborted_episode_has_only_its_end() {
     let app = TestApp::start().await;
     let episode = app.create(request(2, 3)).await;
     let listening = app.get(&episode.path("/events")).open().await;

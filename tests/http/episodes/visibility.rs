@@ -41,7 +41,7 @@ async fn statuses(app: &TestApp, episode: &Episode, stranger: &Episode, who: Who
 #[case("owner", Who::Seat, [200, 403, 403, 403])]
 #[case("owner", Who::Stranger, [404, 404, 404, 404])]
 #[tokio::test]
-async fn until_the_end_it_says_who_reads_and_afterwards_all_do(
+async fn visibility_limits_who_reads_until_the_end(
     #[case] visibility: &str,
     #[case] who: Who,
     #[case] expected: [u16; 4],

@@ -8,7 +8,7 @@ use super::{create, play, show, small, text, with};
 use crate::app::{TestApp, number};
 
 #[tokio::test]
-async fn who_watches_is_told_of_every_game_and_of_the_end() {
+async fn the_stream_of_a_run_has_every_game_and_the_end() {
     let app = TestApp::start().await;
     let run = create(&app, with(small(), &json!({ "parallel": 1 }))).await;
     let events = app.get(&run.path("/events")).token(&run.token).send();

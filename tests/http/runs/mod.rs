@@ -81,7 +81,7 @@ fn text<'a>(value: &'a Value, field: &str) -> &'a str {
     value[field].as_str().unwrap_or_else(|| panic!("{field} is no text: {value}"))
 }
 
-/// What everybody does who has nothing better to do.
+/// The act of a seat that only stays where it is.
 fn stay(observation: &Value) -> Value {
     json!({
         "episode": observation["episode"], "agent": observation["agent"],
@@ -134,7 +134,7 @@ async fn play_game(app: &TestApp, run: &Run, episode: &str) {
     }
 }
 
-/// Waits until the run stands so that `is` holds, by its events.
+/// Asks until `is` holds for the run.
 async fn until(app: &TestApp, run: &Run, is: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..10_000 {
         let shown = show(app, run).await;
@@ -145,7 +145,7 @@ async fn until(app: &TestApp, run: &Run, is: impl Fn(&Value) -> bool) -> Value {
     panic!("it does not come: {}", show(app, run).await);
 }
 
-/// A number beside what is stored.
+/// The number that a query finds in the database.
 async fn stored(app: &TestApp, query: &'static str) -> i64 {
     let mut database = app.other_program().await;
     sqlx::query_scalar(query).fetch_one(&mut database).await.expect("a number")

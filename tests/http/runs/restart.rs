@@ -40,7 +40,7 @@ async fn a_run_goes_on_after_a_stop() {
     assert_eq!((&result["status"], &result["played"]), (&json!("finished"), &json!(4)));
 }
 
-/// The process is gone at any moment of a run; whatever the disk holds then is played to the same end.
+/// After a crash at any moment of a run, what is on the disk is played to the same end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_crash_at_any_moment_leaves_nothing_double_or_forgotten() {
     let app = TestApp::start().await;
@@ -94,7 +94,7 @@ async fn a_crash_at_any_moment_leaves_nothing_double_or_forgotten() {
     0
 )]
 #[tokio::test]
-async fn what_was_left_half_done_is_done_at_the_start(
+async fn steps_that_a_crash_interrupted_are_done_at_the_start(
     #[case] change: &'static str,
     #[case] status: &str,
     #[case] running: usize,

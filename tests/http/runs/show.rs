@@ -89,7 +89,7 @@ async fn a_run_is_seen_like_its_episodes() {
 }
 
 #[tokio::test]
-async fn of_a_sealed_run_its_player_sees_only_that_it_is_there_and_how_far_it_is() {
+async fn the_player_of_a_sealed_run_sees_only_its_progress() {
     let mut app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let mut request = with(small(), &json!({ "parallel": 2 }));

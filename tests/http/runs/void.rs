@@ -11,7 +11,7 @@ async fn void(app: &TestApp, episode: &str, key: &str) -> Answer {
 }
 
 #[tokio::test]
-async fn what_the_host_broke_is_played_again() {
+async fn voided_games_are_played_again() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let request = with(small(), &json!({ "parallel": 2 }));

@@ -149,14 +149,14 @@ impl Checker {
         }
     }
 
-    /// The server could not keep something: that must be so.
+    /// A failure is reported only after a failed commit or a refused job.
     fn failure(&mut self, id: &EpisodeId, failed: bool, error: &JournalError) {
         self.stats.count("refused: unavailable", 1);
         let is_true = failed || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));
     }
 
-    /// The server is full: that must be so, or have been so since it was asked.
+    /// The server is full, or was at some moment since the request was sent.
     fn full(&mut self, full: Full, sent: &Sent) {
         self.stats.count("refused: full", 1);
         let (all, owned) = self.held();

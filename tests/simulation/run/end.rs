@@ -96,7 +96,7 @@ impl Run {
         }
     }
 
-    /// The last clients go away half-way. Then there are no requests, and hours pass.
+    /// The last clients go away before they are answered. Then there are no requests, and hours pass.
     fn fall_silent(&mut self) {
         if self.options.crashes > 0 {
             self.crash();
