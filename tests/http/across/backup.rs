@@ -13,7 +13,7 @@ use crate::app::{Episode, TestApp, number, verified};
 
 /// Runs `swarmbench backup` as its user does.
 async fn backup(db: &Path, file: &Path) -> Output {
-    let [db, file] = [db, file].map(|path| path.as_os_str());
+    let [db, file] = [db, file].map(Path::as_os_str);
     swarmbench(&["backup".as_ref(), "--db".as_ref(), db, file]).await
 }
 
