@@ -65,7 +65,10 @@ fn golden(revision: u32) -> Vec<Golden> {
 fn every_revision_has_its_journals_and_no_file_is_missing_or_extra() {
     let revisions: BTreeSet<String> = (1..=RULES_REVISION).map(|n| n.to_string()).collect();
     let mut folders = names(&folder());
-    assert!(folders.remove("database"), "whole databases: see tests/http/golden_database.rs");
+    assert!(
+        folders.remove("database"),
+        "whole databases: see tests/http/across/golden_database.rs"
+    );
     assert_eq!(folders, revisions, "a folder for every revision up to this one");
     for revision in revisions {
         let folder = folder().join(&revision);
@@ -147,7 +150,7 @@ fn every_revision_holds_all_tasks_and_whatever_else_decides_a_score() {
     }
 }
 
-/// Without this, a test that passes whatever the files hold would look the same.
+/// Without this, a test that accepts any file would look the same.
 #[test]
 fn a_changed_byte_fails() {
     for golden in (1..=RULES_REVISION).flat_map(golden) {

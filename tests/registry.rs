@@ -1,6 +1,9 @@
 //! Episodes over a real store with a journal that misbehaves: an actor that panics, an episode that cannot be read.
 //! And the memory that they may take, which follows from settings alone.
 
+#[path = "support/game.rs"]
+mod game;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -12,11 +15,11 @@ use swarmbench::episode::actor::{Handle, Spawn};
 use swarmbench::episode::lockstep::{Receipt, Submission};
 use swarmbench::episode::quota::{Purpose, Quotas};
 use swarmbench::episode::registry::{CreateError, Creation, Registry};
-use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::record::{ActRecord, RawRecord, Source, Usage};
+use swarmbench::journal::record::{ActRecord, RawRecord, Usage};
 use swarmbench::journal::{
     ActRow, Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs,
     RunKey, StoredAct, StoredEpisode, StoredRound, Unfinished,
@@ -24,10 +27,10 @@ use swarmbench::journal::{
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::Store;
 use swarmbench::work::Workers;
-use swarmbench_engine::{AgentId, Config, Settings, TaskName};
+use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 use tempfile::TempDir;
 
-/// Nothing takes this long; a test that hangs is to fail.
+/// Longer than anything takes, so that a test that hangs fails.
 const PATIENCE: Duration = Duration::from_mins(1);
 
 /// A journal that panics in the actor, or never answers for one episode.
@@ -148,6 +151,10 @@ impl Bench {
         self.registry.create(creation).await
     }
 
+    async fn small(&self, id: &str) -> Handle {
+        self.create(id, spec(|_| {}), Purpose::Usual, 1).await.expect("created")
+    }
+
     /// Creates games until one is refused.
     async fn fill(&self, owner: i64) -> (usize, CreateError) {
         for count in 0..1000 {
@@ -177,25 +184,7 @@ fn spec(change: impl FnOnce(&mut Settings)) -> Spec {
     let mut settings = Settings::standard(TaskName::Synchronization, 1);
     settings.num_agents = 2;
     change(&mut settings);
-    Spec {
-        config: Arc::new(Config::check(&settings).expect("good settings")),
-        round_deadline: None,
-        bank: Duration::ZERO,
-        manual_start: false,
-        idle_timeout: Duration::from_mins(20),
-        visibility: Visibility::Public,
-        model: "a test".to_owned(),
-        agent_meta: serde_json::Map::new(),
-        prompt_template: "".into(),
-        custom_template: false,
-        run: None,
-        salt: None,
-        closes_at: None,
-        open_seats: Vec::new(),
-        fill_after: None,
-        fill_with: None,
-        player: None,
-    }
+    game::spec(Config::check(&settings).expect("good settings"))
 }
 
 /// A game whose world takes some 200,000 bytes; one with a clock stays in memory.
@@ -210,18 +199,7 @@ fn large(is_clocked: bool) -> Spec {
 }
 
 fn record(agent: AgentId) -> ActRecord {
-    ActRecord {
-        agent: agent.to_string(),
-        source: Source::Player,
-        action: Some("STAY".to_owned()),
-        message: None,
-        to: None,
-        valid: true,
-        response: None,
-        usage: None,
-        reasoning: None,
-        bank_spent_ms: 0,
-    }
+    game::record(agent, Act::of(Action::Stay))
 }
 
 /// The outcome of one act.
@@ -233,7 +211,7 @@ async fn act(handle: &Handle, agent: u16, round: u32) -> Option<Receipt> {
 #[tokio::test]
 async fn an_actor_that_panics_is_replaced_from_the_journal() {
     let bench = Bench::new(Budget::unlimited()).await;
-    let handle = bench.create("ep_1", spec(|_| {}), Purpose::Usual, 1).await.expect("created");
+    let handle = bench.small("ep_1").await;
     let first = act(&handle, 0, 0).await.expect("acknowledged");
     bench.journal.panics.store(true, Ordering::Relaxed);
     let mut published = handle.follow();
@@ -261,7 +239,7 @@ async fn an_actor_that_panics_is_replaced_from_the_journal() {
 async fn an_episode_that_cannot_be_read_delays_no_other() {
     let bench = Bench::new(Budget::unlimited()).await;
     for id in ["ep_1", "ep_2"] {
-        bench.create(id, spec(|_| {}), Purpose::Usual, 1).await.expect("created");
+        bench.small(id).await;
     }
     bench.clock.advance(Duration::from_mins(6));
     bench.registry.evict_unused();
@@ -289,7 +267,7 @@ async fn an_episode_that_cannot_be_read_delays_no_other() {
 }
 
 #[tokio::test]
-async fn a_group_leaves_memory_to_others_and_what_runs_is_taken_up_whatever_is_free() {
+async fn a_group_leaves_memory_to_others_and_running_games_are_recovered_in_any_case() {
     let bench = Bench::new(Budget::new(4 << 20, 100)).await;
     let (count, refused) = bench.fill(1).await;
     assert!(matches!(refused, CreateError::NoMemory(NoMemory::Share { percent: 100, .. })));

@@ -86,7 +86,7 @@ fn creation_ms(outcome: &Outcome) -> f64 {
     (beside.server_cpu_s - of_honest).max(0.0) * 1000.0 / rate(created.max(1), 1.0)
 }
 
-/// Tells of one attack, with everything that was counted.
+/// Reports one attack, with everything that was counted.
 pub(crate) fn tell(outcome: &Outcome, problems: &[String]) {
     for (name, phase) in [("alone", &outcome.alone), ("beside attackers", &outcome.beside)] {
         println!("  {name}, {:.1} s:", phase.seconds);

@@ -189,7 +189,7 @@ impl Wire {
         Ok(())
     }
 
-    /// Reads at most so many bytes; 0 where the server has closed.
+    /// Reads at most this many bytes; 0 if the server has closed the connection.
     pub(crate) async fn read_some(&mut self, most: usize) -> io::Result<usize> {
         let mut buffer = [0; 256];
         let most = most.min(buffer.len());

@@ -121,7 +121,7 @@ fn change(path: &Path, change: impl FnOnce(&mut Value)) {
     std::fs::write(path, value.to_string()).expect("written");
 }
 
-/// The name under which a problem tells of a file.
+/// The name of a file in a problem.
 fn told(path: &Path) -> String {
     let mut parts = path.components().rev().map(|part| part.as_os_str().to_string_lossy());
     let (name, folder) = (parts.next().expect("a name"), parts.next().expect("a folder"));

@@ -129,7 +129,7 @@ impl Subject {
         self.apply(&Event::Submit { agent, submission, earlier, room });
     }
 
-    /// Tells an event and checks everything that must hold then.
+    /// Applies an event and checks everything that must hold then.
     fn apply(&mut self, event: &Event) {
         let was = self.machine.status();
         let effects = self.machine.apply(self.now, event.clone());

@@ -295,7 +295,7 @@ async fn a_token_of_a_claim_opens_its_own_seats_alone() {
 }
 
 #[tokio::test]
-async fn what_is_public_is_public_but_for_what_the_holders_answer() {
+async fn a_public_episode_hides_only_the_answers_of_its_holders() {
     let app = TestApp::start().await;
     let (created, creator) = create(&app, "", &request(2)).await;
     assert_eq!(created["config"]["seed"], Value::Null);

@@ -1,29 +1,27 @@
-//! `/api/v1/exports` and `/api/v1/imports`: what comes out of the server, what goes in again, and who gets it.
+//! `/api/v1/exports`: what an export holds, and who gets it.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Read};
+use std::io::{Cursor, Read as _};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 
-use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
 use serde_json::{Map, Value, json};
-use sqlx::Connection;
-use tokio::task::spawn_blocking;
 use zip::ZipArchive;
 
+use crate::app::program::{swarmbench, text};
 use crate::app::{Episode, TestApp, list, number};
 
 /// An episode that was played, with all that its players were shown.
-struct Played {
-    episode: Episode,
+pub(crate) struct Played {
+    pub(crate) episode: Episode,
     /// By round and agent: observation with prompt, and act.
-    turns: Vec<Vec<(Value, Value)>>,
-    score: Value,
+    pub(crate) turns: Vec<Vec<(Value, Value)>>,
+    pub(crate) score: Value,
 }
 
 /// Plays an episode as language models would: with answers, messages and what they cost.
-async fn play(app: &TestApp, request: Value) -> Played {
+pub(crate) async fn play(app: &TestApp, request: Value) -> Played {
     let episode = app.create(request).await;
     let mut turns = Vec::new();
     loop {
@@ -65,14 +63,15 @@ fn act(episode: &Episode, seen: &Value) -> Value {
     act
 }
 
-fn request(task: &str) -> Value {
+pub(crate) fn request(task: &str) -> Value {
     json!({ "task": task, "seed": 27, "num_agents": 6, "max_round": 6, "model": "exported" })
 }
 
-const TASKS: [&str; 5] = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
+pub(crate) const TASKS: [&str; 5] =
+    ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
 
 /// The files of an archive.
-fn unpack(bytes: &[u8]) -> BTreeMap<String, Value> {
+pub(crate) fn unpack(bytes: &[u8]) -> BTreeMap<String, Value> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).expect("an archive");
     let mut files = BTreeMap::new();
     for number in 0..archive.len() {
@@ -86,7 +85,7 @@ fn unpack(bytes: &[u8]) -> BTreeMap<String, Value> {
 }
 
 /// The files of a folder.
-fn open(folder: &Path) -> BTreeMap<String, Value> {
+pub(crate) fn open(folder: &Path) -> BTreeMap<String, Value> {
     let entries =
         std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry"));
     entries
@@ -98,11 +97,11 @@ fn open(folder: &Path) -> BTreeMap<String, Value> {
         .collect()
 }
 
-async fn dataset(app: &TestApp, query: &str) -> BTreeMap<String, Value> {
+pub(crate) async fn dataset(app: &TestApp, query: &str) -> BTreeMap<String, Value> {
     unpack(&app.get(&format!("/api/v1/exports/dataset.zip{query}")).send().await.body)
 }
 
-fn keys(value: &Value) -> Vec<&str> {
+pub(crate) fn keys(value: &Value) -> Vec<&str> {
     value.as_object().expect("an object").keys().map(String::as_str).collect()
 }
 
@@ -494,7 +493,7 @@ async fn a_run_is_exported_by_its_id() {
 }
 
 #[tokio::test]
-async fn only_so_many_exports_are_made_at_once() {
+async fn exports_at_once_are_limited() {
     let app = TestApp::builder().limits(|limits| limits.exports_open_max = 0).start().await;
     let problem = app.get("/api/v1/exports/acts.jsonl").problem(503, "overloaded").await;
     assert_eq!(problem["limit"]["name"], "exports_open_max");
@@ -507,13 +506,13 @@ async fn only_so_many_exports_are_made_at_once() {
 
 /// An episode whose journal was changed is left out and named; the others are whole.
 #[tokio::test]
-async fn what_does_not_play_again_is_left_out() {
+async fn a_game_that_does_not_replay_is_left_out() {
     let mut app = TestApp::start().await;
     let sound = play(&app, request("Pursuit")).await;
     let broken = play(&app, request("Foraging")).await;
     app.stop().await;
     let db = app.database().display().to_string();
-    let mut connection = sqlx::SqliteConnection::connect(&db).await.expect("a database");
+    let mut connection = app.other_program().await;
     sqlx::query(
         "UPDATE rounds SET digest = zeroblob(32)
          WHERE round = 4 AND episode = (SELECT key FROM episodes WHERE id = ?)",
@@ -522,10 +521,10 @@ async fn what_does_not_play_again_is_left_out() {
     .execute(&mut connection)
     .await
     .expect("a change");
-    connection.close().await.expect("closed");
+    sqlx::Connection::close(connection).await.expect("closed");
     let place = tempfile::tempdir().expect("a folder");
     let folder = place.path().join("games");
-    let output = swarmbench(args(&["export", &folder.display().to_string(), "--db", &db])).await;
+    let output = swarmbench(&["export", &folder.display().to_string(), "--db", &db]).await;
     let said = text(&output.stderr);
     assert!(!output.status.success() && said.contains(&broken.episode.id), "{said}");
     app.start_again().await;
@@ -534,213 +533,4 @@ async fn what_does_not_play_again_is_left_out() {
     check_game(&app, &files, &sound).await;
     assert_eq!(open(&folder), files);
     assert_eq!(lines(&app, "acts.jsonl").await.len(), 36);
-}
-
-/// Runs the program as its user does.
-async fn swarmbench(args: Vec<String>) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-    command.args(args).stdin(Stdio::null());
-    spawn_blocking(move || command.output()).await.expect("no panic").expect("the binary runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn args(args: &[&str]) -> Vec<String> {
-    args.iter().map(|&arg| arg.to_owned()).collect()
-}
-
-/// Plays, exports, imports into a fresh database: the same scores, and the same grids in every round.
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn games_go_around() {
-    let app = TestApp::start().await;
-    let mut all = Vec::new();
-    for task in TASKS {
-        all.push(play(&app, request(task)).await);
-    }
-    let place = tempfile::tempdir().expect("a folder");
-    let path = |name: &str| place.path().join(name).display().to_string();
-    let db = app.database().display().to_string();
-
-    // Beside the running server: a folder, an archive, and the server's own archive.
-    let folder = swarmbench(args(&["export", &path("games"), "--db", &db])).await;
-    assert!(folder.status.success(), "{}", text(&folder.stderr));
-    assert!(
-        text(&folder.stdout).contains("5 games, 30 rounds, 180 acts"),
-        "{}",
-        text(&folder.stdout)
-    );
-    let files = open(&place.path().join("games"));
-    assert_eq!(files, dataset(&app, "").await);
-    for args in [
-        args(&["export", &path("games.zip"), "--db", &db]),
-        args(&["export", &path("sent.zip"), "--server", app.base()]),
-    ] {
-        let output = swarmbench(args).await;
-        assert!(output.status.success(), "{}", text(&output.stderr));
-    }
-    for name in ["games.zip", "sent.zip"] {
-        assert_eq!(unpack(&std::fs::read(path(name)).expect("an archive")), files);
-    }
-    // Nothing is overwritten.
-    for name in ["games", "games.zip"] {
-        let output = swarmbench(args(&["export", &path(name), "--db", &db])).await;
-        assert!(!output.status.success() && text(&output.stderr).contains("not overwritten"));
-    }
-    let tables =
-        swarmbench(args(&["export", &path("tables"), "--db", &db, "--format", "jsonl"])).await;
-    assert!(tables.status.success(), "{}", text(&tables.stderr));
-    let acts = std::fs::read_to_string(place.path().join("tables/acts.jsonl")).expect("a table");
-    assert_eq!(acts, app.get("/api/v1/exports/acts.jsonl").send().await.text());
-
-    // A server on the database of another organizer.
-    let mut there = TestApp::start().await;
-    let other = there.database().display().to_string();
-    let import = args(&["import", &path("games.zip"), "--db", &other]);
-    let refused = swarmbench(import.clone()).await;
-    assert!(!refused.status.success() && text(&refused.stderr).contains("stop it"));
-    there.stop().await;
-    let output = swarmbench(import.clone()).await;
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(
-        text(&output.stdout).contains("5 games imported with 180 acts"),
-        "{}",
-        text(&output.stdout)
-    );
-    let output = swarmbench(args(&["import", &path("games"), "--db", &other])).await;
-    assert!(text(&output.stdout).contains("5 were there already"), "{}", text(&output.stdout));
-    there.start_again().await;
-
-    let imports = list(&there.get("/api/v1/imports").ok().await["items"]);
-    assert_eq!(imports.len(), 5);
-    for played in &all {
-        let found = imports.iter().find(|import| import["run_id"] == played.episode.id.as_str());
-        let found = found.expect("the game");
-        assert_eq!((&found["score"], &found["verified"]), (&played.score, &json!(false)));
-        assert_eq!((&found["rounds"], &found["seed"]), (&json!(6), &json!(27)));
-        assert_eq!(
-            (&found["settings"]["rules"], &found["settings"]["memory"]),
-            (&json!("paper"), &json!(5))
-        );
-        let id = found["id"].as_str().expect("an id");
-        assert_eq!(&there.get(&format!("/api/v1/imports/{id}")).ok().await, found);
-        for round in 0..=6 {
-            let mut here =
-                app.get(&played.episode.path(&format!("/state?round={round}"))).ok().await;
-            let there = there.get(&format!("/api/v1/imports/{id}/state?round={round}")).ok().await;
-            for name in ["block", "distance"] {
-                // The format does not tell them.
-                here.as_object_mut().expect("an object").remove(name);
-            }
-            assert_eq!(there, here);
-        }
-        there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
-        let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;
-        assert_eq!(last["round"], 6);
-    }
-    // All that the format tells comes out again.
-    let again = args(&["export", &path("again"), "--db", &other, "--imported"]);
-    let output = swarmbench(again).await;
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert_eq!(open(&place.path().join("again")), files);
-}
-
-/// A database with one imported game, under a server that is started so.
-async fn with_an_import(private: bool) -> (TestApp, String) {
-    let app = TestApp::start().await;
-    let request = json!({ "task": "Pursuit", "num_agents": 2, "max_round": 1 });
-    app.all_act(&app.create(request).await, "STAY").await;
-    let place = tempfile::tempdir().expect("a folder");
-    let archive = place.path().join("games.zip");
-    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
-        .expect("written");
-    let builder = TestApp::builder().keys();
-    let mut there = builder.access(|access| access.private = private).start().await;
-    there.stop().await;
-    let db = there.database().display().to_string();
-    let output = swarmbench(args(&["import", &archive.display().to_string(), "--db", &db])).await;
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    there.start_again().await;
-    let organizer = there.organizer.clone();
-    let listed = there.get("/api/v1/imports").token(&organizer).ok().await;
-    let id = listed["items"][0]["id"].as_str().expect("an id").to_owned();
-    (there, id)
-}
-
-#[tokio::test]
-async fn imported_games_are_as_public_as_what_is_over() {
-    for private in [false, true] {
-        let (app, id) = with_an_import(private).await;
-        let (member, _) = app.key(json!({ "name": "member" })).await;
-        let episode = app.create_with(&member, request("Pursuit")).await;
-        for (token, knows) in [
-            (None, !private),
-            (Some(episode.seat(0)), !private),
-            (Some(episode.swarm.as_str()), !private),
-            (Some(&member), true),
-        ] {
-            let ask = |path: String| {
-                let call = app.get(&path);
-                match token {
-                    Some(token) => call.token(token),
-                    None => call,
-                }
-            };
-            let listed = ask("/api/v1/imports".to_owned()).ok().await;
-            assert_eq!(list(&listed["items"]).len(), usize::from(knows), "{private} {token:?}");
-            for rest in ["", "/state?round=1"] {
-                let answer = ask(format!("/api/v1/imports/{id}{rest}")).send().await;
-                assert_eq!(answer.status, if knows { 200 } else { 404 }, "{private} {token:?}");
-            }
-        }
-    }
-}
-
-#[tokio::test]
-async fn imported_games_are_listed_page_by_page() {
-    let app = TestApp::start().await;
-    for task in ["Pursuit", "Foraging", "Pursuit"] {
-        let request = json!({ "task": task, "model": task, "num_agents": 2, "max_round": 1 });
-        let episode = app.create(request).await;
-        app.all_act(&episode, "STAY").await;
-    }
-    let place = tempfile::tempdir().expect("a folder");
-    let archive = place.path().join("games.zip");
-    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
-        .expect("written");
-    let mut there = TestApp::start().await;
-    there.stop().await;
-    let db = there.database().display().to_string();
-    let output = swarmbench(args(&["import", &archive.display().to_string(), "--db", &db])).await;
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    there.start_again().await;
-    let count = async |query: &str| {
-        list(&there.get(&format!("/api/v1/imports?{query}")).ok().await["items"]).len()
-    };
-    assert_eq!(
-        (count("").await, count("task=Pursuit").await, count("model=Foraging").await),
-        (3, 2, 1)
-    );
-    let (mut seen, mut cursor) = (Vec::new(), String::new());
-    loop {
-        let page = there.get(&format!("/api/v1/imports?limit=1{cursor}")).ok().await;
-        seen.extend(list(&page["items"]).iter().map(|item| item["id"].clone()));
-        match page["next_cursor"].as_str() {
-            Some(next) => cursor = format!("&cursor={next}"),
-            None => break,
-        }
-    }
-    let all = list(&there.get("/api/v1/imports").ok().await["items"]);
-    assert_eq!(seen, all.iter().map(|item| item["id"].clone()).collect::<Vec<_>>());
-    for (query, code) in
-        [("limit=0", 400), ("task=Chess", 400), ("cursor=x", 400), ("colour=red", 400)]
-    {
-        there.get(&format!("/api/v1/imports?{query}")).problem(code, "malformed").await;
-    }
-    for path in ["imp_0", "imp_0/state"] {
-        there.get(&format!("/api/v1/imports/{path}")).problem(404, "not_found").await;
-    }
-    // They are no episodes.
-    assert!(list(&there.get("/api/v1/episodes").ok().await["items"]).is_empty());
 }

@@ -1,5 +1,7 @@
 //! The server through its front door: every route, over real HTTP, by the wire contract.
 //!
+//! The files mirror those of `src/http`; [`across`] has the tests of more than one route.
+//!
 //! [`app`] starts a server on a free port over a database of its own. No test sleeps: where time has
 //! to pass, a test moves a clock by hand; where something has to happen first, it asks with a wait.
 
@@ -9,41 +11,31 @@ mod corners;
 mod cup;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
+#[path = "../support/game.rs"]
+mod game;
 #[path = "../../crates/engine/tests/privacy/oracle.rs"]
 mod oracle;
 
-mod access;
+mod across;
 mod agent;
-mod backup;
-mod bad_input;
+mod audit;
 mod boards;
-mod bounds;
+mod body;
 mod claims;
-mod clocks;
+mod client;
+mod clock;
 mod competitions;
-mod concurrency;
-mod connections;
-mod damage;
-mod doubt;
-mod episode;
 mod episodes;
 mod exports;
-mod fairness;
-mod faults;
-mod files;
-mod golden;
-mod golden_database;
 mod host;
-mod hosted;
+mod imports;
 mod keys;
 mod limits;
-mod organizer;
-mod privacy;
-mod published;
-mod restart;
+mod openapi;
+mod room;
+mod router;
 mod runs;
-mod sealed;
-mod shares;
-mod streams;
+mod serve;
+mod stream;
 mod swarm;
-mod vectors;
+mod timers;

@@ -1,4 +1,4 @@
-//! An endpoint that does what a test tells it to.
+//! An endpoint whose answers a test decides.
 
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
@@ -179,7 +179,7 @@ impl Endpoint {
         self.shared.seen.borrow().clone()
     }
 
-    /// Waits until so many requests have come.
+    /// Waits for a number of requests.
     pub(crate) async fn has_seen(&self, count: usize) {
         let mut seen = self.shared.seen.subscribe();
         let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= count)).await;

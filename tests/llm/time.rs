@@ -38,7 +38,7 @@ impl Leaps {
         self.pauses.borrow().clone()
     }
 
-    /// Waits until somebody has asked for so many pauses.
+    /// Waits for a number of pauses.
     pub(crate) async fn has_seen(&self, pauses: usize) {
         let mut seen = self.pauses.subscribe();
         let all = timeout(PATIENCE, seen.wait_for(|seen| seen.len() >= pauses)).await;

@@ -8,7 +8,7 @@ use crate::checker::Invariant;
 /// What is broken. It is always something around the server, whose own code is the same as ever.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Flaw {
-    /// The journal tells that entries are durable when it has taken them.
+    /// The journal reports entries as durable when it has only queued them.
     AcknowledgesEarly,
     /// The journal does not write one act in eight.
     LosesActs,

@@ -15,10 +15,10 @@ use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::{CreateError, Creation, FindError, Registry};
 use swarmbench::episode::replay::state_at;
 use swarmbench::episode::seating::Wanted;
-use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::ids::{EpisodeId, TokenHash};
-use swarmbench::journal::record::{ActRecord, Source, Usage};
+use swarmbench::journal::record::Usage;
 use swarmbench::journal::{Holder, JournalError};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
@@ -28,6 +28,7 @@ use swarmbench_players::game::play;
 
 use crate::dice::Dice;
 use crate::executor::pause;
+use crate::game;
 use crate::run::ROUNDS_MAX;
 use crate::time::SimClock;
 
@@ -59,7 +60,7 @@ pub(crate) enum Request {
     Start,
     /// The end.
     Abort,
-    /// The state after so many rounds.
+    /// The state after a number of rounds.
     State(u32),
 }
 
@@ -87,7 +88,7 @@ pub(crate) enum Answer {
     Claimed(Wanted, Result<Claimed, ClaimError>),
     Started(Result<(), StartError>),
     Aborted(Result<(), JournalError>),
-    /// The digest of the state after so many rounds.
+    /// The digest of the state after a number of rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
 }
 
@@ -247,19 +248,7 @@ pub(crate) fn act(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) 
 }
 
 fn submission(round: u32, agent: AgentId, act: Act) -> Submission {
-    let record = ActRecord {
-        agent: agent.to_string(),
-        source: Source::Player,
-        action: act.action.map(|action| action.name().to_owned()),
-        message: act.message.map(|message| message.to_string()),
-        to: act.to.map(|to| to.to_string()),
-        valid: true,
-        response: None,
-        usage: None,
-        reasoning: None,
-        bank_spent_ms: 0,
-    };
-    Submission { round, record }
+    Submission { round, record: game::record(agent, act) }
 }
 
 /// The same act once more, told with other circumstances.
@@ -302,24 +291,18 @@ pub(crate) fn spec(dice: &mut Dice, times: Times, now: Timestamp) -> Spec {
     let closes_at = (dice.below(4) == 0).then(|| after(now, Duration::from_millis(closes_ms)));
     let idle_s = [if times.short_idle { 30 } else { 7_200 }, 1_200, 7_200][dice.below(3)];
     Spec {
-        config: Arc::new(config),
         round_deadline: clocked
             .then(|| Duration::from_millis([50, 1_000, 5_000, 5_000][dice.below(4)])),
         bank: Duration::from_millis(bank),
         manual_start: dice.below(4) == 0,
         idle_timeout: Duration::from_secs(idle_s),
-        visibility: Visibility::Public,
         model: "simulated".to_owned(),
-        agent_meta: serde_json::Map::new(),
-        prompt_template: "".into(),
-        custom_template: false,
-        run: None,
-        salt: None,
         closes_at,
         open_seats: (seats - open..seats).map(AgentId).collect(),
         fill_with: fill_after.map(|_| "random".to_owned()),
         fill_after,
         player,
+        ..game::spec(config)
     }
 }
 

@@ -94,7 +94,7 @@ impl Executor {
     }
 }
 
-/// Lets others go first, so many times.
+/// Yields a number of times.
 pub(crate) async fn pause(times: usize) {
     for _ in 0..times {
         Once(false).await;

@@ -173,7 +173,7 @@ impl MemoryJournal {
         state.telling.push_back((job, Err(Lost::Refused)));
     }
 
-    /// Tells the one who handed over the oldest job that is not told.
+    /// Delivers the result of the oldest job whose result is not delivered.
     pub(crate) fn next_result(&self) -> Option<JobResult> {
         let (job, result) = self.state().telling.pop_front()?;
         if self.flaw == Some(Flaw::ForgetsToTell) && self.state().dice.below(20) == 0 {

@@ -11,6 +11,8 @@ mod clients;
 #[path = "../../crates/engine/tests/common/dice.rs"]
 mod dice;
 mod executor;
+#[path = "../support/game.rs"]
+mod game;
 mod journal;
 mod run;
 mod time;
@@ -25,7 +27,7 @@ use run::{Options, Report, run};
 /// Seeds that are played where nobody says how many.
 const SEEDS: u64 = 500;
 
-/// A flaw is found within so many seeds.
+/// A flaw is found within this number of seeds.
 const SEEDS_OF_A_FLAW: u64 = 200;
 
 /// What the seeds of a test have to reach, all together.

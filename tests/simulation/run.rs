@@ -1,5 +1,9 @@
 //! One run: which step is next, drawn from the seed alone.
 
+mod end;
+mod requests;
+mod trace;
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,29 +15,23 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench::clock::Clock;
 use swarmbench::episode::actor::Handle;
-use swarmbench::episode::quota::{Caps, Purpose, Quotas};
+use swarmbench::episode::quota::{Caps, Quotas};
 use swarmbench::episode::registry::Registry;
-use swarmbench::episode::seating::Wanted;
-use swarmbench::fair::Party;
 use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::{Entry, EpisodeKey};
-use swarmbench::keys::OwnerKey;
 use swarmbench::work::Workers;
-use swarmbench_engine::AgentId;
 use tokio::sync::mpsc::UnboundedReceiver;
 
+use self::trace::{line, told};
 use crate::broken::Flaw;
-use crate::checker::{Checker, Episode, Invariant, Stats, Violation};
-use crate::clients::{
-    Acts, Answer, Desk, News, Request, RequestId, Times, act, again, serve, spec,
-};
+use crate::checker::{Checker, Invariant, Stats, Violation};
+use crate::clients::{Acts, Desk, News, RequestId, Times};
 use crate::dice::Dice;
 use crate::executor::{Executor, TaskId};
 use crate::journal::MemoryJournal;
 use crate::time::{ServerClock, SimClock};
 
-/// No run takes so many steps.
+/// More steps than any run takes.
 const STEPS_MAX: usize = 20_000;
 
 /// No game has more rounds.
@@ -538,257 +536,6 @@ impl Run {
         }
     }
 
-    fn ask(&mut self, id: EpisodeId, request: Request) {
-        self.asked += 1;
-        let number = self.asked;
-        self.note(format!("request {number} for {id}: {}", asked(&request)));
-        self.checker.sent(number, &id, &request);
-        let place = self.dice.below(self.servers.len());
-        let registry = self.servers[place].registry.clone();
-        let (clock, desk) = (Arc::clone(&self.clock), Arc::clone(&self.desk));
-        let task = serve(registry, clock, desk, number, id, request);
-        let task = self.executor.spawn(task.boxed());
-        self.pending.insert(number, task);
-    }
-
-    /// Draws what a client asks for.
-    fn request(&mut self) -> Option<(EpisodeId, Request)> {
-        let dice = &mut self.dice;
-        let known: Vec<&Episode> = self.checker.episodes.values().collect();
-        if known.is_empty() || (self.created < self.options.episodes && dice.below(4) == 0) {
-            self.created += 1;
-            let id = EpisodeId::from_text(format!("ep_{}", self.created));
-            let owner = (dice.below(2) == 0).then_some(OwnerKey(1));
-            let spec = spec(dice, self.options.times, self.clock.now());
-            return Some((id, Request::Create(Box::new(spec), owner)));
-        }
-        // Most requests are for episodes that are played.
-        let live: Vec<&Episode> = known.iter().copied().filter(|e| e.end.is_none()).collect();
-        let of = if live.is_empty() || dice.below(8) == 0 { &known } else { &live };
-        let episode = of[dice.below(of.len())];
-        let (id, round) = (episode.id.clone(), episode.world.round());
-        let mut seats: Vec<AgentId> = episode.world.agents().collect();
-        let one = AgentId(u16::try_from(dice.below(seats.len())).expect("few"));
-        if episode.spec.is_mixed() && episode.waiting && dice.below(2) == 0 {
-            let some = u16::try_from(1 + dice.below(2)).expect("few");
-            let wanted = if dice.below(2) == 0 { Wanted::Seat(one) } else { Wanted::Any(some) };
-            return Some((id, Request::Claim(wanted)));
-        }
-        // Nobody has tokens of seats that are open, or that the server plays.
-        seats.retain(|agent| episode.is_clients(*agent));
-        if seats.is_empty() {
-            seats.push(one);
-            return Some((id, Request::Look));
-        }
-        let one = seats[dice.below(seats.len())];
-        let strays = self.options.strays * 10;
-        let weights = [30, 10, strays, strays, 4, 3, 2, if self.options.aborts { 2 } else { 0 }];
-        let mut drawn = dice.below(weights.iter().sum());
-        let kind = weights.iter().position(|&weight| {
-            let is_it = drawn < weight;
-            drawn = drawn.saturating_sub(weight);
-            is_it
-        });
-        let request = match kind.expect("one of them") {
-            0 => Request::Turn(vec![one], dice.below(1 << 30) as u64),
-            1 => Request::Turn(seats, dice.below(1 << 30) as u64),
-            2 if !self.acts.is_empty() => {
-                // The same again, or another act for the same seat and round.
-                let (id, acts) = &self.acts[dice.below(self.acts.len())];
-                let config = self.checker.episode(id).map(|e| Arc::clone(&e.spec.config))?;
-                let changed = dice.below(3) == 0;
-                let acts = (acts.iter())
-                    .map(|(agent, sent)| {
-                        let changes = changed && dice.below(2) == 0;
-                        let next = if changes {
-                            act(dice, &config, *agent, sent.round)
-                        } else {
-                            again(dice, sent)
-                        };
-                        (*agent, next)
-                    })
-                    .collect();
-                return Some((id.clone(), Request::Send(acts)));
-            }
-            2 | 3 => {
-                // Any seats, too early or too late.
-                let count = 1 + dice.below(3);
-                let acts = (0..count).map(|_| {
-                    let agent = seats[dice.below(seats.len())];
-                    let round =
-                        (round + 2).saturating_sub(u32::try_from(dice.below(5)).expect("few"));
-                    (agent, act(dice, &episode.spec.config, agent, round))
-                });
-                Request::Send(acts.collect())
-            }
-            4 => Request::Wait(round),
-            5 if episode.waiting => Request::Start,
-            5 if episode.spec.is_mixed() => Request::Claim(Wanted::Any(1)),
-            5 => Request::Look,
-            6 => Request::State(u32::try_from(dice.below(round as usize + 1)).expect("a round")),
-            _ => Request::Abort,
-        };
-        let request = if episode.waiting && dice.below(4) == 0 { Request::Start } else { request };
-        Some((id, request))
-    }
-
-    // ---- the end of a run
-
-    /// Everything is done that can be done without time and clients.
-    fn settle(&mut self) {
-        for _ in 0..STEPS_MAX {
-            if let Some(&task) = self.executor.runnable().first() {
-                self.poll(task);
-            } else if self.journal.untold() > 0 {
-                self.tell();
-            } else if self.journal.queued() > 0 {
-                self.commit(self.journal.queued());
-            } else {
-                return;
-            }
-        }
-        self.checker.check(Invariant::Progress, false, || "the server does not rest".to_owned());
-    }
-
-    /// Nothing goes wrong any more: every episode comes to its end, by play or by silence.
-    fn finish(&mut self) {
-        if self.journal.has_failed() {
-            self.crash();
-        }
-        self.settle();
-        // An episode that failed twice at once is left alone for a while.
-        self.pass(Duration::from_secs(1));
-        if self.options.silence {
-            self.fall_silent();
-        } else {
-            self.play_on();
-        }
-        for (id, ..) in self.unfinished() {
-            self.checker.check(Invariant::Progress, false, || format!("{id} has not ended"));
-        }
-        self.send_again();
-        self.leave_memory();
-        let disk = self.journal.durable();
-        self.checker.ended(&disk);
-    }
-
-    fn unfinished(&self) -> Vec<(EpisodeId, bool, Vec<AgentId>)> {
-        let open = self.checker.episodes.values().filter(|episode| episode.end.is_none());
-        let seats = |e: &Episode| e.world.agents().filter(|agent| e.is_clients(*agent)).collect();
-        open.map(|e| (e.id.clone(), e.waiting, seats(e))).collect()
-    }
-
-    /// Clients play all that is unfinished to its end.
-    fn play_on(&mut self) {
-        // A round each time, or nearly: an act that is too long for its episode is not taken.
-        for _ in 0..3 * ROUNDS_MAX {
-            for (id, waiting, seats) in self.unfinished() {
-                if waiting {
-                    let open = self.checker.episode(&id).map_or(0, Episode::count_open);
-                    if open > 0 {
-                        self.ask(id.clone(), Request::Claim(Wanted::Any(open)));
-                        self.settle();
-                    }
-                    self.ask(id.clone(), Request::Start);
-                    self.settle();
-                }
-                let seed = self.dice.below(1 << 30) as u64;
-                self.ask(id.clone(), Request::Turn(seats, seed));
-                self.settle();
-                self.ask_for_the_escaped(id);
-                self.settle();
-            }
-        }
-    }
-
-    /// The player of an agent that is gone tries to continue.
-    fn ask_for_the_escaped(&mut self, id: EpisodeId) {
-        let Some(episode) = self.checker.episode(&id) else { return };
-        let round = episode.world.round();
-        let gone = (episode.world.agents())
-            .filter(|&agent| !episode.world.is_alive(agent) && episode.is_clients(agent));
-        let acts: Acts = gone
-            .map(|agent| (agent, act(&mut self.dice, &episode.spec.config, agent, round)))
-            .collect();
-        if !acts.is_empty() {
-            self.ask(id, Request::Send(acts));
-        }
-    }
-
-    /// The last clients go away half-way. Then there are no requests, and hours pass.
-    fn fall_silent(&mut self) {
-        if self.options.crashes > 0 {
-            self.crash();
-            let hours = [0, 1, 3][self.dice.below(3)];
-            self.pass(UNUSED + Duration::from_hours(hours));
-        }
-        for (id, ..) in self.unfinished() {
-            self.ask(id, Request::Look);
-        }
-        while !self.pending.is_empty() {
-            if self.dice.below(3) == 0 {
-                self.step(Step::Leave);
-            } else if !self.executor.runnable().is_empty() {
-                self.step(Step::Poll);
-            } else if self.journal.untold() > 0 {
-                self.tell();
-            } else if self.journal.queued() > 0 {
-                self.step(Step::Commit);
-            }
-        }
-        for _ in 0..40 {
-            self.pass(Duration::from_mins(10));
-            self.settle();
-            self.sweep();
-            self.settle();
-        }
-    }
-
-    /// Acts that were acknowledged are acknowledged for ever.
-    fn send_again(&mut self) {
-        let receipts = self.checker.receipts();
-        for (id, acts) in std::mem::take(&mut self.acts) {
-            let known = (acts.into_iter())
-                .filter(|(agent, act)| receipts.contains(&(id.clone(), act.round, *agent)));
-            let acts: Acts = known.collect();
-            if !acts.is_empty() {
-                // One after the other: of those that come at once a seat gets some refused.
-                self.ask(id, Request::Send(acts));
-                self.settle();
-            }
-        }
-    }
-
-    /// What has ended leaves the memory and is counted no more.
-    fn leave_memory(&mut self) {
-        for _ in 0..2 {
-            self.pass(UNUSED);
-            self.sweep();
-            self.settle();
-        }
-        let tasks = self.executor.len();
-        let what = || format!("{tasks} tasks go on for nobody");
-        self.checker.check(Invariant::Progress, tasks == 0, what);
-        for Server { registry, quotas, .. } in &self.servers {
-            let (held, unfinished) = (registry.in_memory(), registry.unfinished());
-            let what = || format!("{held} episodes are in memory, {unfinished} are counted");
-            self.checker.check(Invariant::Quotas, held + unfinished == 0, what);
-            // All places of the owner are free.
-            let caps = self.options.caps;
-            let most = caps.episodes_per_key_max.min(caps.episodes_unfinished_max);
-            let bytes: u64 = self.journal.bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
-            if bytes < caps.journal_bytes_per_key_max {
-                let places = 2_000..2_000 + i64::try_from(most).expect("few");
-                let party = Party::of_key(Some(OwnerKey(1)));
-                let refused = places
-                    .map(|key| quotas.admit(EpisodeKey(key), party, Purpose::Usual))
-                    .find_map(Result::err);
-                let what = || format!("no place is left: {refused:?}");
-                self.checker.check(Invariant::Quotas, refused.is_none(), what);
-            }
-        }
-    }
-
     fn report(mut self) -> Report {
         self.note_faults();
         for entry in self.journal.durable() {
@@ -807,70 +554,5 @@ impl Run {
             trace: self.trace,
             bytes: hash.finalize().into(),
         }
-    }
-}
-
-/// An entry in a line of the trace.
-fn line(entry: &Entry) -> String {
-    match entry {
-        Entry::Open(row) => format!("{} is opened: {}", row.id, row.record.as_str()),
-        Entry::Start { episode, at } => format!("{} is started at {at}", episode.0),
-        Entry::Act(row) => format!(
-            "{} round {} {} at {}, {} to come: {:.120}",
-            row.episode.0,
-            row.round,
-            row.agent,
-            row.at,
-            row.waiting_for,
-            row.record.as_str()
-        ),
-        Entry::Round(row) => {
-            format!("{} round {} resolved: {}", row.episode.0, row.round, row.head)
-        }
-        Entry::End(row) => format!("{} ends at {}: {}", row.episode.0, row.at, row.record.as_str()),
-        Entry::Claim(row) => format!(
-            "{} {:?} are claimed by {}, {:?}",
-            row.episode.0, row.agents, row.holder.number, row.holder.player
-        ),
-        Entry::Seat(row) => format!("{} is seated: {}", row.episode.0, row.record.as_str()),
-        _ => "not of an episode".to_owned(),
-    }
-}
-
-/// A request in a line of the trace.
-fn asked(request: &Request) -> String {
-    match request {
-        Request::Create(spec, owner) => format!("create {:?} of {owner:?}", spec.config.settings()),
-        Request::Send(acts) => {
-            let brief = |(agent, act): &(AgentId, swarmbench::episode::lockstep::Submission)| {
-                format!("{agent} round {} {:?}", act.round, act.record.action)
-            };
-            format!("send {:?}", acts.iter().map(brief).collect::<Vec<_>>())
-        }
-        other => format!("{other:?}"),
-    }
-}
-
-/// An answer in a line of the trace.
-fn told(answer: &Answer) -> String {
-    match answer {
-        Answer::Created(result) => format!("created {result:?}"),
-        Answer::Nothing => "no such episode".to_owned(),
-        Answer::NotTakenUp(error) => format!("not taken up: {error}"),
-        Answer::Looked => "looked".to_owned(),
-        Answer::Acted(_, outcomes, _) => {
-            let brief = outcomes.iter().map(|outcome| match outcome {
-                Ok(receipt) => format!(
-                    "round {} {} to come, again: {}",
-                    receipt.round, receipt.recorded.waiting_for, receipt.duplicate
-                ),
-                Err(error) => error.to_string(),
-            });
-            format!("{:?}", brief.collect::<Vec<_>>())
-        }
-        Answer::Claimed(wanted, result) => format!("claimed {wanted:?}: {result:?}"),
-        Answer::Started(result) => format!("started {result:?}"),
-        Answer::Aborted(result) => format!("aborted {result:?}"),
-        Answer::State(round, result) => format!("state after {round}: {}", result.is_ok()),
     }
 }

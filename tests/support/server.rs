@@ -12,7 +12,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 use tokio::sync::watch;
 
-/// Nothing takes this long; whatever does is a failure.
+/// Longer than anything takes; a timeout is a failure.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
 /// A server that is asked to stop ends within this time.

@@ -52,7 +52,7 @@ const NICER: i32 = 10;
 /// After this time no more is prepared, where less does, too.
 const PREPARATION_MAX: Duration = Duration::from_mins(2);
 
-/// After this time the attackers end, whatever else happens.
+/// After this time the attackers end in any case.
 const LIFE_MAX: Duration = Duration::from_mins(15);
 
 /// The settings of the attackers.

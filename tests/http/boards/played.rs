@@ -11,11 +11,11 @@ use swarmbench::episode::lockstep::Submission;
 use swarmbench::episode::quota::{Purpose, Quotas};
 use swarmbench::episode::registry::{Creation, Registry};
 use swarmbench::episode::seating::Wanted;
-use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{EpisodeId, Token, TokenKind};
-use swarmbench::journal::record::{ActRecord, Source};
+use swarmbench::journal::record::ActRecord;
 use swarmbench::journal::{
     Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
 };
@@ -25,9 +25,10 @@ use swarmbench::run::new_id;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::work::Workers;
-use swarmbench_engine::{AgentId, Config, Settings};
+use swarmbench_engine::{Act, Action, AgentId, Config, Settings};
 
 use crate::app::TestApp;
+use crate::game;
 
 /// Rounds of a game of the suite `small`.
 const ROUNDS: u32 = 10;
@@ -365,23 +366,12 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
         max_delay: settings.max_delay,
     });
     Spec {
-        config: Arc::new(checked.expect("good settings")),
         round_deadline: settings.round_deadline_ms.map(Duration::from_millis),
         bank: Duration::from_millis(settings.bank_ms),
-        manual_start: false,
         idle_timeout: Duration::from_hours(24),
-        visibility: Visibility::Public,
         model: model.to_owned(),
-        agent_meta: Map::new(),
         prompt_template: "a template".into(),
-        custom_template: false,
-        run: None,
-        salt: None,
-        closes_at: None,
-        open_seats: Vec::new(),
-        fill_after: None,
-        fill_with: None,
-        player: None,
+        ..game::spec(checked.expect("good settings"))
     }
 }
 
@@ -390,16 +380,10 @@ async fn submit(handle: &Handle, round: u32, actions: &[&str]) {
     let act = |(number, action): (u16, &&str)| {
         let is_action = ["SWITCH", "STAY"].contains(action);
         let record = ActRecord {
-            agent: AgentId(number).to_string(),
-            source: Source::Player,
             action: is_action.then(|| (*action).to_owned()),
-            message: None,
-            to: None,
             valid: is_action,
             response: (!is_action).then(|| (*action).to_owned()),
-            usage: None,
-            reasoning: None,
-            bank_spent_ms: 0,
+            ..game::record(AgentId(number), Act::of(Action::Stay))
         };
         (AgentId(number), Submission { round, record })
     };

@@ -1,0 +1,570 @@
+//! Every route × every kind of token, from the OpenAPI document itself: a new route has to say here
+//! who may use it.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::app::{Answer, DOCUMENT, Episode, TestApp};
+use crate::cup::{Attempt, Cup};
+
+/// A kind of token, with what it stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    None,
+    NoToken,
+    BadChecksum,
+    NoBearer,
+    Seat,
+    OtherSeat,
+    SeatElsewhere,
+    FinishedSeat,
+    ReplacedSeat,
+    Swarm,
+    SwarmElsewhere,
+    ReplacedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
+    ClaimedSeat,
+    ClaimedSwarm,
+    Owner,
+    Member,
+    ExpiredKey,
+    RevokedKey,
+    Entrant,
+    Organizer,
+}
+
+use Kind::{
+    BadChecksum, ClaimedSeat, ClaimedSwarm, Entrant, ExpiredKey, FinishedSeat, Member, NoBearer,
+    NoToken, Organizer, OtherSeat, Owner, ReplacedRun, ReplacedSeat, ReplacedSwarm, RevokedKey,
+    Run, RunElsewhere, Seat, SeatElsewhere, Swarm, SwarmElsewhere,
+};
+
+const KINDS: [Kind; 23] = [
+    Kind::None,
+    NoToken,
+    BadChecksum,
+    NoBearer,
+    Seat,
+    OtherSeat,
+    SeatElsewhere,
+    FinishedSeat,
+    ReplacedSeat,
+    Swarm,
+    SwarmElsewhere,
+    ReplacedSwarm,
+    Run,
+    RunElsewhere,
+    ReplacedRun,
+    ClaimedSeat,
+    ClaimedSwarm,
+    Owner,
+    Member,
+    ExpiredKey,
+    RevokedKey,
+    Entrant,
+    Organizer,
+];
+
+impl Kind {
+    /// Sent, and worth nothing.
+    fn is_worthless(self) -> bool {
+        matches!(
+            self,
+            NoToken
+                | BadChecksum
+                | NoBearer
+                | ReplacedSeat
+                | ReplacedSwarm
+                | ReplacedRun
+                | ExpiredKey
+                | RevokedKey
+        )
+    }
+
+    fn is_seat(self) -> bool {
+        matches!(self, Seat | OtherSeat | SeatElsewhere | FinishedSeat | ClaimedSeat)
+    }
+
+    fn is_swarm(self) -> bool {
+        matches!(self, Swarm | SwarmElsewhere | Run | RunElsewhere | ClaimedSwarm)
+    }
+
+    fn is_key(self) -> bool {
+        matches!(self, Owner | Member | Entrant | Organizer)
+    }
+
+    /// Whether it stands where the creator of the episode does.
+    fn owns(self) -> bool {
+        matches!(self, Swarm | Run | Owner | Organizer)
+    }
+
+    /// Whether it stands where the creator of the run does.
+    fn owns_run(self) -> bool {
+        matches!(self, Run | Owner | Organizer)
+    }
+}
+
+/// The episode that is asked for, and the server.
+#[derive(Clone, Copy, Debug)]
+struct Stage {
+    visibility: &'static str,
+    ended: bool,
+    private: bool,
+    /// Whether somebody else holds a seat of it, too.
+    mixed: bool,
+}
+
+/// The status of the refusal, if the route refuses the token.
+fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
+    // A seat claimed elsewhere gives no rights here.
+    let claimed = stage.mixed && matches!(kind, ClaimedSeat | ClaimedSwarm);
+    // A creator who plays with others sees no more than they do.
+    let oversees = || kind == Organizer || (kind.owns() && !stage.mixed);
+    let reads = || {
+        let anyone = stage.visibility == "public" || stage.ended;
+        let known = kind.is_key() || claimed || matches!(kind, Seat | OtherSeat | Swarm | Run);
+        oversees() || (anyone && (!stage.private || known))
+    };
+    let invited = stage.mixed && kind.is_key();
+    let knows = || reads() || kind.owns() || claimed || invited || matches!(kind, Seat | OtherSeat);
+    // Callers who may know of a run may read it, too: only an attempt in a competition is known and not read.
+    let reads_run = || {
+        let anyone = stage.visibility == "public" || stage.ended;
+        kind.owns_run() || (anyone && (!stage.private || kind.is_key()))
+    };
+    if ["show_health", "show_readiness", "show_metrics", "list_suites"].contains(&operation) {
+        // They ask for no token, and look at none.
+        return None;
+    }
+    if kind.is_worthless() {
+        return Some(401);
+    }
+    match operation {
+        "get_obs" | "post_act" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_seat() => None,
+            _ => Some(403),
+        },
+        "get_swarm_obs" | "post_swarm_act" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_swarm() => None,
+            _ => Some(403),
+        },
+        "create_episode" | "create_run" => match kind {
+            Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        // What may not be read is left out.
+        "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
+        // No game was imported here; who reads one is tested in `exports.rs`.
+        "show_import" | "show_imported_state" => Some(404),
+        "show_run" | "stream_run_events" => (!reads_run()).then_some(404),
+        "abort_run" | "replace_run_token" => match () {
+            () if !reads_run() => Some(404),
+            () if !kind.owns_run() => Some(403),
+            () => None,
+        },
+        "show_leaderboard" | "show_cross_play" => match kind {
+            _ if !stage.private || kind.is_key() => None,
+            Kind::None => Some(401),
+            _ => Some(403),
+        },
+        "show_episode" | "list_claims" => (!knows()).then_some(404),
+        "create_claim" => match kind {
+            Kind::None => Some(401),
+            // It is for attempts in competitions.
+            Entrant => Some(403),
+            _ if kind.is_key() => (!knows()).then_some(404),
+            _ => Some(403),
+        },
+        "show_state" | "stream_events" => match () {
+            () if !knows() => Some(404),
+            () if !reads() => Some(403),
+            () => None,
+        },
+        "read_journal" => match () {
+            () if !knows() => Some(404),
+            () if !reads() || !(stage.ended || oversees()) => Some(403),
+            () => None,
+        },
+        "start_episode" | "abort_episode" => match () {
+            () if !knows() => Some(404),
+            () if !kind.owns() => Some(403),
+            () => None,
+        },
+        "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit"
+        | "confirm_clock" => organizers_alone(kind),
+        of_competitions => refusal_in_competitions(of_competitions, kind, stage),
+    }
+}
+
+/// The same of the routes of competitions.
+fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
+    match operation {
+        "create_competition" | "create_codes" | "change_entrant" | "void_attempt" => {
+            organizers_alone(kind)
+        }
+        "list_competitions" | "show_competition" | "list_entrants" | "show_board" => {
+            (stage.private && kind == Kind::None).then_some(401)
+        }
+        "register_entrant" => match kind {
+            Kind::None => None,
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "start_attempt" => match kind {
+            Kind::None => Some(401),
+            Entrant => None,
+            _ => Some(403),
+        },
+        "show_entrant" => match kind {
+            Kind::None => Some(401),
+            Entrant | Organizer => None,
+            _ => Some(403),
+        },
+        "list_attempts" => match kind {
+            Kind::None => Some(401),
+            _ if kind.is_key() => None,
+            _ => Some(403),
+        },
+        "export_competition" => match kind {
+            Kind::None if stage.private => Some(401),
+            Organizer => None,
+            _ => Some(403),
+        },
+        new => panic!("{new} is a new route: say here who may use it"),
+    }
+}
+
+fn organizers_alone(kind: Kind) -> Option<u16> {
+    match kind {
+        Kind::None => Some(401),
+        Organizer => None,
+        _ => Some(403),
+    }
+}
+
+/// All operations of the document: the method, the path, the id of the operation and what it answers.
+fn operations() -> Vec<(Method, String, String, Value)> {
+    let mut all = Vec::new();
+    for (path, item) in DOCUMENT["paths"].as_object().expect("paths") {
+        for (method, operation) in item.as_object().expect("operations") {
+            let id = operation["operationId"].as_str().expect("an id").to_owned();
+            let method = method.to_uppercase().parse().expect("a method");
+            all.push((method, path.clone(), id, operation["responses"].clone()));
+        }
+    }
+    assert!(all.len() >= 18, "{}", all.len());
+    all
+}
+
+/// A server with tokens of all kinds.
+struct World {
+    app: TestApp,
+    owner: String,
+    member: String,
+    expired: String,
+    revoked: String,
+    elsewhere: Episode,
+    /// A claim in an episode without requests.
+    claimed: Value,
+    finished: Episode,
+    replaced: Episode,
+    cup: Cup,
+    entrant: crate::cup::Entrant,
+    attempt: Attempt,
+    /// Counts names that nobody else has.
+    names: AtomicU64,
+    run_elsewhere: String,
+    replaced_run: String,
+}
+
+fn request(visibility: &str) -> Value {
+    json!({ "task": "Synchronization", "num_agents": 3, "visibility": visibility })
+}
+
+/// A run with one game.
+fn run_request(visibility: &str) -> Value {
+    let suite = json!({
+        "name": "one game", "tasks": ["Synchronization"], "seeds": [1], "settings": { "num_agents": 3 },
+    });
+    json!({ "suite": suite, "model": "a model", "visibility": visibility })
+}
+
+/// The same with one seat for somebody else.
+fn mixed(visibility: &str) -> Value {
+    let mut request = request(visibility);
+    request["open_seats"] = json!(1);
+    request
+}
+
+async fn create(app: &TestApp, key: &str, request: &Value) -> Value {
+    app.post("/api/v1/episodes").token(key).json(request).ok().await
+}
+
+async fn claim(app: &TestApp, key: &str, episode: &Episode) -> Value {
+    app.post(&episode.path("/claims")).token(key).json(&json!({})).ok().await
+}
+
+impl World {
+    async fn run(&self, visibility: &str) -> Value {
+        let call = self.app.post("/api/v1/runs").token(&self.owner);
+        call.json(&run_request(visibility)).ok().await
+    }
+
+    async fn new(private: bool) -> Self {
+        let builder = TestApp::builder().manual_clock().keys();
+        let app = builder.access(|access| access.private = private).start().await;
+        let (owner, _) = app.key(json!({ "name": "owner" })).await;
+        let (member, _) = app.key(json!({ "name": "member" })).await;
+        let ends = json!({ "name": "expired", "expires_at": "2026-03-01T12:00:01Z" });
+        let (expired, _) = app.key(ends).await;
+        let (revoked, id) = app.key(json!({ "name": "revoked" })).await;
+        for key in [&expired, &revoked] {
+            app.get("/api/v1/episodes").token(key).ok().await;
+        }
+        app.pass(std::time::Duration::from_secs(1));
+        app.delete(&format!("/api/v1/keys/{id}")).token(&app.organizer).ok().await;
+        let elsewhere = app.create_with(&member, request("owner")).await;
+        let open = Episode::of(&create(&app, &owner, &mixed("owner")).await);
+        let claimed = claim(&app, &member, &open).await;
+        let finished = app.create_with(&member, request("owner")).await;
+        app.delete(&finished.path("")).token(&member).ok().await;
+        let create = || {
+            let call = app.post("/api/v1/episodes").token(&owner).json(&request("owner"));
+            call.header("Idempotency-Key", "once")
+        };
+        let replaced = Episode::of(&create().ok().await);
+        // The tokens are known and remembered before they are replaced.
+        app.obs(replaced.seat(0)).await;
+        app.swarm_obs(&replaced).await;
+        create().ok().await;
+        let cup = Cup::with(
+            &app,
+            json!({ "opens_at": "2026-03-01T12:00:00Z", "attempts": 100, "entries_per_key": 100 }),
+        );
+        let cup = cup.await;
+        let entrant = cup.enter(&app, "the entrant").await;
+        let attempt = cup.start(&app, &entrant).await;
+        let names = AtomicU64::new(0);
+        let create = || app.post("/api/v1/runs").token(&member).json(&run_request("owner"));
+        let token = |run: &Value| run["swarm_token"].as_str().expect("a token").to_owned();
+        let run_elsewhere = token(&create().ok().await);
+        let run = create().ok().await;
+        let replaced_run = token(&run);
+        app.get("/swarm/obs").token(&replaced_run).ok().await;
+        let path = format!("/api/v1/runs/{}/token", run["id"].as_str().expect("an id"));
+        app.post(&path).token(&member).ok().await;
+        Self {
+            app,
+            owner,
+            member,
+            expired,
+            revoked,
+            elsewhere,
+            claimed,
+            finished,
+            replaced,
+            cup,
+            entrant,
+            attempt,
+            names,
+            run_elsewhere,
+            replaced_run,
+        }
+    }
+
+    /// The value of the header `Authorization`.
+    fn header(&self, kind: Kind, episode: &Episode, claimed: &Value) -> Option<String> {
+        let token = match kind {
+            Kind::None => return None,
+            NoBearer => return Some(format!("Basic {}", episode.seat(0))),
+            NoToken => "nonsense",
+            BadChecksum => {
+                let seat = episode.seat(0);
+                let last = if seat.ends_with('a') { 'b' } else { 'a' };
+                return Some(format!("Bearer {}{last}", &seat[..seat.len() - 1]));
+            }
+            Seat => episode.seat(0),
+            OtherSeat => episode.seat(1),
+            SeatElsewhere => self.elsewhere.seat(0),
+            FinishedSeat => self.finished.seat(0),
+            ReplacedSeat => self.replaced.seat(0),
+            // Of a game of a run it is the run's.
+            Swarm | Run => &episode.swarm,
+            SwarmElsewhere => &self.elsewhere.swarm,
+            ReplacedSwarm => &self.replaced.swarm,
+            RunElsewhere => &self.run_elsewhere,
+            ReplacedRun => &self.replaced_run,
+            ClaimedSeat => claimed["seats"][0]["token"].as_str().expect("a token"),
+            ClaimedSwarm => claimed["swarm_token"].as_str().expect("a token"),
+            Owner => &self.owner,
+            Member => &self.member,
+            ExpiredKey => &self.expired,
+            RevokedKey => &self.revoked,
+            Entrant => &self.entrant.key,
+            Organizer => &self.app.organizer,
+        };
+        Some(format!("Bearer {token}"))
+    }
+
+    /// Asks as somebody would who is entitled to.
+    async fn ask(
+        &self,
+        method: &Method,
+        path: &str,
+        operation: &str,
+        kind: Kind,
+        stage: Stage,
+    ) -> Answer {
+        let is_of_run = path.starts_with("/api/v1/runs/{id}");
+        let run =
+            if is_of_run || kind == Run { self.run(stage.visibility).await } else { json!(null) };
+        let text = |value: &Value| value.as_str().expect("a text").to_owned();
+        let request = if stage.mixed { mixed } else { request };
+        let created = create(&self.app, &self.owner, &request(stage.visibility)).await;
+        let mut episode = Episode::of(&created);
+        if kind == Run && !stage.mixed {
+            episode.id = text(&run["games"][0]["episode"]);
+            episode.swarm = text(&run["swarm_token"]);
+        }
+        let claimed = if stage.mixed {
+            claim(&self.app, &self.member, &episode).await
+        } else {
+            self.claimed.clone()
+        };
+        if stage.ended {
+            self.app.delete(&episode.path("")).token(&self.owner).ok().await;
+            if is_of_run {
+                let path = format!("/api/v1/runs/{}", text(&run["id"]));
+                let ended = self.app.delete(&path).token(&self.owner).send().await;
+                assert!([200, 409].contains(&ended.status), "{}", ended.text());
+            }
+        }
+        let id = match operation {
+            "revoke_key" => self.app.key(json!({ "name": "to be revoked" })).await.1,
+            _ if path.contains("/competitions") => self.cup.id.clone(),
+            _ if is_of_run => text(&run["id"]),
+            _ => episode.id.clone(),
+        };
+        let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
+        let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
+        let mut call = self.app.call(method.clone(), &path);
+        if let Some(header) = self.header(kind, &episode, &claimed) {
+            call = call.header("authorization", &header);
+        }
+        call = match operation {
+            "post_act" => call.json(&json!({ "round": 0, "action": "STAY" })),
+            "post_swarm_act" => {
+                call.json(&json!({ "acts": [episode.act(&json!("Agent_2"), 0, "STAY")] }))
+            }
+            "create_episode" => call.json(&request("owner")),
+            "create_claim" => call.json(&json!({})),
+            "create_key" => call.json(&json!({ "name": "somebody" })),
+            "create_competition" => call.json(&crate::cup::request()),
+            "create_codes" => call.json(&json!({ "labels": ["somebody"] })),
+            "register_entrant" => {
+                let number = self.names.fetch_add(1, Ordering::Relaxed);
+                call.json(&json!({ "name": format!("somebody {number}"), "model": "m" }))
+            }
+            "change_entrant" => call.json(&json!({ "vouched": true })),
+            "start_attempt" => call.json(&json!({ "entrant": self.entrant.id })),
+            "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
+            "create_run" => call.json(&run_request("owner")),
+            "void_episode" => call.json(&json!({ "reason": "a test" })),
+            _ => call,
+        };
+        if ["stream_events", "stream_run_events"].contains(&operation) {
+            // What is streamed does not end before the episode.
+            return Answer::without_body(&call.open().await);
+        }
+        let answer = call.send().await;
+        let elsewhere = [SwarmElsewhere, RunElsewhere].contains(&kind)
+            || (kind == ClaimedSwarm && !stage.mixed);
+        if operation == "post_swarm_act" && elsewhere {
+            // It is good for its own episodes only.
+            assert_eq!(answer.json()["receipts"][0]["code"], "not_found");
+        }
+        answer
+    }
+}
+
+async fn check_all(private: bool, mixed: bool, stages: &[(&'static str, bool)]) {
+    let world = World::new(private).await;
+    let mut refused = 0;
+    for (visibility, ended) in stages.iter().copied() {
+        let stage = Stage { visibility, ended, private, mixed };
+        for (method, path, operation, responses) in operations() {
+            // A run has no seats for others.
+            for kind in KINDS.into_iter().filter(|kind| !(mixed && *kind == Run)) {
+                let answer = world.ask(&method, &path, &operation, kind, stage).await;
+                let what = || format!("{operation} with {kind:?} in {stage:?}: {}", answer.text());
+                if let Some(expected) = refusal(&operation, kind, stage) {
+                    assert_eq!(answer.status, expected, "{}", what());
+                    refused += 1;
+                } else {
+                    let good = (200..300).contains(&answer.status) || answer.status == 409;
+                    assert!(good, "{} {}", answer.status, what());
+                }
+                let documented = responses.get(answer.status.to_string()).is_some();
+                assert!(documented, "{} is not documented: {}", answer.status, what());
+            }
+        }
+    }
+    assert!(refused > 100, "{refused}");
+}
+
+#[tokio::test]
+async fn running_episodes_of_their_owner() {
+    check_all(false, false, &[("owner", false)]).await;
+}
+
+#[tokio::test]
+async fn running_public_episodes() {
+    check_all(false, false, &[("public", false)]).await;
+}
+
+#[tokio::test]
+async fn episodes_that_have_ended() {
+    check_all(false, false, &[("owner", true)]).await;
+}
+
+#[tokio::test]
+async fn running_episodes_of_several_holders() {
+    check_all(false, true, &[("owner", false), ("public", false)]).await;
+}
+
+#[tokio::test]
+async fn a_private_server() {
+    check_all(true, false, &[("public", false), ("owner", true)]).await;
+}
+
+/// What a route shows depends on who asks, too.
+#[tokio::test]
+async fn lists_and_seeds_are_shown_to_those_who_may_read_them() {
+    let world = World::new(false).await;
+    let episode = world.app.create_with(&world.owner, request("owner")).await;
+    for kind in KINDS.into_iter().filter(|kind| !kind.is_worthless() && *kind != Run) {
+        let ask = |path: &str| {
+            let call = world.app.get(path);
+            match world.header(kind, &episode, &world.claimed) {
+                Some(header) => call.header("authorization", &header),
+                None => call,
+            }
+        };
+        let items = ask("/api/v1/episodes?limit=1000").ok().await["items"].clone();
+        let listed = crate::app::list(&items).iter().any(|item| item["id"] == episode.id.as_str());
+        assert_eq!(listed, kind.owns(), "{kind:?}");
+        let shown = ask(&episode.path("")).send().await;
+        if shown.status == 200 {
+            assert_eq!(shown.json()["config"]["seed"].is_u64(), kind.owns(), "{kind:?}");
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The organizer's guide, done as it is written: all its commands, in its order, at its times.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::app::{TestApp, list};
+use crate::cup::Attempt;
+
+/// What the guide says is to be done.
+enum Step {
+    /// It is this time now.
+    Time(jiff::Timestamp),
+    /// These attempts, by the variables that hold their tokens, are played for a while.
+    Play(Vec<String>),
+    /// The competition has been closed.
+    Closed,
+    /// Commands for a shell.
+    Commands(String),
+}
+
+/// The steps of the guide: its commands, and what is noted between them.
+fn steps(guide: &str) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut lines = guide.lines();
+    while let Some(line) = lines.next() {
+        if line == "```sh" {
+            let mut commands = String::new();
+            for line in lines.by_ref().take_while(|line| *line != "```") {
+                writeln!(commands, "{line}").expect("a string takes everything");
+            }
+            steps.push(Step::Commands(commands));
+            continue;
+        }
+        let note = line.strip_prefix("<!-- ").and_then(|line| line.strip_suffix(" -->"));
+        match note.map(|note| note.split_once(": ").unwrap_or((note, ""))) {
+            Some(("time", at)) => steps.push(Step::Time(at.parse().expect("a time"))),
+            Some(("play", names)) => {
+                steps.push(Step::Play(names.split(' ').map(str::to_owned).collect()));
+            }
+            Some(("closed", _)) => steps.push(Step::Closed),
+            Some((other, _)) => panic!("{other} is no step"),
+            None => {}
+        }
+    }
+    steps
+}
+
+/// A shell that remembers its variables and functions from one block of commands to the next.
+struct Shell {
+    folder: tempfile::TempDir,
+    server: String,
+    key: String,
+}
+
+impl Shell {
+    /// Runs commands as they stand in the guide; returns what they say.
+    async fn run(&self, commands: &str) -> String {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let state = self.folder.path().join("state");
+        let state = state.display();
+        let script = format!(
+            "set -euo pipefail\n[ -e '{state}' ] && source '{state}'\nset -x\n{commands}\nset +x\n\
+             {{ declare -p | grep -E '^declare -- [A-Z]' ; declare -f; }} > '{state}'\n"
+        );
+        let binary = PathBuf::from(env!("CARGO_BIN_EXE_swarmbench"));
+        let path = std::env::var("PATH").expect("a path");
+        let path = format!("{}:{path}", binary.parent().expect("a folder").display());
+        let examples = self.folder.path().join("examples");
+        if !examples.exists() {
+            std::os::unix::fs::symlink(root.join("examples"), examples).expect("a link");
+        }
+        let mut shell = Command::new("bash");
+        shell.arg("-c").arg(script).env("PATH", path).current_dir(self.folder.path());
+        shell.env("SWARMBENCH_SERVER", &self.server).env("SWARMBENCH_KEY", &self.key);
+        shell.stdin(Stdio::null());
+        // The server continues meanwhile.
+        let output = tokio::task::spawn_blocking(move || shell.output()).await;
+        let output = output.expect("no panic").expect("there is a bash");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert!(output.status.success(), "{commands}\n{said}");
+        said
+    }
+
+    async fn variable(&self, name: &str) -> String {
+        let said = self.run(&format!("echo \"value: ${name}\"")).await;
+        let value = said.lines().find_map(|line| line.strip_prefix("value: "));
+        value.expect("a value").to_owned()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_guide_is_done_as_it_is_written() {
+    let app = TestApp::builder().manual_clock().keys().start().await;
+    let shell = Shell {
+        folder: tempfile::tempdir().expect("a folder"),
+        server: app.base().to_owned(),
+        key: app.organizer.clone(),
+    };
+    let guide = include_str!("../../../docs/organise/organizer.md");
+    let mut said = String::new();
+    let mut blocks = 0;
+    for step in steps(guide) {
+        match step {
+            Step::Time(at) => {
+                app.pass(Duration::try_from(at.duration_since(app.now())).expect("not back"));
+            }
+            Step::Commands(commands) => {
+                said += &shell.run(&commands).await;
+                blocks += 1;
+            }
+            Step::Play(names) => {
+                for name in names {
+                    let swarm = shell.variable(&name).await;
+                    let attempt = Attempt { run: String::new(), swarm, number: 1 };
+                    for _ in 0..3 {
+                        attempt.act(&app, 4).await;
+                    }
+                }
+            }
+            Step::Closed => {
+                let id = shell.variable("CUP").await;
+                let path = format!("/api/v1/competitions/{id}");
+                for _ in 0..10_000 {
+                    if app.get(&path).ok().await["phase"] == "closed" {
+                        break;
+                    }
+                    app.pass(Duration::from_secs(1));
+                }
+            }
+        }
+    }
+    assert!(blocks > 10, "{blocks} blocks of commands");
+    let cup = shell.variable("CUP").await;
+    let shown = app.get(&format!("/api/v1/competitions/{cup}")).ok().await;
+    let commitment = shell.variable("COMMITMENT").await;
+    assert_eq!((&shown["phase"], &shown["commitment"]), (&json!("closed"), &json!(commitment)));
+    assert!(said.contains("verified: the seeds are those of the published commitment"), "{said}");
+    for expected in ["two entrants of one team", "the disk was full", "not vouched for", "declared"]
+    {
+        assert!(said.contains(expected), "{expected} is missing in {said}");
+    }
+    let board = app.get(&format!("/api/v1/competitions/{cup}/board")).ok().await;
+    let row = |row: &Value| (row["rank"].as_u64(), row["entrant"]["name"].clone());
+    let mut rows: Vec<_> = list(&board["items"]).iter().map(row).collect();
+    assert_eq!(rows.pop(), Some((None, json!("green"))));
+    assert_eq!(rows.len(), 2);
+    let csv = std::fs::read_to_string(shell.folder.path().join("board.csv")).expect("a file");
+    assert_eq!(csv.lines().count(), 4);
+}
+
+/// The example is a competition that the server takes, with every field that there is.
+#[tokio::test]
+async fn the_example_has_every_field() {
+    let example = include_str!("../../../examples/competition.toml");
+    for field in swarmbench::wire::competition::CompetitionRequest::FIELDS {
+        let named = [format!("{field} ="), format!("[{field}]"), format!("[[{field}]]")];
+        assert!(named.iter().any(|named| example.contains(named)), "{field} is missing");
+    }
+}

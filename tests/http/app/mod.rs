@@ -1,0 +1,353 @@
+//! A server for one test, and what a client does with it.
+
+mod call;
+mod episode;
+pub(crate) mod program;
+pub(crate) mod raw;
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use reqwest::{Client, Method};
+use serde_json::Value;
+use swarmbench::clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
+use swarmbench::host::ManualDisk;
+use swarmbench::http::auth::Access;
+use swarmbench::http::limits::Limits;
+use swarmbench::journal::{Entry, Journal as _};
+use swarmbench::keys::{Key, KeyRow, Role};
+use swarmbench::server::{Parts, Server, StartError};
+use swarmbench::store::Store;
+use tempfile::TempDir;
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+pub(crate) use self::call::{Answer, Call, DOCUMENT, check_problem, fields, list, number, texts};
+pub(crate) use self::episode::{Episode, game, verified};
+
+/// Longer than anything takes, so that a test that hangs fails.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(100);
+
+/// How a server is started.
+#[derive(Default)]
+pub(crate) struct Builder {
+    clock: Option<Arc<ManualClock>>,
+    limits: Limits,
+    access: Access,
+    keys: bool,
+    organizer: String,
+    database: Option<Vec<u8>>,
+}
+
+impl Builder {
+    /// Time passes only by [`TestApp::pass`].
+    pub(crate) fn manual_clock(self) -> Self {
+        self.clock_at("2026-03-01T12:00:00Z")
+    }
+
+    /// The same, from another time on.
+    pub(crate) fn clock_at(mut self, now: &str) -> Self {
+        self.clock = Some(Arc::new(ManualClock::new(now.parse().expect("a time"))));
+        self
+    }
+
+    /// Over a database that is there already.
+    pub(crate) fn database(mut self, bytes: Vec<u8>) -> Self {
+        self.database = Some(bytes);
+        self
+    }
+
+    /// Whose organizer has this key.
+    pub(crate) fn key_of(mut self, organizer: &str) -> Self {
+        organizer.clone_into(&mut self.organizer);
+        self
+    }
+
+    /// With other limits.
+    pub(crate) fn limits(mut self, change: impl FnOnce(&mut Limits)) -> Self {
+        change(&mut self.limits);
+        self
+    }
+
+    /// With an organizer's key from the beginning: [`TestApp::organizer`].
+    pub(crate) fn keys(mut self) -> Self {
+        self.keys = true;
+        self
+    }
+
+    /// Opened to others.
+    pub(crate) fn access(mut self, change: impl FnOnce(&mut Access)) -> Self {
+        change(&mut self.access);
+        self
+    }
+
+    /// Starts it.
+    pub(crate) async fn start(self) -> TestApp {
+        let mut app = TestApp {
+            directory: TempDir::new().expect("a directory"),
+            clock: self.clock,
+            disk: Arc::new(ManualDisk::new(50)),
+            limits: self.limits,
+            access: self.access,
+            starts: 0,
+            client: Client::builder().timeout(PATIENCE).build().expect("a client"),
+            running: None,
+            organizer: self.organizer,
+        };
+        if let Some(database) = self.database {
+            std::fs::write(app.database(), database).expect("written");
+            // Ids that were drawn once are not drawn again.
+            app.starts = 1000;
+        }
+        if self.keys {
+            app.organizer = app.first_key().await;
+        }
+        app.start_again().await;
+        app
+    }
+}
+
+/// A server over a database of its own.
+pub(crate) struct TestApp {
+    directory: TempDir,
+    clock: Option<Arc<ManualClock>>,
+    pub(crate) disk: Arc<ManualDisk>,
+    limits: Limits,
+    access: Access,
+    starts: u64,
+    client: Client,
+    running: Option<Running>,
+    /// The key of the organizer, on a server with keys.
+    pub(crate) organizer: String,
+}
+
+struct Running {
+    base: String,
+    stop: oneshot::Sender<()>,
+    task: JoinHandle<Result<(), StartError>>,
+}
+
+impl TestApp {
+    pub(crate) fn builder() -> Builder {
+        Builder::default()
+    }
+
+    /// A server with the host's clock and the usual limits.
+    pub(crate) async fn start() -> Self {
+        Self::builder().start().await
+    }
+
+    /// A server whose time passes only by [`TestApp::pass`].
+    pub(crate) async fn with_manual_clock() -> Self {
+        Self::builder().manual_clock().start().await
+    }
+
+    /// Makes the first key of the database, as the command line does.
+    pub(crate) async fn first_key(&self) -> String {
+        let now = "2026-01-01T00:00:00Z".parse().expect("a time");
+        let entropy = SeededEntropy::new(77);
+        let (key, token) =
+            Key::new(Role::Organizer, "the organizer", None, now, &entropy).expect("a good name");
+        let row = KeyRow { key, hash: token.hash() };
+        let store = Store::open(&self.database()).await.expect("it opens");
+        store.keep(vec![Entry::AddKey(Box::new(row))]).await.expect("it is kept");
+        store.close().await;
+        token.reveal().to_owned()
+    }
+
+    /// Has the organizer make a key; returns it with its id.
+    pub(crate) async fn key(&self, request: Value) -> (String, String) {
+        let made = self.post("/api/v1/keys").token(&self.organizer).json(&request).ok().await;
+        let text = |field: &str| made[field].as_str().expect("a text").to_owned();
+        (text("secret"), text("id"))
+    }
+
+    /// Creates an episode with a key.
+    pub(crate) async fn create_with(&self, key: &str, request: Value) -> Episode {
+        Episode::of(&self.post("/api/v1/episodes").token(key).json(&request).ok().await)
+    }
+
+    /// Starts a server over the same database.
+    pub(crate) async fn start_again(&mut self) {
+        self.launch().await;
+        for _ in 0..10_000 {
+            if self.problems().await.is_empty() {
+                return;
+            }
+        }
+        panic!("it does not get ready: {}", self.problems().await);
+    }
+
+    /// Starts a server whose clock lies behind what the database holds.
+    pub(crate) async fn start_in_doubt(&mut self) {
+        self.launch().await;
+        for _ in 0..10_000 {
+            let problems = self.problems().await;
+            assert!(problems.contains("behind the newest entry"), "{problems}");
+            if !problems.contains("recovered") {
+                return;
+            }
+        }
+        panic!("it does not get ready: {}", self.problems().await);
+    }
+
+    /// What keeps the server from being used, as it says itself; empty where nothing does.
+    pub(crate) async fn problems(&self) -> String {
+        let answer = self.get("/readyz").send().await;
+        if answer.status == 200 {
+            return String::new();
+        }
+        assert_eq!(answer.status, 503, "{}", answer.text());
+        answer.json()["detail"].as_str().expect("a detail").to_owned()
+    }
+
+    /// Asks until the server says that it has this problem.
+    pub(crate) async fn until_problem(&self, problem: &str) {
+        for _ in 0..100_000 {
+            if self.problems().await.contains(problem) {
+                return;
+            }
+        }
+        panic!("no {problem:?}: {:?}", self.problems().await);
+    }
+
+    async fn launch(&mut self) {
+        assert!(self.running.is_none(), "it runs");
+        let parts = self.parts();
+        let server = Server::open(&self.database(), parts).await.expect("it opens");
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+        let base = format!("http://{}", listener.local_addr().expect("an address"));
+        let (stop, stopped) = oneshot::channel::<()>();
+        // The sender may go without a word; that stops it as well.
+        let task = tokio::spawn(server.run(listener, async move { drop(stopped.await) }));
+        self.running = Some(Running { base, stop, task });
+    }
+
+    /// Another process would be made of such parts. Every start draws other random bytes.
+    pub(crate) fn parts(&mut self) -> Parts {
+        self.starts += 1;
+        let clock = self.clock.clone();
+        Parts {
+            clock: clock.map_or_else(|| Arc::new(SystemClock) as _, |clock| clock as _),
+            entropy: Arc::new(SeededEntropy::new(self.starts << 32)),
+            disk: Some(Arc::clone(&self.disk) as _),
+            limits: self.limits,
+            access: self.access.clone(),
+        }
+    }
+
+    /// A server over what the disk holds now, as after the end of the process without any notice.
+    pub(crate) async fn after_a_crash(&self) -> Self {
+        let files = std::fs::read_dir(self.directory.path()).expect("a directory");
+        let files = files.map(|file| file.expect("a file"));
+        self.over(files.map(|file| (file.path(), file.file_name()))).await
+    }
+
+    /// A server in a new directory, over a backup and nothing else.
+    pub(crate) async fn restored(&self, backup: PathBuf) -> Self {
+        let name = self.database().file_name().expect("a name").to_owned();
+        self.over([(backup, name)]).await
+    }
+
+    /// A server over copies of these files, under these names.
+    async fn over(&self, files: impl IntoIterator<Item = (PathBuf, OsString)>) -> Self {
+        let mut app = Self {
+            directory: TempDir::new().expect("a directory"),
+            clock: self.clock.clone(),
+            disk: Arc::clone(&self.disk),
+            limits: self.limits,
+            access: self.access.clone(),
+            starts: self.starts + 100,
+            client: self.client.clone(),
+            running: None,
+            organizer: self.organizer.clone(),
+        };
+        for (file, name) in files {
+            std::fs::copy(file, app.directory.path().join(name)).expect("a copy");
+        }
+        app.start_again().await;
+        app
+    }
+
+    /// Stops the server in good order.
+    pub(crate) async fn stop(&mut self) {
+        let Running { stop, task, .. } = self.running.take().expect("it runs");
+        stop.send(()).expect("it listens");
+        task.await.expect("no panic").expect("a good end");
+    }
+
+    /// Stops the server and starts it over the same database.
+    pub(crate) async fn restart(&mut self) {
+        self.stop().await;
+        self.start_again().await;
+    }
+
+    pub(crate) fn database(&self) -> PathBuf {
+        self.directory.path().join("swarmbench.db")
+    }
+
+    pub(crate) fn base(&self) -> &str {
+        &self.running.as_ref().expect("it runs").base
+    }
+
+    /// The time by the clock that is moved by hand.
+    pub(crate) fn now(&self) -> jiff::Timestamp {
+        self.clock.as_ref().expect("a manual clock").now()
+    }
+
+    /// Lets time pass.
+    pub(crate) fn pass(&self, time: Duration) {
+        self.clock.as_ref().expect("a manual clock").advance(time);
+    }
+
+    /// The clock that is moved by hand.
+    pub(crate) fn clock(&self) -> &ManualClock {
+        self.clock.as_ref().expect("a manual clock")
+    }
+
+    /// Sets the host's time of day, forward or back.
+    pub(crate) fn step(&self, ms: i64) {
+        self.clock().step(jiff::SignedDuration::from_millis(ms));
+    }
+
+    /// Changes the database as another program would.
+    pub(crate) async fn tamper(&self, statement: &'static str) {
+        let mut database = self.other_program().await;
+        sqlx::raw_sql(statement).execute(&mut database).await.expect("a good statement");
+        sqlx::Connection::close(database).await.expect("it closes");
+    }
+
+    /// Another program's connection to the database.
+    pub(crate) async fn other_program(&self) -> sqlx::SqliteConnection {
+        let path = format!("sqlite://{}", self.database().display());
+        <sqlx::SqliteConnection as sqlx::Connection>::connect(&path).await.expect("the database")
+    }
+
+    /// Lets time pass, second by second, until an answer is there.
+    pub(crate) async fn pass_until<T: Send + 'static>(&self, answer: JoinHandle<T>) -> T {
+        while !answer.is_finished() {
+            self.pass(Duration::from_secs(1));
+            self.get("/healthz").ok().await;
+        }
+        answer.await.expect("no panic")
+    }
+
+    pub(crate) fn call(&self, method: Method, path: &str) -> Call {
+        Call(self.client.request(method, format!("{}{path}", self.base())))
+    }
+
+    pub(crate) fn get(&self, path: &str) -> Call {
+        self.call(Method::GET, path)
+    }
+
+    pub(crate) fn post(&self, path: &str) -> Call {
+        self.call(Method::POST, path)
+    }
+
+    pub(crate) fn delete(&self, path: &str) -> Call {
+        self.call(Method::DELETE, path)
+    }
+}

@@ -1,0 +1,13 @@
+//! Competitions.
+
+mod board;
+mod change;
+mod closing;
+mod codes;
+mod create;
+mod export;
+mod list;
+mod register;
+mod show;
+mod start;
+mod void;

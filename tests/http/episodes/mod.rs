@@ -1,0 +1,31 @@
+//! `/api/v1/episodes`.
+
+mod abort;
+mod create;
+mod events;
+mod journal;
+mod list;
+mod show;
+mod start;
+mod state;
+mod visibility;
+mod void;
+
+use serde_json::{Value, json};
+
+use crate::app::{Episode, TestApp};
+
+fn request(agents: u32, rounds: u32) -> Value {
+    json!({ "task": "Synchronization", "seed": 9, "num_agents": agents, "max_round": rounds })
+}
+
+fn with(mut request: Value, field: &str, value: Value) -> Value {
+    request[field] = value;
+    request
+}
+
+async fn finish(app: &TestApp, episode: &Episode) {
+    while app.show(episode).await["status"] == "running" {
+        app.all_act(episode, "SWITCH").await;
+    }
+}

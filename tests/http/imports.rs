@@ -1,0 +1,200 @@
+//! `/api/v1/imports`: games from files, and who may read them.
+
+use serde_json::json;
+
+use crate::app::program::{swarmbench, text};
+use crate::app::{TestApp, list};
+use crate::exports::{TASKS, dataset, open, play, request, unpack};
+
+/// Plays, exports, imports into a fresh database: the same scores, and the same grids in every round.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn exported_games_are_imported_with_the_same_scores_and_grids() {
+    let app = TestApp::start().await;
+    let mut all = Vec::new();
+    for task in TASKS {
+        all.push(play(&app, request(task)).await);
+    }
+    let place = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let db = app.database().display().to_string();
+
+    // Beside the running server: a folder, an archive, and the server's own archive.
+    let folder = swarmbench(&["export", &path("games"), "--db", &db]).await;
+    assert!(folder.status.success(), "{}", text(&folder.stderr));
+    assert!(
+        text(&folder.stdout).contains("5 games, 30 rounds, 180 acts"),
+        "{}",
+        text(&folder.stdout)
+    );
+    let files = open(&place.path().join("games"));
+    assert_eq!(files, dataset(&app, "").await);
+    for args in [
+        ["export", &path("games.zip"), "--db", &db],
+        ["export", &path("sent.zip"), "--server", app.base()],
+    ] {
+        let output = swarmbench(&args).await;
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    for name in ["games.zip", "sent.zip"] {
+        assert_eq!(unpack(&std::fs::read(path(name)).expect("an archive")), files);
+    }
+    // Nothing is overwritten.
+    for name in ["games", "games.zip"] {
+        let output = swarmbench(&["export", &path(name), "--db", &db]).await;
+        assert!(!output.status.success() && text(&output.stderr).contains("not overwritten"));
+    }
+    let tables = swarmbench(&["export", &path("tables"), "--db", &db, "--format", "jsonl"]).await;
+    assert!(tables.status.success(), "{}", text(&tables.stderr));
+    let acts = std::fs::read_to_string(place.path().join("tables/acts.jsonl")).expect("a table");
+    assert_eq!(acts, app.get("/api/v1/exports/acts.jsonl").send().await.text());
+
+    // A server on the database of another organizer.
+    let mut there = TestApp::start().await;
+    let other = there.database().display().to_string();
+    let archive = path("games.zip");
+    let import = ["import", &archive, "--db", &other];
+    let refused = swarmbench(&import).await;
+    assert!(!refused.status.success() && text(&refused.stderr).contains("stop it"));
+    there.stop().await;
+    let output = swarmbench(&import).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stdout).contains("5 games imported with 180 acts"),
+        "{}",
+        text(&output.stdout)
+    );
+    let output = swarmbench(&["import", &path("games"), "--db", &other]).await;
+    assert!(text(&output.stdout).contains("5 were there already"), "{}", text(&output.stdout));
+    there.start_again().await;
+
+    let imports = list(&there.get("/api/v1/imports").ok().await["items"]);
+    assert_eq!(imports.len(), 5);
+    for played in &all {
+        let found = imports.iter().find(|import| import["run_id"] == played.episode.id.as_str());
+        let found = found.expect("the game");
+        assert_eq!((&found["score"], &found["verified"]), (&played.score, &json!(false)));
+        assert_eq!((&found["rounds"], &found["seed"]), (&json!(6), &json!(27)));
+        assert_eq!(
+            (&found["settings"]["rules"], &found["settings"]["memory"]),
+            (&json!("paper"), &json!(5))
+        );
+        let id = found["id"].as_str().expect("an id");
+        assert_eq!(&there.get(&format!("/api/v1/imports/{id}")).ok().await, found);
+        for round in 0..=6 {
+            let mut here =
+                app.get(&played.episode.path(&format!("/state?round={round}"))).ok().await;
+            let there = there.get(&format!("/api/v1/imports/{id}/state?round={round}")).ok().await;
+            for name in ["block", "distance"] {
+                // The format does not tell them.
+                here.as_object_mut().expect("an object").remove(name);
+            }
+            assert_eq!(there, here);
+        }
+        there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
+        let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;
+        assert_eq!(last["round"], 6);
+    }
+    // All that the format tells comes out again.
+    let output = swarmbench(&["export", &path("again"), "--db", &other, "--imported"]).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_eq!(open(&place.path().join("again")), files);
+}
+
+/// A database with one imported game, under a server that is started so.
+async fn with_an_import(private: bool) -> (TestApp, String) {
+    let app = TestApp::start().await;
+    let request = json!({ "task": "Pursuit", "num_agents": 2, "max_round": 1 });
+    app.all_act(&app.create(request).await, "STAY").await;
+    let place = tempfile::tempdir().expect("a folder");
+    let archive = place.path().join("games.zip");
+    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
+        .expect("written");
+    let builder = TestApp::builder().keys();
+    let mut there = builder.access(|access| access.private = private).start().await;
+    there.stop().await;
+    let db = there.database().display().to_string();
+    let output = swarmbench(&["import", &archive.display().to_string(), "--db", &db]).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    there.start_again().await;
+    let organizer = there.organizer.clone();
+    let listed = there.get("/api/v1/imports").token(&organizer).ok().await;
+    let id = listed["items"][0]["id"].as_str().expect("an id").to_owned();
+    (there, id)
+}
+
+#[tokio::test]
+async fn imported_games_are_as_public_as_games_that_have_ended() {
+    for private in [false, true] {
+        let (app, id) = with_an_import(private).await;
+        let (member, _) = app.key(json!({ "name": "member" })).await;
+        let episode = app.create_with(&member, request("Pursuit")).await;
+        for (token, knows) in [
+            (None, !private),
+            (Some(episode.seat(0)), !private),
+            (Some(episode.swarm.as_str()), !private),
+            (Some(&member), true),
+        ] {
+            let ask = |path: String| {
+                let call = app.get(&path);
+                match token {
+                    Some(token) => call.token(token),
+                    None => call,
+                }
+            };
+            let listed = ask("/api/v1/imports".to_owned()).ok().await;
+            assert_eq!(list(&listed["items"]).len(), usize::from(knows), "{private} {token:?}");
+            for rest in ["", "/state?round=1"] {
+                let answer = ask(format!("/api/v1/imports/{id}{rest}")).send().await;
+                assert_eq!(answer.status, if knows { 200 } else { 404 }, "{private} {token:?}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn imported_games_are_listed_page_by_page() {
+    let app = TestApp::start().await;
+    for task in ["Pursuit", "Foraging", "Pursuit"] {
+        let request = json!({ "task": task, "model": task, "num_agents": 2, "max_round": 1 });
+        let episode = app.create(request).await;
+        app.all_act(&episode, "STAY").await;
+    }
+    let place = tempfile::tempdir().expect("a folder");
+    let archive = place.path().join("games.zip");
+    std::fs::write(&archive, app.get("/api/v1/exports/dataset.zip").send().await.body)
+        .expect("written");
+    let mut there = TestApp::start().await;
+    there.stop().await;
+    let db = there.database().display().to_string();
+    let output = swarmbench(&["import", &archive.display().to_string(), "--db", &db]).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    there.start_again().await;
+    let count = async |query: &str| {
+        list(&there.get(&format!("/api/v1/imports?{query}")).ok().await["items"]).len()
+    };
+    assert_eq!(
+        (count("").await, count("task=Pursuit").await, count("model=Foraging").await),
+        (3, 2, 1)
+    );
+    let (mut seen, mut cursor) = (Vec::new(), String::new());
+    loop {
+        let page = there.get(&format!("/api/v1/imports?limit=1{cursor}")).ok().await;
+        seen.extend(list(&page["items"]).iter().map(|item| item["id"].clone()));
+        match page["next_cursor"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    let all = list(&there.get("/api/v1/imports").ok().await["items"]);
+    assert_eq!(seen, all.iter().map(|item| item["id"].clone()).collect::<Vec<_>>());
+    for (query, code) in
+        [("limit=0", 400), ("task=Chess", 400), ("cursor=x", 400), ("colour=red", 400)]
+    {
+        there.get(&format!("/api/v1/imports?{query}")).problem(code, "malformed").await;
+    }
+    for path in ["imp_0", "imp_0/state"] {
+        there.get(&format!("/api/v1/imports/{path}")).problem(404, "not_found").await;
+    }
+    // They are no episodes.
+    assert!(list(&there.get("/api/v1/episodes").ok().await["items"]).is_empty());
+}

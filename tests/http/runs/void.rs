@@ -1,0 +1,63 @@
+//! Voided games are played again while their run is open, and count for nothing after it.
+
+use serde_json::json;
+
+use super::{Run, play, play_game, show, slots, small, stored, text, with};
+use crate::app::{Answer, TestApp, list, number};
+
+async fn void(app: &TestApp, episode: &str, key: &str) -> Answer {
+    let call = app.post(&format!("/api/v1/episodes/{episode}/void")).token(key);
+    call.json(&json!({ "reason": "power cut" })).send().await
+}
+
+#[tokio::test]
+async fn voided_games_are_played_again() {
+    let app = TestApp::builder().keys().start().await;
+    let (owner, _) = app.key(json!({ "name": "owner" })).await;
+    let request = with(small(), &json!({ "parallel": 2 }));
+    let run = Run::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
+    let of = |game: usize| text(&run.created["games"][game], "episode").to_owned();
+    // A game that is played, and one that has ended.
+    play_game(&app, &run, &of(0)).await;
+    assert_eq!(void(&app, &of(0), &owner).await.status, 403);
+    assert_eq!(void(&app, &of(0), &run.token).await.status, 403);
+    for game in [0, 1] {
+        let voided = void(&app, &of(game), &app.organizer).await;
+        assert_eq!(voided.status, 200, "{}", voided.text());
+        assert_eq!(voided.json()["void_reason"], "power cut");
+        assert_ne!(voided.json()["status"], "running");
+    }
+    // Again: nothing changes, not even the reason.
+    let call = app.post(&format!("/api/v1/episodes/{}/void", of(0))).token(&app.organizer);
+    let again = call.json(&json!({ "reason": "another" })).ok().await;
+    assert_eq!(again["void_reason"], "power cut");
+    assert_eq!(stored(&app, "SELECT count(*) FROM audit WHERE action = 'episode.void'").await, 2);
+
+    play(&app, &run).await;
+    let result = show(&app, &run).await;
+    assert_eq!(result["status"], "finished");
+    let told = ["played", "planned", "voided"].map(|field| number(&result[field]));
+    assert_eq!(told, [4, 4, 2]);
+    assert_eq!(list(&result["games"]).len(), 6);
+    assert_eq!(result["acts"]["sent"], 16, "acts in games that count");
+    assert_eq!(slots(&result, "finished"), [0, 0, 1, 2, 3]);
+}
+
+#[tokio::test]
+async fn what_is_voided_after_the_end_counts_for_nothing() {
+    let app = TestApp::builder().keys().start().await;
+    let request = with(small(), &json!({ "visibility": "public" }));
+    let call = app.post("/api/v1/runs").token(&app.organizer).json(&request);
+    let run = Run::of(&call.ok().await);
+    play(&app, &run).await;
+    let before = show(&app, &run).await;
+    let first = text(&run.created["games"][0], "episode").to_owned();
+    assert_eq!(void(&app, &first, &app.organizer).await.status, 200);
+    let after = show(&app, &run).await;
+    let told = ["played", "planned", "voided"].map(|field| number(&after[field]));
+    assert_eq!(told, [3, 3, 1]);
+    assert_eq!(after["status"], "finished");
+    assert_eq!(after["tasks"][0]["mean"], before["games"][1]["score"]);
+    assert_eq!(after["tasks"][0]["deviation"], 0.0);
+    assert_eq!(list(&after["games"]).len(), 4);
+}

@@ -1,0 +1,172 @@
+//! The end of a run: every episode comes to its end, and nothing of it stays in memory.
+
+use std::time::Duration;
+
+use swarmbench::episode::quota::Purpose;
+use swarmbench::episode::seating::Wanted;
+use swarmbench::fair::Party;
+use swarmbench::ids::EpisodeId;
+use swarmbench::journal::EpisodeKey;
+use swarmbench::keys::OwnerKey;
+use swarmbench_engine::AgentId;
+
+use super::{ROUNDS_MAX, Run, STEPS_MAX, Server, Step, UNUSED};
+use crate::checker::{Episode, Invariant};
+use crate::clients::{Acts, Request, act};
+
+impl Run {
+    /// Everything is done that can be done without time and clients.
+    fn settle(&mut self) {
+        for _ in 0..STEPS_MAX {
+            if let Some(&task) = self.executor.runnable().first() {
+                self.poll(task);
+            } else if self.journal.untold() > 0 {
+                self.tell();
+            } else if self.journal.queued() > 0 {
+                self.commit(self.journal.queued());
+            } else {
+                return;
+            }
+        }
+        self.checker.check(Invariant::Progress, false, || "the server does not rest".to_owned());
+    }
+
+    /// Nothing goes wrong any more: every episode comes to its end, by play or by silence.
+    pub(super) fn finish(&mut self) {
+        if self.journal.has_failed() {
+            self.crash();
+        }
+        self.settle();
+        // An episode that failed twice at once is left alone for a while.
+        self.pass(Duration::from_secs(1));
+        if self.options.silence {
+            self.fall_silent();
+        } else {
+            self.play_on();
+        }
+        for (id, ..) in self.unfinished() {
+            self.checker.check(Invariant::Progress, false, || format!("{id} has not ended"));
+        }
+        self.send_again();
+        self.leave_memory();
+        let disk = self.journal.durable();
+        self.checker.ended(&disk);
+    }
+
+    fn unfinished(&self) -> Vec<(EpisodeId, bool, Vec<AgentId>)> {
+        let open = self.checker.episodes.values().filter(|episode| episode.end.is_none());
+        let seats = |e: &Episode| e.world.agents().filter(|agent| e.is_clients(*agent)).collect();
+        open.map(|e| (e.id.clone(), e.waiting, seats(e))).collect()
+    }
+
+    /// Clients play all that is unfinished to its end.
+    fn play_on(&mut self) {
+        // A round each time, or nearly: an act that is too long for its episode is not taken.
+        for _ in 0..3 * ROUNDS_MAX {
+            for (id, waiting, seats) in self.unfinished() {
+                if waiting {
+                    let open = self.checker.episode(&id).map_or(0, Episode::count_open);
+                    if open > 0 {
+                        self.ask(id.clone(), Request::Claim(Wanted::Any(open)));
+                        self.settle();
+                    }
+                    self.ask(id.clone(), Request::Start);
+                    self.settle();
+                }
+                let seed = self.dice.below(1 << 30) as u64;
+                self.ask(id.clone(), Request::Turn(seats, seed));
+                self.settle();
+                self.ask_for_the_escaped(id);
+                self.settle();
+            }
+        }
+    }
+
+    /// The player of an agent that is gone tries to continue.
+    fn ask_for_the_escaped(&mut self, id: EpisodeId) {
+        let Some(episode) = self.checker.episode(&id) else { return };
+        let round = episode.world.round();
+        let gone = (episode.world.agents())
+            .filter(|&agent| !episode.world.is_alive(agent) && episode.is_clients(agent));
+        let acts: Acts = gone
+            .map(|agent| (agent, act(&mut self.dice, &episode.spec.config, agent, round)))
+            .collect();
+        if !acts.is_empty() {
+            self.ask(id, Request::Send(acts));
+        }
+    }
+
+    /// The last clients go away before they are answered. Then there are no requests, and hours pass.
+    fn fall_silent(&mut self) {
+        if self.options.crashes > 0 {
+            self.crash();
+            let hours = [0, 1, 3][self.dice.below(3)];
+            self.pass(UNUSED + Duration::from_hours(hours));
+        }
+        for (id, ..) in self.unfinished() {
+            self.ask(id, Request::Look);
+        }
+        while !self.pending.is_empty() {
+            if self.dice.below(3) == 0 {
+                self.step(Step::Leave);
+            } else if !self.executor.runnable().is_empty() {
+                self.step(Step::Poll);
+            } else if self.journal.untold() > 0 {
+                self.tell();
+            } else if self.journal.queued() > 0 {
+                self.step(Step::Commit);
+            }
+        }
+        for _ in 0..40 {
+            self.pass(Duration::from_mins(10));
+            self.settle();
+            self.sweep();
+            self.settle();
+        }
+    }
+
+    /// Acts that were acknowledged are acknowledged for ever.
+    fn send_again(&mut self) {
+        let receipts = self.checker.receipts();
+        for (id, acts) in std::mem::take(&mut self.acts) {
+            let known = (acts.into_iter())
+                .filter(|(agent, act)| receipts.contains(&(id.clone(), act.round, *agent)));
+            let acts: Acts = known.collect();
+            if !acts.is_empty() {
+                // One after the other: of those that come at once a seat gets some refused.
+                self.ask(id, Request::Send(acts));
+                self.settle();
+            }
+        }
+    }
+
+    /// What has ended leaves the memory and is counted no more.
+    fn leave_memory(&mut self) {
+        for _ in 0..2 {
+            self.pass(UNUSED);
+            self.sweep();
+            self.settle();
+        }
+        let tasks = self.executor.len();
+        let what = || format!("{tasks} tasks go on for nobody");
+        self.checker.check(Invariant::Progress, tasks == 0, what);
+        for Server { registry, quotas, .. } in &self.servers {
+            let (held, unfinished) = (registry.in_memory(), registry.unfinished());
+            let what = || format!("{held} episodes are in memory, {unfinished} are counted");
+            self.checker.check(Invariant::Quotas, held + unfinished == 0, what);
+            // All places of the owner are free.
+            let caps = self.options.caps;
+            let most = caps.episodes_per_key_max.min(caps.episodes_unfinished_max);
+            let bytes: u64 = self.journal.bytes_by_owner().iter().map(|(_, bytes)| bytes).sum();
+            if bytes < caps.journal_bytes_per_key_max {
+                let places = 2_000..2_000 + i64::try_from(most).expect("few");
+                let party = Party::of_key(Some(OwnerKey(1)));
+                let refused = places
+                    .map(|key| quotas.admit(EpisodeKey(key), party, Purpose::Usual))
+                    .find_map(Result::err);
+                let what = || format!("no place is left: {refused:?}");
+                self.checker.check(Invariant::Quotas, refused.is_none(), what);
+            }
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Games and acts for tests that need no server.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use swarmbench::episode::spec::{Spec, Visibility};
+use swarmbench::journal::record::{ActRecord, Source};
+use swarmbench_engine::{Act, AgentId, Config};
+
+/// A public game without clocks, holders or hosted players.
+pub(crate) fn spec(config: Config) -> Spec {
+    Spec {
+        config: Arc::new(config),
+        round_deadline: None,
+        bank: Duration::ZERO,
+        manual_start: false,
+        idle_timeout: Duration::from_mins(20),
+        visibility: Visibility::Public,
+        model: "a test".to_owned(),
+        agent_meta: serde_json::Map::new(),
+        prompt_template: "".into(),
+        custom_template: false,
+        run: None,
+        salt: None,
+        closes_at: None,
+        open_seats: Vec::new(),
+        fill_after: None,
+        fill_with: None,
+        player: None,
+    }
+}
+
+/// What a player sends, without the texts of a language model.
+pub(crate) fn record(agent: AgentId, act: Act) -> ActRecord {
+    ActRecord {
+        agent: agent.to_string(),
+        source: Source::Player,
+        action: act.action.map(|action| action.name().to_owned()),
+        message: act.message.map(|message| message.to_string()),
+        to: act.to.map(|to| to.to_string()),
+        valid: true,
+        response: None,
+        usage: None,
+        reasoning: None,
+        bank_spent_ms: 0,
+    }
+}
