@@ -6,11 +6,10 @@
 use axum::extract::FromRequestParts;
 use axum::http::header;
 use axum::http::request::Parts;
-use ipnet::IpNet;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::App;
+use super::app::{Access, App};
 use super::client::{Client, network};
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
@@ -22,17 +21,6 @@ use crate::journal::{AuditRow, Entry, RunKey};
 use crate::keys::{Key, OwnerKey, Role};
 use crate::store::episodes::Readable;
 use crate::store::tokens::{Grant, Seats};
-
-/// To whom a server opens.
-#[derive(Clone, Debug, Default)]
-pub struct Access {
-    /// As long as there are no keys everybody may create episodes, not only programs on this machine.
-    pub open: bool,
-    /// Without a key, or a token of the episode, nobody reads anything.
-    pub private: bool,
-    /// Whose word about the address of a client counts.
-    pub trusted_proxies: Vec<IpNet>,
-}
 
 /// The sender of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -87,8 +75,8 @@ impl FromRequestParts<App> for Caller {
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
         let token = Token::parse(token.trim()).ok_or_else(unknown)?;
-        let grant = app.grant(&token).await?.ok_or_else(unknown)?;
-        app.party(&grant).await?.into_iter().for_each(Party::refine);
+        let grant = app.tokens.grant(&token).await?.ok_or_else(unknown)?;
+        app.tokens.party(&grant).await?.into_iter().for_each(Party::refine);
         match grant {
             Grant::Seat { episode, owner, agent } => {
                 check_rate(app, owner)?;
@@ -112,7 +100,7 @@ impl FromRequestParts<App> for Caller {
 }
 
 fn check_rate(app: &App, owner: Option<OwnerKey>) -> Result<(), ApiError> {
-    owner.map_or(Ok(()), |owner| app.rates.check_key(owner, &app.limits))
+    owner.map_or(Ok(()), |owner| app.rates.check_key(owner))
 }
 
 impl Caller {

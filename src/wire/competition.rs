@@ -59,25 +59,6 @@ pub struct CompetitionRequest {
     pub entries_per_key: Option<u32>,
 }
 
-impl CompetitionRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &[
-        "name",
-        "description",
-        "opens_at",
-        "closes_at",
-        "suite",
-        "clocks",
-        "entry",
-        "attempts",
-        "parallel",
-        "counts",
-        "board",
-        "board_freezes_at",
-        "entries_per_key",
-    ];
-}
-
 /// What is played in each attempt: every task once on each of its sealed seeds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -297,11 +278,6 @@ pub struct CodesRequest {
     pub labels: Vec<String>,
 }
 
-impl CodesRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["labels"];
-}
-
 /// An invitation code.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct InvitationCode {
@@ -340,12 +316,6 @@ pub struct EntrantRequest {
     pub prompt_template: Option<String>,
     /// The invitation code, where the competition asks for one.
     pub code: Option<String>,
-}
-
-impl EntrantRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] =
-        &["name", "model", "temperature", "top_p", "agent_meta", "prompt_template", "code"];
 }
 
 /// An entrant as everybody sees it.
@@ -436,11 +406,6 @@ pub struct EntrantChange {
     pub vouched: Option<bool>,
 }
 
-impl EntrantChange {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["status", "reason", "vouched"];
-}
-
 /// Which attempt is to be started.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -450,11 +415,6 @@ pub struct AttemptRequest {
     /// Its number, from 1; the next one that is open where it is left out.
     #[schema(minimum = 1)]
     pub attempt: Option<u32>,
-}
-
-impl AttemptRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["entrant", "attempt"];
 }
 
 /// An attempt that was started.

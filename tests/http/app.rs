@@ -9,7 +9,7 @@ use reqwest::{Client, Method, RequestBuilder, StatusCode};
 use serde_json::{Value, json};
 use swarmbench::clock::{Clock, ManualClock, SeededEntropy, SystemClock};
 use swarmbench::host::ManualDisk;
-use swarmbench::http::auth::Access;
+use swarmbench::http::Access;
 use swarmbench::http::limits::Limits;
 use swarmbench::journal::{Entry, Journal};
 use swarmbench::keys::{Key, KeyRow, Role};

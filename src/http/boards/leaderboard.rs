@@ -9,12 +9,11 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Params, page_limit};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
+use super::super::extract::Params;
+use super::super::page::page_limit;
 use super::{Format, by_accept};
 use crate::board::collection::Question;
 use crate::wire::board::{Leaderboard, read_cursor};
-use crate::wire::problem::Problem;
 
 /// Which board, and how.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -62,9 +61,7 @@ pub(in super::super) struct BoardParams {
             (Leaderboard = "application/json"),
             (String = "text/csv"),
         )),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode, on a private server", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode, on a private server"),
     )
 )]
 pub(in super::super) async fn show_leaderboard(
@@ -99,7 +96,7 @@ pub(in super::super) async fn show_leaderboard(
     let make = async {
         let boards = app.standings.boards().await?;
         let intervals = app.clone();
-        let answer = app.render(move || {
+        let answer = app.heavy.render(move || {
             let ranked = boards.ranked(&question)?;
             let start = ranked.after(after);
             let page = |limit| Leaderboard::page(&ranked, start, limit, &intervals.intervals);
@@ -107,5 +104,5 @@ pub(in super::super) async fn show_leaderboard(
         });
         answer.await?
     };
-    app.cached_answer(asked, Box::pin(make)).await
+    app.answers.answer(asked, Box::pin(make)).await
 }

@@ -11,7 +11,6 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::clock::millis;
 use crate::competition::definition::{
@@ -24,7 +23,6 @@ use crate::run::suite::SuiteSettings;
 use crate::wire::competition::{
     AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };
-use crate::wire::problem::Problem;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///
@@ -38,10 +36,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 201, description = "The competition", body = Competition),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn create_competition(

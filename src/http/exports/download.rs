@@ -22,7 +22,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, one_of};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
@@ -121,9 +120,6 @@ impl File {
             (Vec<u8> = "application/zip"),
             (Vec<u8> = "application/vnd.apache.parquet"),
         )),
-        QueryRefusals,
-        IdRefusals,
-        TokenRefusals,
     )
 )]
 pub(in super::super) async fn download_export(

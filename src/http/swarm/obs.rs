@@ -14,16 +14,14 @@ use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::agent::look::{Look, observations};
-use super::super::agent::obs::{json, with_field};
+use super::super::answer::{json, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::clock;
 use crate::episode::{Snapshot, Status};
 use crate::wire::act::SwarmObsResponse;
-use crate::wire::problem::Problem;
 
 /// How to look.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -55,10 +53,8 @@ pub(in super::super) struct SwarmObsParams {
     security(("swarm" = [])),
     responses(
         (status = 200, description = "The observations that wait for an act", body = SwarmObsResponse),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "`template_failed`: prompts were asked for and cannot be made", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not a swarm token"),
+        (status = 422, description = "`template_failed`: prompts were asked for and cannot be made"),
     )
 )]
 pub(in super::super) async fn get_swarm_obs(
@@ -131,7 +127,7 @@ async fn wait_for_seats(
                 return Ok((open, is_over));
             }
             if waiting.is_none() {
-                waiting = Some(app.start_waiting()?);
+                waiting = Some(app.waits.start()?);
             }
             tokio::select! {
                 are_told = any_changed(&mut followed) => if !are_told {
