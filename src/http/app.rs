@@ -45,14 +45,14 @@ const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
 #[derive(Clone)]
 pub struct App(Arc<Shared>);
 
-/// To whom a server opens.
+/// Who may use a server.
 #[derive(Clone, Debug, Default)]
 pub struct Access {
-    /// As long as there are no keys everybody may create episodes, not only programs on this machine.
+    /// While there are no keys, every client may create episodes, not only programs on this machine.
     pub open: bool,
-    /// Without a key, or a token of the episode, nobody reads anything.
+    /// Reading needs a key, or a token of the episode.
     pub private: bool,
-    /// Whose word about the address of a client counts.
+    /// The proxies whose `X-Forwarded-For` is believed.
     pub trusted_proxies: Vec<IpNet>,
 }
 
@@ -74,10 +74,9 @@ pub struct Foundation {
     pub workers: Workers,
     /// What is taken at most.
     pub limits: Limits,
-    /// To whom the server opens.
+    /// Who may use the server.
     pub access: Access,
-    /// Whether a key was ever made. From then on nobody creates anything without one, whatever became
-    /// of the key.
+    /// Whether a key was ever made. After that creating needs one, even if all keys are revoked.
     pub has_keys: bool,
     /// Ends all waits when the server stops.
     pub stop: CancellationToken,
@@ -106,8 +105,8 @@ pub struct Shared {
     pub(super) bodies: Arc<Bodies>,
     pub(super) creations: Creations,
     pub(super) waits: Waits,
-    /// How many open rounds were seen by a holder of several seats. A look locks it, so that
-    /// what is new to one look is new to all that come after it.
+    /// Open rounds that were seen by a holder of several seats, counted. Each look locks it, so that rounds have the same
+    /// order for all looks.
     pub(super) rounds_seen: Mutex<u64>,
     pub(super) heavy: Heavy,
     pub(super) streams: Arc<Streams>,
@@ -174,6 +173,12 @@ impl App {
     pub fn tidy(&self) {
         self.registry.evict_unused();
         self.rates.forget_idle();
+    }
+
+    /// Refuses what is new while the disk is nearly full.
+    pub(super) fn check_disk(&self) -> Result<(), ApiError> {
+        let least = self.limits.disk_free_percent_min;
+        if self.disk.is_full(least) { Err(ApiError::disk_full(least)) } else { Ok(()) }
     }
 
     /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`

@@ -23,7 +23,7 @@ pub(super) struct Client {
     pub(super) is_local: bool,
 }
 
-/// The headers by which proxies say that they are some.
+/// The headers that proxies add.
 const FORWARDED: [HeaderName; 5] = [
     HeaderName::from_static("forwarded"),
     HeaderName::from_static("x-forwarded-for"),
@@ -46,7 +46,7 @@ impl Client {
         Self { address, is_local }
     }
 
-    /// For whom something is done as long as nobody showed a key or a token.
+    /// The party of a request without a key or a token.
     pub(super) fn party(self) -> Party {
         Party::of(Group::Address(network(self.address)))
     }

@@ -114,8 +114,8 @@ fn common_errors(operation: &Operation) -> Vec<(u16, &'static str)> {
     if operation.security.is_some() {
         errors.push((400, "`malformed`: the query, or the body, cannot be read"));
     }
-    let nobody = SecurityRequirement::default();
-    if operation.security.iter().flatten().any(|token| *token != nobody) {
+    let no_token = SecurityRequirement::default();
+    if operation.security.iter().flatten().any(|token| *token != no_token) {
         errors.extend([
             (401, "`unauthorized`: a token is needed, or the one that came is unknown"),
             (500, "`internal`: a fault of the server, which was logged"),

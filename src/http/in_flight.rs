@@ -21,9 +21,9 @@ pub(super) struct InFlight {
 /// What accompanies a request until its answer is sent.
 #[derive(Clone, Debug)]
 pub(super) struct RequestContext {
-    /// For whom the answer is made.
+    /// The party and the rank for which the answer is made.
     pub(super) origin: Origin,
-    /// None where requests are not limited.
+    /// None if requests of this client are not limited.
     pub(super) _in_flight: Option<Arc<InFlightPermit>>,
 }
 

@@ -1,4 +1,4 @@
-//! Pages of lists: as many items as were requested, or as many as fit into one answer.
+//! Pages of lists: as many items as were requested, or as many as fit into one answer; and their cursors.
 
 use axum::response::Response;
 use serde::Serialize;
@@ -12,7 +12,7 @@ use crate::journal::JournalError;
 /// Rows that are read at once: as much work as an async thread does in one piece.
 pub(super) const ROWS_MAX: u32 = 16;
 
-/// Rows that are read at once where each has much behind it.
+/// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
 /// A page that is being written, item by item.
@@ -135,7 +135,7 @@ pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u3
     Ok(limit)
 }
 
-/// Which part of a list somebody wants that is shown as a whole where it fits into one answer.
+/// The page of a list that is shown as a whole if it fits into one answer.
 #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

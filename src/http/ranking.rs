@@ -3,7 +3,7 @@
 use super::cache::Weighted;
 use crate::wire::competition::CompetitionRow;
 
-/// All rows of a board as somebody sees it.
+/// All rows of a board in one view.
 #[derive(Debug, Default)]
 pub(super) struct Ranking {
     pub(super) rows: Vec<CompetitionRow>,
@@ -27,8 +27,8 @@ impl Ranking {
         Self { rows, tasks, bytes }
     }
 
-    /// The place after this entrant; the first where none is named. An entrant that is not there had the last of so
-    /// many rows.
+    /// The index after this entrant; the first if none is named. If the entrant is gone, the number of rows up to it
+    /// decides.
     pub(super) fn after(&self, entrant: Option<&(String, usize)>) -> usize {
         let Some((id, rows)) = entrant else { return 0 };
         let found = self.rows.iter().position(|row| row.entrant.id == *id);

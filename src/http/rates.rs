@@ -50,7 +50,7 @@ struct Rate<K: Hash + Eq + Clone> {
     name: &'static str,
     most: usize,
     clock: RateClock,
-    /// None where there is no limit.
+    /// None if there is no limit.
     limiter: Option<Limiter<K>>,
     checks: AtomicUsize,
 }

@@ -112,7 +112,7 @@ impl Streams {
     }
 }
 
-/// A member of a group gets so many slots, the group at least as many, and otherwise half of all.
+/// A member of a group gets `of_a_member` slots; its group half of all, and at least as many as a member.
 fn shares(slots: usize, of_a_member: usize) -> Shares {
     Shares {
         slots,
@@ -194,7 +194,7 @@ impl Streams {
         let most = self.part_bytes_max;
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);
-        // The connection's own task does not know for whom it works.
+        // The connection's own task has no party.
         let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
         let Some(bytes) = next.await? else { return Ok(None) };
         room.resize(bytes.capacity());

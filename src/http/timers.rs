@@ -66,7 +66,7 @@ impl Timeout {
     }
 }
 
-/// What a connection does with its place. The least is the first to be closed where permits are needed.
+/// What a connection is used for. The least is the first to be evicted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Usage {
     /// No request is in flight, since then: it is idle, or its head is not complete.
@@ -305,7 +305,7 @@ impl State {
         Usage::Request(self.moved / seconds)
     }
 
-    /// When it is too late, and for what. None while a request is being answered, unless the client
+    /// The next timeout, and which. None while a request is being answered, unless the client
     /// does not take the answer.
     fn deadline(&self) -> Option<(Instant, Timeout)> {
         let read = match self.phase {

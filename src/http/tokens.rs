@@ -56,7 +56,7 @@ impl Tokens {
         self.grants.retain(|_, grant| !is_revoked(grant));
     }
 
-    /// The party of a token. None where the token says no more than the address of the client.
+    /// The party of a token. None if the token has no owner.
     pub(super) async fn party(&self, grant: &Grant) -> Result<Option<Party>, ApiError> {
         let (competition, owner) = match grant {
             Grant::Seat { owner, .. } | Grant::Swarm { owner, .. } => (None, *owner),

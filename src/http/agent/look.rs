@@ -23,7 +23,7 @@ const PIECE_CELLS_MAX: usize = 32 * 1024;
 /// What a prompt costs beside its cells, in cells.
 const PROMPT_CELLS: usize = 4096;
 
-/// A seat in a state that somebody looks at.
+/// A seat, in the state that is to be shown to it.
 #[derive(Clone)]
 pub(in super::super) struct Look {
     handle: Handle,
@@ -52,7 +52,7 @@ impl Look {
         Self { acted, ..Self::waiting(app, handle, snapshot, agent) }
     }
 
-    /// A seat that waited for an act when it was looked at, as it was then: it may have acted meanwhile.
+    /// A seat that has to act in this state, also if it has acted meanwhile.
     pub(in super::super) fn waiting(
         app: &App,
         handle: &Handle,
@@ -156,7 +156,7 @@ pub(in super::super) async fn observation(
 }
 
 /// Observations as a JSON list, and how many they are: the first one, and as many more as fit into
-/// `bytes_max`. Whatever is written for a client that has gone is one piece.
+/// `bytes_max`. If the client is gone, no more than one piece is written.
 pub(in super::super) async fn observations(
     app: &App,
     looks: Vec<Look>,

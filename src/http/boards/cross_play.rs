@@ -11,7 +11,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
-use super::super::page::page_limit;
 use super::{Format, by_accept};
 use crate::board::cross_play::pairs;
 use crate::wire::board::CrossPlay;
@@ -62,11 +61,7 @@ pub(in super::super) async fn show_cross_play(
     caller.may_read_boards(&app.access)?;
     let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
     let format = Format::wanted(params.format.as_deref(), &headers)?;
-    let usual = match format {
-        Format::Json => app.limits.page_items_default,
-        Format::Csv => app.limits.page_items_max,
-    };
-    let limit = page_limit(&app, params.limit, usual)? as usize;
+    let limit = format.page_limit(&app, params.limit)?;
     let task = match params.task {
         None => None,
         Some(name) => Some(TaskName::parse(&name).ok_or_else(|| {

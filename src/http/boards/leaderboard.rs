@@ -10,7 +10,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
-use super::super::page::page_limit;
 use super::{Format, by_accept};
 use crate::board::collection::Question;
 use crate::wire::board::{Leaderboard, read_cursor};
@@ -72,11 +71,7 @@ pub(in super::super) async fn show_leaderboard(
 ) -> Result<Response, ApiError> {
     caller.may_read_boards(&app.access)?;
     let format = Format::wanted(params.format.as_deref(), &headers)?;
-    let usual = match format {
-        Format::Json => app.limits.page_items_default,
-        Format::Csv => app.limits.page_items_max,
-    };
-    let limit = page_limit(&app, params.limit, usual)? as usize;
+    let limit = format.page_limit(&app, params.limit)?;
     let after = match &params.cursor {
         None => None,
         Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {

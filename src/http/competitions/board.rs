@@ -62,11 +62,7 @@ pub(in super::super) async fn show_board(
     Params(params): Params<BoardParams>,
 ) -> Result<Response, ApiError> {
     let malformed = |detail| ApiError::new(Code::Malformed, detail);
-    let format = match params.format.as_deref() {
-        None | Some("json") => Format::Json,
-        Some("csv") => Format::Csv,
-        Some(_) => return Err(malformed("format must be one of json, csv")),
-    };
+    let format = Format::named(params.format.as_deref())?.unwrap_or(Format::Json);
     let limit = match params.limit {
         None => usize::MAX,
         asked => page_limit(&app, asked, 0)? as usize,
@@ -114,7 +110,7 @@ pub(in super::super) async fn show_board(
     app.answers.answer_of(question, Box::pin(make)).await
 }
 
-/// Which part of a board somebody wants.
+/// The part of a board that is asked for.
 #[derive(Debug)]
 struct Start {
     limit: usize,
@@ -133,7 +129,7 @@ fn read_cursor(text: &str) -> Option<(String, usize)> {
 }
 
 impl App {
-    /// The board of a competition as somebody sees it. All pages, and both forms, are parts of the same.
+    /// The board of a competition in one view. All its pages, and both formats, are parts of the same ranking.
     async fn ranking(
         &self,
         competition: StoredCompetition,

@@ -62,8 +62,7 @@ pub(in super::super) async fn change_entrant(
         _ => {}
     }
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
-        let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+        let competition = app.stored_competition(&id).await?;
         // What two organizers decide at once is decided one after the other.
         let _lock = app.creations.lock(&format!("entrant {entrant}")).await;
         let before = app.entrant(&competition, &entrant).await?;

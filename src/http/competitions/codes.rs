@@ -43,8 +43,7 @@ pub(in super::super) async fn create_codes(
     _: Params<Nothing>,
     Json(request, _): Json<CodesRequest>,
 ) -> Result<Response, ApiError> {
-    let stored = app.store.find_competition(&id).await?;
-    let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    let stored = app.stored_competition(&id).await?;
     let labels = request.labels;
     if !(1..=CODES_MAX).contains(&labels.len()) {
         let is = labels.len();

@@ -13,8 +13,8 @@ use crate::journal::EntryKey;
 use crate::store::competitions::StoredEntrant;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 
-/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. Only an entrant of whom an organizer
-/// voids attempts again and again has more; the list of attempts has all.
+/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. An entrant has more only if an
+/// organizer voids attempts again and again; the list of attempts has all.
 const ATTEMPTS_SHOWN_MAX: usize = 1000;
 
 /// List the entrants of a competition.

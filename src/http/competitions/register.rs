@@ -59,9 +59,8 @@ pub(in super::super) async fn register_entrant(
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };
-    // A competition that somebody was told of may be entered, also where strangers look at nothing.
-    let stored = app.store.find_competition(&id).await?;
-    let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    // A competition whose id is known may be entered, also on a private server.
+    let competition = app.stored_competition(&id).await?;
     check(&request, &app)?;
     // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {
@@ -97,10 +96,7 @@ async fn register(
     address: IpAddr,
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
-    let least = app.limits.disk_free_percent_min;
-    if app.disk.is_full(least) {
-        return Err(ApiError::disk_full(least));
-    }
+    app.check_disk()?;
     // Nothing is revealed meanwhile.
     let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();

@@ -44,8 +44,7 @@ pub(in super::super) async fn void_attempt(
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
-        let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+        let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("void {run}")).await;
         let attempts = app.store.attempts(competition.key, None).await?;
         let attempt = attempts.into_iter().find(|attempt| attempt.id == run);

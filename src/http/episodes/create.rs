@@ -92,10 +92,7 @@ async fn new_episode(
 ) -> Result<Response, ApiError> {
     // A repeated creation gets that episode, also if it was created under wider limits.
     spec.config.check_new().map_err(|errors| ApiError::settings(errors, ""))?;
-    let least = app.limits.disk_free_percent_min;
-    if app.disk.is_full(least) {
-        return Err(ApiError::disk_full(least));
-    }
+    app.check_disk()?;
     let id = EpisodeId::new(app.clock.wall(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
@@ -243,7 +240,7 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     })
 }
 
-/// A seed that nobody can foresee: 53 random bits.
+/// A seed that cannot be predicted: 53 random bits.
 fn drawn_seed(app: &App) -> i64 {
     let mut bytes = [0; 8];
     app.entropy.fill(&mut bytes);

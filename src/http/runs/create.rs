@@ -160,7 +160,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
     if Suite::BUILT_IN.contains(&name.as_str()) {
         problems.refuse("suite.name", "is that of a built-in suite; choose another");
     }
-    // Suites of competitions have their ids for names, and nobody else gets onto their boards.
+    // Suites of competitions are named by their ids; no other run may get onto their boards.
     if name.trim_start().to_lowercase().starts_with(COMPETITION_PREFIX) {
         problems.refuse("suite.name", "is like that of a competition; choose another");
     }

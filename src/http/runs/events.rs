@@ -61,7 +61,7 @@ async fn send_events(
 ) -> Result<(), ApiError> {
     let mut sent: HashMap<String, (String, bool)> = HashMap::new();
     loop {
-        // Later changes are sent in the next turn.
+        // Later changes are sent by the next iteration.
         let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
         let shown = app.run_detail(caller, &known).await?;

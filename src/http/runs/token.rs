@@ -59,7 +59,7 @@ pub(in super::super) async fn replace_run_token(
 }
 
 impl App {
-    /// A new token in place of the one that a run had, which is worth nothing from now on.
+    /// Replaces the token of a run; the earlier one is revoked.
     pub(in super::super) async fn new_run_token(
         &self,
         run: RunKey,

@@ -62,7 +62,7 @@ pub(in super::super) async fn get_swarm_obs(
     swarm: Swarm,
     Params(params): Params<SwarmObsParams>,
 ) -> Result<Response, ApiError> {
-    let patience = wait(&app, params.wait)?;
+    let timeout = wait(&app, params.wait)?;
     let most = app.limits.observations_max;
     let limit = params.limit.unwrap_or(app.limits.observations_default);
     if !(1..=most).contains(&limit) {
@@ -74,12 +74,12 @@ pub(in super::super) async fn get_swarm_obs(
         None => Cursor::START,
     };
     let mut source = Source::of(&app, swarm).await?;
-    let (open, finished) = wait_for_seats(&app, &mut source, after, patience).await?;
+    let (open, finished) = wait_for_seats(&app, &mut source, after, timeout).await?;
     let open = &open[..open.len().min(limit)];
     let looks = open.iter().map(|open| open.look(&app)).collect();
     let bytes_max = app.limits.answer_bytes_max - REST_BYTES_MAX;
     let (observations, given) = observations(&app, looks, params.prompt, bytes_max).await?;
-    // Whatever did not fit comes with the next answer.
+    // What did not fit comes with the next answer.
     let cursor = open[..given].last().map_or(after, |last| last.seat);
     let rest = Rest { cursor: cursor.write(app.boot), finished };
     Ok(json(with_field(&rest, "observations", &observations)))
@@ -110,11 +110,11 @@ async fn wait_for_seats(
     app: &App,
     source: &mut Source,
     after: Cursor,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Vec<Open>, bool), ApiError> {
     let mut waiting = None;
-    let mut is_up = patience.is_zero();
-    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), patience));
+    let mut is_up = timeout.is_zero();
+    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), timeout));
     loop {
         // Changes from here on are reported by `changed`.
         let (seated, is_over) = source.open(app).await?;
@@ -130,7 +130,7 @@ async fn wait_for_seats(
                 waiting = Some(app.waits.start()?);
             }
             tokio::select! {
-                are_told = any_changed(&mut followed) => if !are_told {
+                is_alive = any_changed(&mut followed) => if !is_alive {
                     // The actor of one has ended by a fault: it is found again, recovered.
                     tokio::select! {
                         () = app.clock.sleep_until(clock::after(app.clock.now(), GONE_PAUSE)) => {}
@@ -176,7 +176,7 @@ impl Followed {
 async fn any_changed(followed: &mut [Followed]) -> bool {
     let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
     match { changes }.next().await {
-        Some(is_told) => is_told,
+        Some(is_alive) => is_alive,
         None => std::future::pending().await,
     }
 }
@@ -185,8 +185,8 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
 /// oldest first; and whether all of these episodes are over.
 fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool) {
     let (snapshots, are_over) = {
-        // Rounds get their places from the first look that sees them. If that were not the same for all of a
-        // look, another one could take the next place for what this one has passed already.
+        // Rounds get their numbers from the first look that sees them. Without one lock for the whole look, another look
+        // could give a smaller number to a round that this one has not seen.
         let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
         let mut snapshots: Vec<_> = followed
             .iter_mut()
