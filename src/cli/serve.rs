@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use ipnet::IpNet;
 
-use crate::http::auth::Access;
+use crate::http::Access;
 use crate::http::limits::Limits;
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
 use crate::telemetry::{LogFormat, start_logs};

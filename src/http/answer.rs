@@ -19,3 +19,22 @@ pub(super) fn with_tokens(status: StatusCode, body: impl Serialize) -> Response 
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     response
 }
+
+/// An answer whose body is written out already.
+pub(super) fn json(body: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], body).into_response()
+}
+
+/// An object as JSON, with one more field whose value is written out already.
+pub(super) fn with_field(object: &impl Serialize, name: &str, value: &[u8]) -> Vec<u8> {
+    let mut body = serde_json::to_vec(object).expect("string keys");
+    let end = body.pop();
+    debug_assert!(end == Some(b'}') && body.len() > 1, "an object with fields");
+    body.reserve(name.len() + value.len() + 8);
+    body.extend_from_slice(b",\"");
+    body.extend_from_slice(name.as_bytes());
+    body.extend_from_slice(b"\":");
+    body.extend_from_slice(value);
+    body.push(b'}');
+    body
+}

@@ -2,31 +2,15 @@
 
 use axum::extract::State;
 use axum::response::Response;
-use serde::Deserialize;
-use utoipa::IntoParams;
 
 use super::App;
 use super::auth::{Caller, Organizer};
 use super::error::ApiError;
-use super::extract::{Params, page_limit, read_cursor};
-use super::page::{Page, ROWS_MAX};
-use super::refusals::{QueryRefusals, TokenRefusals};
+use super::extract::Params;
+use super::page::{NewestParams, ROWS_MAX};
 use crate::journal::{AuditRow, Entry};
 use crate::store::audit::StoredAuditEntry;
 use crate::wire::competition::{AuditEntry, AuditLog};
-use crate::wire::problem::Problem;
-
-/// Which page is to be shown.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct AuditParams {
-    /// How many at most, up to 1,000; 50 where it is left out.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// The `next_cursor` of the page before.
-    cursor: Option<String>,
-}
 
 /// List what organizers did, newest first.
 #[utoipa::path(
@@ -34,30 +18,28 @@ pub(super) struct AuditParams {
     path = "/api/v1/audit",
     operation_id = "list_audit",
     tag = "competitions",
-    params(AuditParams),
+    params(NewestParams),
     security(("key" = [])),
     responses(
         (status = 200, description = "A page of the audit log", body = AuditLog),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(super) async fn list_audit(
     State(app): State<App>,
     _: Organizer,
-    Params(params): Params<AuditParams>,
+    Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
-    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
-    while let Some(rows) = page.wants(ROWS_MAX) {
-        let audit_entries = app.store.audit(page.place(), rows).await?;
-        page.add(rows, audit_entries, |audit_entry| {
+    let page = params.page(&app).await?;
+    page.fill(
+        ROWS_MAX,
+        |before, rows| app.store.audit(before, rows),
+        |audit_entry| {
             let StoredAuditEntry { number, at, who, action, subject, detail } = audit_entry;
             Ok((number, AuditEntry { at, who, action, subject, detail }))
-        })?;
-    }
-    Ok(page.answer())
+        },
+    )
+    .await
 }
 
 impl Organizer {

@@ -1,16 +1,14 @@
 //! Authentication and permissions.
 //!
-//! A caller with a token of an episode's seats, or the key with which it was created, is told apart
-//! from everybody else here, and only here: handlers ask `Caller`.
+//! What a caller may do follows from its token or key, and is decided here only: handlers ask `Caller`.
 
 use axum::extract::FromRequestParts;
 use axum::http::header;
 use axum::http::request::Parts;
-use ipnet::IpNet;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::App;
+use super::app::{Access, App};
 use super::client::{Client, network};
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
@@ -23,21 +21,10 @@ use crate::keys::{Key, OwnerKey, Role};
 use crate::store::episodes::Readable;
 use crate::store::tokens::{Grant, Seats};
 
-/// To whom a server opens.
-#[derive(Clone, Debug, Default)]
-pub struct Access {
-    /// As long as there are no keys everybody may create episodes, not only programs on this machine.
-    pub open: bool,
-    /// Without a key, or a token of the episode, nobody reads anything.
-    pub private: bool,
-    /// Whose word about the address of a client counts.
-    pub trusted_proxies: Vec<IpNet>,
-}
-
 /// The sender of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Caller {
-    /// Nobody known.
+    /// No token was sent.
     Anonymous {
         /// Whether the server has no keys and lets this caller create episodes.
         may_create: bool,
@@ -55,7 +42,7 @@ pub(super) enum Caller {
 /// What the permissions of an episode, or of a run, depend on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Subject<'a> {
-    /// None where it is a run.
+    /// None for a run.
     pub(super) id: Option<&'a EpisodeId>,
     pub(super) owner: Option<OwnerKey>,
     pub(super) run: Option<RunKey>,
@@ -87,8 +74,8 @@ impl FromRequestParts<App> for Caller {
             return Err(ApiError::new(Code::Unauthorized, detail));
         }
         let token = Token::parse(token.trim()).ok_or_else(unknown)?;
-        let grant = app.grant(&token).await?.ok_or_else(unknown)?;
-        app.party(&grant).await?.into_iter().for_each(Party::refine);
+        let grant = app.tokens.grant(&token).await?.ok_or_else(unknown)?;
+        app.tokens.party(&grant).await?.into_iter().for_each(Party::refine);
         match grant {
             Grant::Seat { episode, owner, agent } => {
                 check_rate(app, owner)?;
@@ -112,7 +99,7 @@ impl FromRequestParts<App> for Caller {
 }
 
 fn check_rate(app: &App, owner: Option<OwnerKey>) -> Result<(), ApiError> {
-    owner.map_or(Ok(()), |owner| app.rates.check_key(owner, &app.limits))
+    owner.map_or(Ok(()), |owner| app.rates.check_key(owner))
 }
 
 impl Caller {
@@ -121,7 +108,7 @@ impl Caller {
         matches!(self, Self::Key(key) if key.role == Role::Organizer)
     }
 
-    /// Somebody's key.
+    /// The key of the caller; all other callers are refused.
     pub(super) fn needs_key(&self) -> Result<&Key, ApiError> {
         match self {
             Self::Key(key) => Ok(key),
@@ -133,7 +120,7 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may read what belongs to no episode: everybody, but on a private server.
+    /// Whether the caller may read what belongs to no episode. A private server needs a token.
     pub(super) fn may_look_around(&self, access: &Access) -> Result<(), ApiError> {
         match self {
             Self::Anonymous { .. } if access.private => Err(needs_token("a key")),
@@ -152,7 +139,7 @@ impl Caller {
             Self::Key(key) => {
                 self.is_organizer() || (key.number.is_some() && key.number == episode.owner)
             }
-            // As long as there are no keys nobody can show that they created an episode.
+            // While there are no keys, no caller can prove to be the creator of an episode.
             Self::Anonymous { may_create } => {
                 *may_create && episode.owner.is_none() && episode.visibility == Visibility::Public
             }
@@ -160,13 +147,13 @@ impl Caller {
         }
     }
 
-    /// Whether the caller may see all of the episode before its end, with its seed. Where several hold
-    /// seats, its creator may not: it is one of those that play.
+    /// Whether the caller may see all of the episode before its end, with its seed. If there are several holders, the
+    /// creator may not, who is one of the players.
     pub(super) fn oversees(&self, episode: Subject<'_>) -> bool {
         self.owns(episode) && (!episode.is_mixed || self.is_organizer())
     }
 
-    /// Whether the caller holds anything of the episode, or is known to the server.
+    /// Whether the caller has a key, or a token of the episode.
     fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
             Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
@@ -189,7 +176,7 @@ impl Caller {
         anyone && (!access.private || self.is_known(episode))
     }
 
-    /// Whether the caller may read what everybody may read once it is over.
+    /// Whether the caller may read episodes that have ended.
     pub(super) fn may_read_what_is_over(&self, access: &Access) -> bool {
         !access.private || matches!(self, Self::Key(_))
     }
@@ -239,8 +226,8 @@ impl Caller {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
 
-    /// The audit entry of what an organizer did to something that belongs to somebody else. None if the caller is not an organizer, or
-    /// did it to their own.
+    /// The audit entry of what an organizer did to something of another owner. None if the caller is not an organizer, or
+    /// is the owner.
     pub(super) fn audit_foreign(
         &self,
         owner: Option<OwnerKey>,

@@ -18,25 +18,32 @@ use http_body_util::{BodyExt, LengthLimitError, Limited};
 use hyper::body::Body as _;
 use tokio::time::Instant;
 
-use super::App;
-use super::client::{LIGHT_BODY_BYTES_MAX, is_light};
 use super::error::{ApiError, Code};
 use super::limits::Limits;
 use crate::fair::{Busy, FairLimit, Group, Party, Permit, Rank, Shares};
 
-/// How long a large body waits for its turn.
+/// Bytes of a body that is read and handled in one piece on the threads on which games run. A larger one, or one that does
+/// not say how large it is, is handled on threads of lower priority.
+pub(super) const LIGHT_BODY_BYTES_MAX: usize = 128 * 1024;
+
+/// Whether the body is small.
+pub(super) fn is_light(request: &Request) -> bool {
+    request.body().size_hint().upper().is_some_and(|bytes| bytes <= LIGHT_BODY_BYTES_MAX as u64)
+}
+
+/// How long a large body waits for its permit.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// What all bodies share.
 #[derive(Debug)]
 pub(super) struct Bodies {
-    most: usize,
+    limits: Limits,
     /// Bytes of all bodies.
     all: AtomicUsize,
     /// Bytes of large bodies by group; no entry is 0.
     large: Mutex<HashMap<Group, usize>>,
     /// Permits to handle a large one.
-    turns: FairLimit,
+    permits: FairLimit,
 }
 
 impl Bodies {
@@ -44,10 +51,10 @@ impl Bodies {
         let shares = Shares::halved(limits.large_bodies_max, limits.large_bodies_waiting_max);
         let shares = Shares { slots_per_member: 1, ..shares };
         Self {
-            most: limits.bodies_bytes_max,
+            limits: *limits,
             all: AtomicUsize::new(0),
             large: Mutex::default(),
-            turns: FairLimit::new("large_bodies_max", shares, PATIENCE),
+            permits: FairLimit::new("large_bodies_max", shares, PATIENCE),
         }
     }
 
@@ -56,10 +63,10 @@ impl Bodies {
     }
 }
 
-/// A body that has arrived. Its bytes are counted, and a large one keeps its turn, until this is dropped.
+/// A body that has arrived. Its bytes are counted, and a large one has a permit, until this is dropped.
 pub(super) struct Arrived {
     bytes: Bytes,
-    _turn: Option<Permit>,
+    _permit: Option<Permit>,
     _counted: Counted,
 }
 
@@ -97,7 +104,7 @@ impl Counted {
         } else {
             0
         };
-        let most = bodies.most;
+        let most = bodies.limits.bodies_bytes_max;
         if most.checked_sub(all).is_some_and(|free| of_group <= free) {
             return Ok(());
         }
@@ -122,24 +129,18 @@ impl Drop for Counted {
     }
 }
 
-impl App {
-    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one has a permit until the
-    /// result is dropped.
-    pub(super) async fn json_body(
-        &self,
+impl Bodies {
+    /// Reads a body of at most `limit` bytes that says it is JSON and is text.
+    pub(super) async fn json(
+        self: &Arc<Self>,
         request: Request,
         limit: usize,
         limit_name: &str,
     ) -> Result<Arrived, ApiError> {
-        if !is_light(&request) {
-            let bytes = request.body().size_hint().upper().and_then(|bytes| bytes.try_into().ok());
-            let bytes = bytes.unwrap_or(limit).min(limit);
-            self.rates.check_body(Party::current(), bytes, &self.limits)?;
-        }
         let says_json = is_json(request.headers());
         let (bytes, counted) = self.collect(request.into_body(), limit, limit_name).await?;
-        let turn = if bytes.len() > LIGHT_BODY_BYTES_MAX {
-            Some(self.bodies.turns.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
+        let permit = if bytes.len() > LIGHT_BODY_BYTES_MAX {
+            Some(self.permits.acquire(Party::current(), Rank::Normal).await.map_err(busy)?)
         } else {
             None
         };
@@ -152,18 +153,18 @@ impl App {
                 "send the header `Content-Type: application/json` with the body",
             ));
         }
-        Ok(Arrived { bytes, _turn: turn, _counted: counted })
+        Ok(Arrived { bytes, _permit: permit, _counted: counted })
     }
 
     async fn collect(
-        &self,
+        self: &Arc<Self>,
         body: Body,
         limit: usize,
         limit_name: &str,
     ) -> Result<(Bytes, Counted), ApiError> {
         let mut body = Limited::new(body, limit);
         let mut bytes = BytesMut::new();
-        let mut counted = Counted::new(&self.bodies, Party::current().group);
+        let mut counted = Counted::new(self, Party::current().group);
         let started = Instant::now();
         loop {
             let late = started + patience(&self.limits, bytes.len());

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::{Body, to_bytes};
+use axum::body::Body;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
@@ -12,10 +12,11 @@ use jiff::Timestamp;
 use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 
-use super::App;
-use super::error::{ApiError, Code};
-use crate::clock::after;
+use super::error::ApiError;
+use super::stream::whole;
+use crate::clock::{Clock, after};
 use crate::fair::Rank;
+use crate::store::Store;
 
 /// Bytes of all cached answers.
 pub(super) const ANSWERS_BYTES_MAX: u64 = 48 * 1024 * 1024;
@@ -58,7 +59,11 @@ pub(super) struct Answer {
 }
 
 /// Entries by what was asked.
-pub(super) struct SharedCache<T>(Cache<String, Arc<Cached<T>>, ByBytes>);
+pub(super) struct SharedCache<T> {
+    entries: Cache<String, Arc<Cached<T>>, ByBytes>,
+    store: Store,
+    clock: Arc<dyn Clock>,
+}
 
 #[derive(Clone)]
 struct ByBytes;
@@ -73,12 +78,45 @@ impl<T: Weighted> Weighter<String, Arc<Cached<T>>> for ByBytes {
 
 impl<T: Weighted> SharedCache<T> {
     /// A cache of `bytes_max` bytes in one shard: a large entry has to fit on a machine of many cores, too.
-    pub(super) fn new(bytes_max: u64) -> Self {
+    pub(super) fn new(bytes_max: u64, (store, clock): (Store, Arc<dyn Clock>)) -> Self {
         let mut options = OptionsBuilder::new();
         options.shards(1).estimated_items_capacity(1000).weight_capacity(bytes_max);
         let options = options.build().expect("both capacities are named");
         let hasher = DefaultHashBuilder::default();
-        Self(Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default()))
+        let entries = Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default());
+        Self { entries, store, clock }
+    }
+
+    /// The results that are known now.
+    pub(super) fn results(&self) -> Results {
+        Results { revision: self.store.writer().changes().revision(), at: self.clock.now() }
+    }
+
+    /// The entry of a question, computed by `make` on a cache miss. Concurrent requests for it wait; if the request
+    /// that computes it is dropped, the next one takes over.
+    pub(super) async fn entry(
+        &self,
+        question: String,
+        make: impl Future<Output = Result<Cached<T>, ApiError>>,
+    ) -> Result<Arc<Cached<T>>, ApiError> {
+        let asked = self.results();
+        loop {
+            match self.entries.get_value_or_guard_async(&question).await {
+                Ok(made) if made.is_valid(asked.revision, self.clock.now()) => return Ok(made),
+                Ok(old) => {
+                    self.entries.remove_if(&question, |made| Arc::ptr_eq(made, &old));
+                }
+                Err(place) => {
+                    let mut made = Rank::Normal.scope(make).await?;
+                    // Its age counts from the end of a long computation.
+                    made.of.at = self.clock.now();
+                    let made = Arc::new(made);
+                    // An entry larger than the cache serves only the requests that wait now.
+                    drop(place.insert(Arc::clone(&made)));
+                    return Ok(made);
+                }
+            }
+        }
     }
 }
 
@@ -99,9 +137,7 @@ impl Weighted for Answer {
 impl Answer {
     async fn read(response: Response) -> Result<Self, ApiError> {
         let (parts, body) = response.into_parts();
-        let body = to_bytes(body, usize::MAX).await;
-        let body = body.map_err(|error| ApiError::new(Code::Internal, error.to_string()))?;
-        Ok(Self { headers: parts.headers, body })
+        Ok(Self { headers: parts.headers, body: whole(body).await? })
     }
 
     fn response(&self) -> Response {
@@ -111,14 +147,9 @@ impl Answer {
     }
 }
 
-impl App {
-    /// The results that are known now.
-    pub(super) fn results(&self) -> Results {
-        Results { revision: self.store.writer().changes().revision(), at: self.clock.now() }
-    }
-
+impl SharedCache<Answer> {
     /// The answer to a question that has the same answer for all callers, computed by `make` on a cache miss.
-    pub(super) async fn cached_answer(
+    pub(super) async fn answer(
         &self,
         question: String,
         make: impl Future<Output = Result<Response, ApiError>>,
@@ -127,11 +158,11 @@ impl App {
             let of = self.results();
             Ok((of, make.await?))
         };
-        self.cached_answer_of(question, make).await
+        self.answer_of(question, make).await
     }
 
     /// The same where `make` returns the results from which it computed the answer.
-    pub(super) async fn cached_answer_of(
+    pub(super) async fn answer_of(
         &self,
         question: String,
         make: impl Future<Output = Result<(Results, Response), ApiError>>,
@@ -140,34 +171,6 @@ impl App {
             let (of, response) = make.await?;
             Ok(Cached { of, what: Answer::read(response).await? })
         };
-        Ok(self.cached(&self.answers, question, make).await?.what.response())
-    }
-
-    /// The entry of a question, computed by `make` on a cache miss. Concurrent requests for it wait; if the request
-    /// that computes it is dropped, the next one takes over.
-    pub(super) async fn cached<T: Weighted>(
-        &self,
-        cache: &SharedCache<T>,
-        question: String,
-        make: impl Future<Output = Result<Cached<T>, ApiError>>,
-    ) -> Result<Arc<Cached<T>>, ApiError> {
-        let asked = self.results();
-        loop {
-            match cache.0.get_value_or_guard_async(&question).await {
-                Ok(made) if made.is_valid(asked.revision, self.clock.now()) => return Ok(made),
-                Ok(old) => {
-                    cache.0.remove_if(&question, |made| Arc::ptr_eq(made, &old));
-                }
-                Err(place) => {
-                    let mut made = Rank::Normal.scope(make).await?;
-                    // Its age counts from the end of a long computation.
-                    made.of.at = self.clock.now();
-                    let made = Arc::new(made);
-                    // An entry larger than the cache serves only the requests that wait now.
-                    drop(place.insert(Arc::clone(&made)));
-                    return Ok(made);
-                }
-            }
-        }
+        Ok(self.entry(question, make).await?.what.response())
     }
 }

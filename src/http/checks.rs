@@ -30,7 +30,7 @@ impl Problems {
         }
     }
 
-    /// So many seconds, within these bounds, in whole milliseconds.
+    /// A number of seconds within these bounds, in whole milliseconds.
     pub(super) fn seconds(
         &mut self,
         field: &str,
@@ -51,8 +51,7 @@ impl Problems {
         Duration::from_millis((value.clamp(low, high) * 1000.0).round() as u64)
     }
 
-    /// A round's clock, if there is to be one, what a seat may overspend, and after how long nobody plays
-    /// any more.
+    /// The time limit of a round, if any, the bank of a seat, and the idle timeout.
     pub(super) fn clocks(
         &mut self,
         round_deadline_s: Option<f64>,
@@ -66,7 +65,7 @@ impl Problems {
         (round, bank, idle)
     }
 
-    /// Who reads it before its end, as far as a creator may choose that.
+    /// Who may read it before its end. A creator cannot choose `sealed`.
     pub(super) fn visibility(&mut self, app: &App, name: Option<&str>) -> Option<Visibility> {
         let usual = if app.has_keys { Visibility::Owner } else { Visibility::Public };
         let name = name.unwrap_or(usual.name());

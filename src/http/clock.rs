@@ -9,11 +9,9 @@ use super::App;
 use super::auth::Organizer;
 use super::error::ApiError;
 use super::extract::{Nothing, Params};
-use super::refusals::{QueryRefusals, TokenRefusals};
 use crate::journal::{AuditRow, Entry, Journal};
 use crate::store::clock::CONFIRMED;
 use crate::wire::clock::ConfirmedClock;
-use crate::wire::problem::Problem;
 
 /// Confirm that the clock of the server's host is right.
 ///
@@ -28,9 +26,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The server goes by the host's clock", body = ConfirmedClock),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(super) async fn confirm_clock(

@@ -1,8 +1,8 @@
 //! The one error type that leaves the server.
 //!
 //! Which code belongs where: what cannot be read at all is `malformed`; what was read and is not
-//! allowed is `invalid`; who asks is `unauthorized` (nobody known) or `forbidden` (known, but for
-//! something else); what does not exist, or may not be known to exist, is `not_found`; what comes at
+//! allowed is `invalid`; a caller is `unauthorized` (not known) or `forbidden` (known, but without
+//! the right); what does not exist, or may not be known to exist, is `not_found`; what comes at
 //! the wrong time is one of the four conflicts of acting, or one of the two of seats. The host's own faults are `unavailable`
 //! (the journal) and `internal` (everything that should not happen); both are logged here, once.
 
@@ -254,7 +254,7 @@ impl IntoResponse for ApiError {
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         if let Some(after) = self.retry_after {
-            // Whole seconds, rounded up: nobody should come back too early.
+            // Whole seconds, rounded up: a client should not come back too early.
             let seconds = after.as_millis().div_ceil(1000);
             headers.insert(
                 header::RETRY_AFTER,

@@ -3,84 +3,21 @@
 use std::time::Duration;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
-use axum::http::HeaderMap;
 use axum::http::request::Parts;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Deserializer, Error as _, Visitor};
+use serde::forward_to_deserialize_any;
+use serde_path_to_error::Segment;
 
 use super::App;
-use super::body::Arrived;
+use super::body::{Arrived, is_light};
 use super::error::{ApiError, Code};
-use super::limits::Limits;
-use super::page::Page;
-use crate::keys::OwnerKey;
-use crate::wire::act::{ActRequest, SwarmAct};
-use crate::wire::claim::ClaimRequest;
-use crate::wire::competition::{
-    AttemptRequest, CodesRequest, CompetitionRequest, EntrantChange, EntrantRequest,
-};
-use crate::wire::episode::{EpisodeRequest, VoidRequest};
-use crate::wire::key::KeyRequest;
+use crate::fair::Party;
 use crate::wire::problem::FieldProblem;
-use crate::wire::run::RunRequest;
-
-/// A body that knows the names of its fields.
-pub(super) trait Named: DeserializeOwned {
-    /// The names of all fields.
-    const FIELDS: &'static [&'static str];
-}
-
-impl Named for ActRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for SwarmAct {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for KeyRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for ClaimRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for CompetitionRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for CodesRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for EntrantRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for EntrantChange {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for AttemptRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for RunRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for VoidRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
-
-impl Named for EpisodeRequest {
-    const FIELDS: &'static [&'static str] = Self::FIELDS;
-}
 
 /// A JSON body of the usual size, as it was read and as it came.
 pub(super) struct Json<T>(pub(super) T, pub(super) Arrived);
 
-impl<T: Named> FromRequest<App> for Json<T> {
+impl<T: DeserializeOwned> FromRequest<App> for Json<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
@@ -90,13 +27,36 @@ impl<T: Named> FromRequest<App> for Json<T> {
     }
 }
 
+impl App {
+    /// Reads a body of at most `limit` bytes that says it is JSON and is text. A large one counts against the rates of its
+    /// sender, and has a permit until the result is dropped.
+    pub(super) async fn json_body(
+        &self,
+        request: Request,
+        limit: usize,
+        limit_name: &str,
+    ) -> Result<Arrived, ApiError> {
+        use hyper::body::Body as _;
+
+        if !is_light(&request) {
+            let bytes = request.body().size_hint().upper().and_then(|bytes| bytes.try_into().ok());
+            let bytes = bytes.unwrap_or(limit).min(limit);
+            self.rates.check_body(Party::current(), bytes)?;
+        }
+        self.bodies.json(request, limit, limit_name).await
+    }
+}
+
+/// Unknown fields of a body that an error names.
+const UNKNOWN_FIELDS_MAX: usize = 20;
+
 /// Reads JSON; an error says whether it is none, or which fields are wrong.
-pub(super) fn read<T: Named>(bytes: &[u8]) -> Result<T, ApiError> {
+pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     serde_json::from_slice(bytes).map_err(|error| diagnose::<T>(bytes, &error))
 }
 
 /// Finds the errors of a body that was refused.
-fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
+fn diagnose<T: DeserializeOwned>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     let value = match serde_json::from_slice::<serde_json::Value>(bytes) {
         Ok(value) => value,
         Err(error) => {
@@ -106,37 +66,62 @@ fn diagnose<T: Named>(bytes: &[u8], error: &serde_json::Error) -> ApiError {
     let serde_json::Value::Object(object) = value else {
         return ApiError::new(Code::Invalid, "the body must be a JSON object");
     };
+    let known = fields::<T>();
     let unknown: Vec<FieldProblem> = (object.keys())
-        .filter(|key| !T::FIELDS.contains(&key.as_str()))
-        .take(20)
+        .filter(|key| !known.contains(&key.as_str()))
+        .take(UNKNOWN_FIELDS_MAX)
         .map(|key| FieldProblem {
             field: key.chars().take(100).collect(),
-            problem: format!("is unknown; the fields are {}", T::FIELDS.join(", ")),
+            problem: format!("is unknown; the fields are {}", known.join(", ")),
         })
         .collect();
     if !unknown.is_empty() {
         return ApiError::fields(unknown);
     }
-    // The field that is wrong is the one without which the rest is read differently. Alone it leaves out
-    // others, which is not its fault; but what is missing inside of it is.
-    let is_left_out = |error: &str| {
-        let named = error.strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
-        named.is_some_and(|named| T::FIELDS.contains(&named))
-    };
-    let wrong = (object.keys()).find(|key| {
-        let alone = serde_json::Map::from_iter([((*key).clone(), object[*key].clone())]);
-        let result = serde_json::from_value::<T>(serde_json::Value::Object(alone));
-        result.is_err_and(|error| !is_left_out(&error.to_string()))
-    });
     let problem = error.to_string();
-    // Where in the text it went wrong helps nobody who did not write it by hand.
+    // The place in the text is of no use to a client whose JSON was written by a program.
     let problem = problem.split(" at line ").next().unwrap_or_default().to_owned();
-    match wrong {
-        Some(field) => ApiError::field(field, problem),
-        None => match problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`')) {
-            Some(missing) => ApiError::field(missing, "is missing"),
-            None => ApiError::new(Code::Invalid, problem),
-        },
+    let mut json = serde_json::Deserializer::from_slice(bytes);
+    let located = serde_path_to_error::deserialize::<_, T>(&mut json).err();
+    let field = located.as_ref().and_then(|error| error.path().iter().next());
+    match (field, problem.strip_prefix("missing field `").and_then(|p| p.strip_suffix('`'))) {
+        (Some(Segment::Map { key }), _) => ApiError::field(key, problem),
+        (_, Some(missing)) => ApiError::field(missing, "is missing"),
+        _ => ApiError::new(Code::Invalid, problem),
+    }
+}
+
+/// The names of the fields of a body.
+pub(super) fn fields<T: DeserializeOwned>() -> &'static [&'static str] {
+    let mut fields = Fields(&[]);
+    // It always fails, after it has named its fields.
+    drop(T::deserialize(&mut fields));
+    fields.0
+}
+
+/// Notes the fields for which a struct asks.
+struct Fields(&'static [&'static str]);
+
+impl<'de> Deserializer<'de> for &mut Fields {
+    type Error = serde::de::value::Error;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Self::Error> {
+        Err(Self::Error::custom("there is no value"))
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Self::Error> {
+        self.0 = fields;
+        self.deserialize_any(visitor)
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
     }
 }
 
@@ -185,41 +170,6 @@ impl<S: Sync + Send> FromRequestParts<S> for Ids {
     }
 }
 
-/// The name of a creation that may be repeated, if it has one. Everybody has names of their own.
-pub(super) fn idempotency_key(
-    headers: &HeaderMap,
-    owner: Option<OwnerKey>,
-    limits: &Limits,
-) -> Result<Option<String>, ApiError> {
-    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
-    let most = limits.idempotency_key_chars_max;
-    match (value.to_str(), owner) {
-        (Ok(key), Some(OwnerKey(number))) if (1..=most).contains(&key.len()) => {
-            Ok(Some(format!("{number}/{key}")))
-        }
-        (Ok(key), None) if (1..=most).contains(&key.len()) => Ok(Some(format!("/{key}"))),
-        _ => Err(ApiError::new(
-            Code::Malformed,
-            format!("Idempotency-Key must be 1 to {most} printable ASCII characters"),
-        )),
-    }
-}
-
-/// Where a page of a list begins: after the item with this number.
-pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
-    let Some(text) = text else { return Ok(None) };
-    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
-    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
-        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
-    })?;
-    Ok(Some(number))
-}
-
-/// The cursor of the page after the item with this number.
-pub(super) fn write_cursor(number: i64) -> String {
-    format!("c{number:x}")
-}
-
 /// Refuses a filter that is none of the names that there are.
 pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
     match value {
@@ -228,40 +178,6 @@ pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result
             Err(ApiError::new(Code::Malformed, detail))
         }
         _ => Ok(()),
-    }
-}
-
-/// How many items somebody wants of a list, checked.
-pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
-    let most = app.limits.page_items_max;
-    let limit = asked.unwrap_or(usual);
-    if !(1..=most).contains(&limit) {
-        let detail = format!("limit must be from 1 to {most}, is {limit}");
-        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
-    }
-    Ok(limit)
-}
-
-/// Which part of a list somebody wants that is shown as a whole where it fits into one answer.
-#[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct PageParams {
-    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// The `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
-impl PageParams {
-    /// The page that it asks for, still empty.
-    pub(super) async fn page(&self, app: &App) -> Result<Page, ApiError> {
-        let limit = match self.limit {
-            None => u32::MAX,
-            asked => page_limit(app, asked, 0)?,
-        };
-        Page::new(app, read_cursor(self.cursor.as_deref())?, limit).await
     }
 }
 

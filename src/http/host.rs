@@ -12,9 +12,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{ApiError, Code};
-use super::refusals::RateRefusals;
 use crate::telemetry;
-use crate::wire::problem::Problem;
 
 /// How the server does.
 #[derive(Clone, Debug, Serialize, ToSchema)]
@@ -33,7 +31,7 @@ const OK: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION") };
     path = "/healthz",
     operation_id = "show_health",
     tag = "host",
-    responses((status = 200, description = "It does", body = Health), RateRefusals)
+    responses((status = 200, description = "It does", body = Health))
 )]
 pub(super) async fn show_health() -> Json<Health> {
     Json(OK)
@@ -49,8 +47,7 @@ pub(super) async fn show_health() -> Json<Health> {
     tag = "host",
     responses(
         (status = 200, description = "It can", body = Health),
-        RateRefusals,
-        (status = 503, description = "`unavailable`: not yet, or not any more; `overloaded`", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "`unavailable`: not yet, or not any more; `overloaded`"),
     )
 )]
 pub(super) async fn show_readiness(State(app): State<App>) -> Result<Json<Health>, ApiError> {
@@ -91,10 +88,7 @@ fn problems(app: &App) -> Vec<String> {
     path = "/metrics",
     operation_id = "show_metrics",
     tag = "host",
-    responses(
-        (status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"),
-        RateRefusals,
-    )
+    responses((status = 200, description = "The Prometheus text format", body = String, content_type = "text/plain"))
 )]
 pub(super) async fn show_metrics(State(app): State<App>) -> Response {
     #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]

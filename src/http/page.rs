@@ -1,23 +1,23 @@
-//! Pages of lists: as many items as were requested, or as many as fit into one answer.
+//! Pages of lists: as many items as were requested, or as many as fit into one answer; and their cursors.
 
 use axum::response::Response;
 use serde::Serialize;
 
 use super::App;
-use super::agent::obs::json;
-use super::error::ApiError;
-use super::extract::write_cursor;
+use super::answer::json;
+use super::error::{ApiError, Code};
 use crate::fair::Permit;
+use crate::journal::JournalError;
 
 /// Rows that are read at once: as much work as an async thread does in one piece.
 pub(super) const ROWS_MAX: u32 = 16;
 
-/// Rows that are read at once where each has much behind it.
+/// Rows that are read at once where each needs further reads.
 pub(super) const LARGE_ROWS_MAX: u32 = 8;
 
 /// A page that is being written, item by item.
 pub(super) struct Page {
-    _turn: Permit,
+    _permit: Permit,
     body: Vec<u8>,
     items: usize,
     items_max: usize,
@@ -29,22 +29,46 @@ pub(super) struct Page {
 }
 
 impl Page {
-    /// An empty page after the item with a number, of at most so many items, once it is its turn.
+    /// An empty page of at most `limit` items, or `usual`, once there is a permit for it.
     pub(super) async fn new(
         app: &App,
-        after: Option<i64>,
-        items_max: u32,
+        limit: Option<u32>,
+        usual: u32,
+        cursor: Option<&str>,
     ) -> Result<Self, ApiError> {
+        let items_max = match limit {
+            None => usual,
+            asked => page_limit(app, asked, usual)?,
+        };
+        let place = read_cursor(cursor)?;
         Ok(Self {
-            _turn: app.large_answer().await?,
+            _permit: app.heavy.large_answer().await?,
             body: b"{\"items\":[".to_vec(),
             items: 0,
             items_max: items_max as usize,
             bytes_max: app.limits.answer_bytes_max - CURSOR_BYTES_MAX,
-            place: after,
+            place,
             is_full: false,
             has_ended: false,
         })
+    }
+
+    /// Fills the page and answers with it. `read` gets the number of the last item and how many rows to read, at most
+    /// `rows_max`; `show` gives the number of a row and its item.
+    pub(super) async fn fill<R, T: Serialize, F>(
+        mut self,
+        rows_max: u32,
+        mut read: impl FnMut(Option<i64>, u32) -> F,
+        mut show: impl FnMut(R) -> Result<(i64, T), ApiError>,
+    ) -> Result<Response, ApiError>
+    where
+        F: Future<Output = Result<Vec<R>, JournalError>>,
+    {
+        while let Some(wanted) = self.wants(rows_max) {
+            let rows = read(self.place, wanted).await?;
+            self.add(wanted, rows, &mut show)?;
+        }
+        Ok(self.answer())
     }
 
     /// The number after which the next rows are to be read.
@@ -52,15 +76,15 @@ impl Page {
         self.place
     }
 
-    /// How many rows are to be read next, at most so many; none where the page is full or the list has
+    /// How many rows are to be read next, at most `most`; none if the page is full or the list has
     /// ended. One row more than fits is read to know whether there is another page.
-    pub(super) fn wants(&self, most: u32) -> Option<u32> {
+    fn wants(&self, most: u32) -> Option<u32> {
         let left = self.items_max - self.items + 1;
         let wants = u32::try_from(left).map_or(most, |left| left.min(most));
         (!self.is_full && !self.has_ended).then_some(wants)
     }
 
-    /// Adds the rows that were read when it wanted so many; of each its number and how it is shown.
+    /// Adds rows; fewer than `wanted` end the list.
     pub(super) fn add<R, T: Serialize>(
         &mut self,
         wanted: u32,
@@ -98,6 +122,86 @@ impl Page {
         self.body.push(b'}');
         json(self.body)
     }
+}
+
+/// How many items a page has at most: `usual` where the query does not say.
+pub(super) fn page_limit(app: &App, asked: Option<u32>, usual: u32) -> Result<u32, ApiError> {
+    let most = app.limits.page_items_max;
+    let limit = asked.unwrap_or(usual);
+    if !(1..=most).contains(&limit) {
+        let detail = format!("limit must be from 1 to {most}, is {limit}");
+        return Err(ApiError::limit(Code::Malformed, "page_items_max", most as usize, detail));
+    }
+    Ok(limit)
+}
+
+/// The page of a list that is shown as a whole if it fits into one answer.
+#[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageParams {
+    /// How many at most, up to 1,000; all that fit into one answer where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+impl PageParams {
+    /// The page that it asks for, still empty.
+    pub(super) async fn page(&self, app: &App) -> Result<Page, ApiError> {
+        Page::new(app, self.limit, u32::MAX, self.cursor.as_deref()).await
+    }
+}
+
+/// Parameters of a list, newest first: filters, and those of its pages.
+macro_rules! list_params {
+    ($(#[$about:meta])* $name:ident { $($(#[$about_filter:meta])* $filter:ident,)* }) => {
+        $(#[$about])*
+        #[derive(Debug, Default, serde::Deserialize, utoipa::IntoParams)]
+        #[serde(deny_unknown_fields)]
+        #[into_params(parameter_in = Query)]
+        pub(in crate::http) struct $name {
+            $($(#[$about_filter])* $filter: Option<String>,)*
+            /// How many at most, up to 1,000; 50 where it is left out.
+            #[param(minimum = 1, maximum = 1000)]
+            limit: Option<u32>,
+            /// The `next_cursor` of the page before.
+            cursor: Option<String>,
+        }
+
+        impl $name {
+            /// The page that it asks for, still empty.
+            pub(in crate::http) async fn page(
+                &self,
+                app: &$crate::http::App,
+            ) -> Result<$crate::http::page::Page, $crate::http::error::ApiError> {
+                let usual = app.limits.page_items_default;
+                $crate::http::page::Page::new(app, self.limit, usual, self.cursor.as_deref()).await
+            }
+        }
+    };
+}
+pub(super) use list_params;
+
+list_params! {
+    /// Which page is to be shown.
+    NewestParams {}
+}
+
+/// Where a page of a list begins: after the item with this number.
+fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
+    let Some(text) = text else { return Ok(None) };
+    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
+    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
+        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
+    })?;
+    Ok(Some(number))
+}
+
+/// The cursor of the page after the item with this number.
+fn write_cursor(number: i64) -> String {
+    format!("c{number:x}")
 }
 
 /// Bytes after the items.

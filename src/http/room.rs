@@ -37,7 +37,7 @@ impl<T> Holders<T> {
         self.change(holder, |held| held.insert(number, connection));
     }
 
-    /// None where it was removed before.
+    /// None if it was removed before.
     pub(super) fn remove(&mut self, holder: Holder, number: u64) -> Option<T> {
         self.change(holder, |held| held.remove(&number))
     }
@@ -60,7 +60,7 @@ impl<T> Holders<T> {
     }
 
     /// Removes the connection that makes room for one of `newcomer`: of the holder with the most connections, the least
-    /// by `key`. None where no holder has more than its share.
+    /// by `key`. None if no holder has more than its share.
     pub(super) fn evict<K: Ord>(
         &mut self,
         most: usize,
@@ -68,7 +68,7 @@ impl<T> Holders<T> {
         key: impl Fn(&T) -> K,
     ) -> Option<T> {
         let holders = self.held.len() + usize::from(!self.held.contains_key(&newcomer));
-        // Rounded up, or two clients would close each other's connections by turns.
+        // Rounded up, or two clients would close each other's connections again and again.
         let share = most.div_ceil(holders);
         let &(count, holder) = self.by_count.last()?;
         if count <= share {
@@ -122,7 +122,7 @@ mod tests {
             (&[(client(1), 4), (proxy(), 6)], 10, Some(proxy())),
             (&[(client(1), 5), (proxy(), 5)], 10, None),
             (&[(proxy(), 10)], 10, None),
-            // With the newcomer they are four: nobody has more than three.
+            // With the newcomer they are four: none has more than three.
             (&[(client(1), 3), (client(2), 3), (client(3), 3)], 9, None),
             (&[(client(1), 1), (client(2), 1), (client(3), 1)], 3, None),
             (&[(client(1), 2), (client(2), 1)], 3, Some(client(1))),

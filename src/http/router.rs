@@ -23,13 +23,13 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
 use super::{
-    App, agent, audit, boards, claims, client, clock, competitions, episodes, exports, host,
-    imports, keys, openapi, runs, stream, swarm,
+    App, admit, agent, audit, boards, claims, clock, competitions, description, episodes, exports,
+    host, imports, keys, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
 pub(super) fn routes() -> OpenApiRouter<App> {
-    OpenApiRouter::with_openapi(openapi::Document::openapi())
+    let mut router = OpenApiRouter::with_openapi(description::Document::openapi())
         .routes(routes!(agent::obs::get_obs))
         .routes(routes!(agent::act::post_act))
         .routes(routes!(swarm::obs::get_swarm_obs))
@@ -74,7 +74,9 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(host::show_health))
         .routes(routes!(host::show_readiness))
         .routes(routes!(host::show_metrics))
-        .routes(routes!(clock::confirm_clock))
+        .routes(routes!(clock::confirm_clock));
+    description::add_errors(router.get_openapi_mut());
+    router
 }
 
 /// The whole service.
@@ -95,9 +97,9 @@ pub fn router(app: App) -> Router {
         .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
-        .layer(middleware::from_fn_with_state(app.clone(), stream::reserve))
-        .layer(middleware::from_fn(client::check_host))
-        .layer(middleware::from_fn_with_state(app.clone(), client::admit))
+        .layer(middleware::from_fn_with_state(app.registry.clone(), stream::reserve))
+        .layer(middleware::from_fn(admit::check_host))
+        .layer(middleware::from_fn_with_state(app.clone(), admit::admit))
         .layer(middleware::from_fn(measure))
         .layer(layers)
         .with_state(app)

@@ -1,5 +1,5 @@
-//! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit on how many there are, and
-//! a quick answer to those for whom there is none.
+//! The accept loop: HTTP/1.1 with timeouts on every connection (`timers.rs`), a limit of connections, and a quick error
+//! for those above it.
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
@@ -35,14 +35,14 @@ pub const REFUSALS_MAX: usize = 128;
 /// Connections that were evicted and are not closed yet; no others are evicted meanwhile.
 pub const EVICTIONS_MAX: usize = 32;
 
-/// How long a connection may take to be told so.
+/// How long a connection over the limit may take to read that error.
 const REFUSAL: Duration = Duration::from_secs(1);
 
 /// When clients over the limit may try again.
 const RETRY_AFTER: Duration = Duration::from_secs(5);
 
 /// Connections that are accepted at once, and how long such a burst takes at least: their first requests come together,
-/// and games go on in between. It is 8,000 a second.
+/// and games continue in between. It is 8,000 a second.
 const ACCEPTS_AT_ONCE: u32 = 16;
 const ACCEPTS_TAKE: Duration = Duration::from_millis(2);
 
@@ -93,15 +93,15 @@ pub async fn serve(
             Err(full) => {
                 metrics::counter!("swarmbench_connections_refused_total", "reason" => full.reason)
                     .increment(1);
-                if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
+                if let Ok(permit) = Arc::clone(&refusals).try_acquire_owned() {
                     let timeouts =
                         Timeouts { head: REFUSAL, idle: REFUSAL, write: REFUSAL, ..timeouts };
                     let timers = ConnectionTimers::new(timeouts);
-                    let told =
+                    let refused =
                         connection(stream, peer, full.router(), timers, ending.clone(), None);
                     connections.spawn(async move {
-                        told.await;
-                        drop(turn);
+                        refused.await;
+                        drop(permit);
                     });
                 }
             }

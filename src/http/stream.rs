@@ -4,30 +4,28 @@
 //! the part is sent, so a slow reader holds its own part and nothing that others wait for. No part is made for a
 //! client that is gone: the stream is dropped with the connection.
 
-use std::pin::Pin;
-use std::task::{Context, Poll};
+use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::{Body, HttpBody};
+use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use bytes::Bytes;
 use futures::stream;
-use hyper::body::{Frame, SizeHint};
 
-use super::App;
 use super::error::{ApiError, Code};
 use super::limits::{Limits, STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
 use crate::budget::{Reservation, SMALL_BYTES};
+use crate::episode::registry::Registry;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
 use crate::journal::JournalError;
 use crate::store;
-use crate::work::WorkError;
+use crate::work::{WorkError, Workers};
 
 /// How long a request waits for a permit.
-const PATIENCE: Duration = Duration::from_secs(5);
+const PERMIT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// After how long a stream asks for its permit again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
@@ -42,8 +40,10 @@ pub(super) trait Parts: Send + 'static {
 }
 
 /// What streams share.
-#[derive(Debug)]
 pub(super) struct Streams {
+    registry: Registry,
+    workers: Workers,
+    part_bytes_max: usize,
     /// Permits to read a part of a journal.
     journals: FairLimit,
     /// Permits to make a piece of an export.
@@ -88,11 +88,14 @@ impl StreamLimit {
 }
 
 impl Streams {
-    pub(super) fn new(limits: &Limits) -> Self {
-        let turns = |name, slots| FairLimit::new(name, shares(slots, slots), PATIENCE);
+    pub(super) fn new(registry: Registry, workers: Workers, limits: &Limits) -> Self {
+        let permits = |name, slots| FairLimit::new(name, shares(slots, slots), PERMIT_TIMEOUT);
         Self {
-            journals: turns("journals_max", limits.journals_max),
-            exports: turns("exports_max", limits.exports_max),
+            registry,
+            workers,
+            part_bytes_max: limits.stream_part_bytes_max,
+            journals: permits("journals_max", limits.journals_max),
+            exports: permits("exports_max", limits.exports_max),
             exports_open: StreamLimit::new(
                 "exports_open_max",
                 limits.exports_open_max,
@@ -109,7 +112,7 @@ impl Streams {
     }
 }
 
-/// A member of a group gets so many slots, the group at least as many, and otherwise half of all.
+/// A member of a group gets `of_a_member` slots; its group half of all, and at least as many as a member.
 fn shares(slots: usize, of_a_member: usize) -> Shares {
     Shares {
         slots,
@@ -136,7 +139,7 @@ pub(super) fn refused(busy: Busy, what: &str) -> ApiError {
     let Busy { name, slots } = busy;
     let detail =
         format!("the maximum number of {what} is reached ({name} is {slots}); try again later");
-    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PATIENCE)
+    ApiError::limit(Code::Overloaded, name, slots, detail).retry_after(PERMIT_TIMEOUT)
 }
 
 /// Bytes with the memory that is reserved for them; both go when the bytes are sent.
@@ -151,24 +154,28 @@ impl<T: AsRef<[u8]>> AsRef<[u8]> for Reserved<T> {
     }
 }
 
-impl App {
+impl Streams {
     /// Makes the first part of an answer, and each further one when the client has taken those before it.
-    pub(super) async fn in_parts(&self, mut parts: impl Parts) -> Result<Body, ApiError> {
+    pub(super) async fn in_parts(
+        self: &Arc<Self>,
+        mut parts: impl Parts,
+    ) -> Result<Body, ApiError> {
         let party = Party::current();
-        let turn = self.streams.journals.acquire(party, Rank::Normal).await;
-        let turn = turn.map_err(|busy| refused(busy, "journals are being read"))?;
-        let first = self.part((party, turn), &mut parts).await?;
-        let app = self.clone();
+        let permit = self.journals.acquire(party, Rank::Normal).await;
+        let permit = permit.map_err(|busy| refused(busy, "journals are being read"))?;
+        let first = self.part((party, permit), &mut parts).await?;
+        let streams = Arc::clone(self);
         let rest = stream::try_unfold((parts, first), move |(mut parts, ready)| {
-            let app = app.clone();
+            let streams = Arc::clone(&streams);
             async move {
                 if ready.is_some() {
                     return Ok(ready.map(|part| (part, (parts, None))));
                 }
-                let workers = app.workers.clone();
+                let workers = streams.workers.clone();
                 let next = async move {
-                    let turn = patiently(&app.streams.journals, party).await;
-                    let part = store::patiently(app.part((party, turn), &mut parts)).await?;
+                    let permit = patiently(&streams.journals, party).await;
+                    let part = streams.part((party, permit), &mut parts);
+                    let part = store::patiently(part).await?;
                     Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
                 };
                 let stopped = |error: WorkError| JournalError(error.to_string().into());
@@ -178,16 +185,16 @@ impl App {
         Ok(Body::from_stream(rest))
     }
 
-    /// Makes one part in its turn. Where no memory is free it is a small one.
+    /// Makes one part. Where no memory is free it is a small one.
     async fn part(
         &self,
-        (party, _turn): (Party, Permit),
+        (party, _permit): (Party, Permit),
         parts: &mut impl Parts,
     ) -> Result<Option<Bytes>, JournalError> {
-        let most = self.limits.stream_part_bytes_max;
+        let most = self.part_bytes_max;
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);
-        // The connection's own task does not know for whom it works.
+        // The connection's own task has no party.
         let next = Rank::Normal.scope(party.scope(parts.next(room.bytes())));
         let Some(bytes) = next.await? else { return Ok(None) };
         room.resize(bytes.capacity());
@@ -195,52 +202,32 @@ impl App {
     }
 }
 
-/// Reserves the memory of a large answer until it is sent. Where none is free, what was only read is refused.
-pub(super) async fn reserve(State(app): State<App>, request: Request, next: Next) -> Response {
-    let is_read = request.method() == Method::GET;
+/// Reserves the memory of a large answer until it is sent. Where none is free, the answer to a `GET` is refused.
+pub(super) async fn reserve(
+    State(registry): State<Registry>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let is_get = request.method() == Method::GET;
     let response = next.run(request).await;
-    let Some(bytes) = response.body().size_hint().exact() else { return response };
+    // An answer without an exact size is sent in parts that reserve their own memory.
+    let Some(bytes) = response.body().size_hint().exact() else { return Ok(response) };
     let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
     if bytes <= SMALL_BYTES {
-        return response;
+        return Ok(response);
     }
-    let room = match app.registry.room(bytes) {
+    let room = match registry.room(bytes) {
         Ok(room) => room,
-        Err(full) if is_read => return ApiError::from(full).into_response(),
-        Err(_) => app.registry.budget().take(bytes, None),
+        Err(full) if is_get => return Err(full.into()),
+        Err(_) => registry.budget().take(bytes, None),
     };
-    response.map(|body| Body::new(Large { body, room: Some(room) }))
+    let (parts, body) = response.into_parts();
+    let bytes = whole(body).await?;
+    Ok(Response::from_parts(parts, Bytes::from_owner(Reserved { bytes, _room: room }).into()))
 }
 
-/// A large body; its memory goes with its bytes.
-struct Large {
-    body: Body,
-    room: Option<Reservation>,
-}
-
-impl HttpBody for Large {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let polled = Pin::new(&mut self.body).poll_frame(context);
-        polled.map_ok(|frame| {
-            // It has one frame of data: only what was written out whole has an exact size.
-            frame.map_data(|bytes| match self.room.take() {
-                Some(room) => Bytes::from_owner(Reserved { bytes, _room: room }),
-                None => bytes,
-            })
-        })
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
-    }
+/// All bytes of an answer that was made whole.
+pub(super) async fn whole(body: Body) -> Result<Bytes, ApiError> {
+    let bytes = to_bytes(body, usize::MAX).await;
+    bytes.map_err(|error| ApiError::new(Code::Internal, error.to_string()))
 }

@@ -3,7 +3,7 @@
 //! hyper's own timer cannot tell a slow head from an idle connection, and has none for writing. So the
 //! stream notes what is read and written, the service notes when a request is there and when its
 //! answer is handed over, and the task that serves the connection waits for [`ConnectionTimers::timed_out`] beside it. The
-//! clock of a body is not here but where bodies are read, in `extract.rs`.
+//! clock of a body is not here but where bodies are read, in `body.rs`.
 
 use std::io;
 use std::pin::{Pin, pin};
@@ -17,7 +17,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Instant;
 
-use super::client::RequestContext;
+use super::in_flight::RequestContext;
 use super::limits::Limits;
 
 /// How long each part of a connection may take.
@@ -66,7 +66,7 @@ impl Timeout {
     }
 }
 
-/// What a connection does with its place. The least is the first to be closed where permits are needed.
+/// What a connection is used for. The least is the first to be evicted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Usage {
     /// No request is in flight, since then: it is idle, or its head is not complete.
@@ -305,7 +305,7 @@ impl State {
         Usage::Request(self.moved / seconds)
     }
 
-    /// When it is too late, and for what. None while a request is being answered, unless the client
+    /// The next timeout, and which. None while a request is being answered, unless the client
     /// does not take the answer.
     fn deadline(&self) -> Option<(Instant, Timeout)> {
         let read = match self.phase {

@@ -4,13 +4,23 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use super::App;
+use tokio_util::sync::CancellationToken;
+
 use super::error::{ApiError, Code};
-use crate::clock::after;
+use crate::clock::{Clock, after};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 
-/// One of the requests that wait; counted as long as it exists.
+/// The limit of requests that wait.
+pub(super) struct Waits {
+    count: Arc<AtomicUsize>,
+    most: usize,
+    clock: Arc<dyn Clock>,
+    /// Ends all waits when the server stops.
+    stop: CancellationToken,
+}
+
+/// A request that waits, counted until this is dropped.
 pub(super) struct Waiting(Arc<AtomicUsize>);
 
 impl Drop for Waiting {
@@ -20,13 +30,17 @@ impl Drop for Waiting {
     }
 }
 
-impl App {
+impl Waits {
+    pub(super) fn new(most: usize, clock: Arc<dyn Clock>, stop: CancellationToken) -> Self {
+        Self { count: Arc::default(), most, clock, stop }
+    }
+
     /// Counts one more request that waits.
-    pub(super) fn start_waiting(&self) -> Result<Waiting, ApiError> {
-        let most = self.limits.waits_max;
-        let waiting = Waiting(Arc::clone(&self.waits));
+    pub(super) fn start(&self) -> Result<Waiting, ApiError> {
+        let most = self.most;
+        let waiting = Waiting(Arc::clone(&self.count));
         metrics::gauge!("swarmbench_waits").increment(1.0);
-        if self.waits.fetch_add(1, Ordering::Relaxed) >= most {
+        if self.count.fetch_add(1, Ordering::Relaxed) >= most {
             let detail =
                 format!("{most} requests wait already; ask without `wait`, or try again later");
             return Err(ApiError::limit(Code::Overloaded, "waits_max", most, detail)
@@ -36,7 +50,7 @@ impl App {
     }
 
     /// The first published state that is `wanted`, or the current one when the time is up.
-    pub(super) async fn wait_until(
+    pub(super) async fn until(
         &self,
         handle: &Handle,
         wait: Duration,
@@ -46,7 +60,7 @@ impl App {
         if wait.is_zero() || wanted(&now) {
             return Ok(now);
         }
-        let _waiting = self.start_waiting()?;
+        let _waiting = self.start()?;
         let mut published = handle.follow();
         let mut seen = None;
         let up = self.clock.sleep_until(after(self.clock.now(), wait));

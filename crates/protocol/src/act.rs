@@ -34,12 +34,6 @@ pub struct ActRequest {
     pub reasoning: Option<String>,
 }
 
-impl ActRequest {
-    /// The names of all fields.
-    pub const FIELDS: &[&str] =
-        &["round", "action", "message", "to", "response", "usage", "reasoning"];
-}
-
 /// An act for one of several seats: exactly one of `action` and `response`.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -75,10 +69,6 @@ pub struct SwarmAct {
 }
 
 impl SwarmAct {
-    /// The names of all fields.
-    pub const FIELDS: &[&str] =
-        &["episode", "agent", "round", "action", "message", "to", "response", "usage", "reasoning"];
-
     /// Whose act it is (episode and agent), and the act as for a single seat.
     #[must_use]
     pub fn split(self) -> (String, String, ActRequest) {

@@ -30,11 +30,6 @@ pub struct ClaimRequest {
     pub agent_meta: Option<Map<String, Value>>,
 }
 
-impl ClaimRequest {
-    /// The names of all fields.
-    pub const FIELDS: &[&str] = &["agent", "seats", "model", "agent_meta"];
-}
-
 /// Claimed seats, with tokens that are shown this once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

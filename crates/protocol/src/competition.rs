@@ -55,25 +55,6 @@ pub struct CompetitionRequest {
     pub entries_per_key: Option<u32>,
 }
 
-impl CompetitionRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &[
-        "name",
-        "description",
-        "opens_at",
-        "closes_at",
-        "suite",
-        "clocks",
-        "entry",
-        "attempts",
-        "parallel",
-        "counts",
-        "board",
-        "board_freezes_at",
-        "entries_per_key",
-    ];
-}
-
 /// What is played in each attempt: every task once on each of its sealed seeds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -221,11 +202,6 @@ pub struct CodesRequest {
     pub labels: Vec<String>,
 }
 
-impl CodesRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["labels"];
-}
-
 /// An invitation code.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -270,12 +246,6 @@ pub struct EntrantRequest {
     pub prompt_template: Option<String>,
     /// The invitation code, where the competition asks for one.
     pub code: Option<String>,
-}
-
-impl EntrantRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] =
-        &["name", "model", "temperature", "top_p", "agent_meta", "prompt_template", "code"];
 }
 
 /// An entrant as everybody sees it.
@@ -354,11 +324,6 @@ pub struct EntrantChange {
     pub vouched: Option<bool>,
 }
 
-impl EntrantChange {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["status", "reason", "vouched"];
-}
-
 /// Which attempt is to be started.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -369,11 +334,6 @@ pub struct AttemptRequest {
     /// Its number, from 1; the next one that is open where it is left out.
     #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub attempt: Option<u32>,
-}
-
-impl AttemptRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["entrant", "attempt"];
 }
 
 /// An attempt that was started.

@@ -123,36 +123,6 @@ pub struct EpisodeRequest {
     pub player: Option<String>,
 }
 
-impl EpisodeRequest {
-    /// The names of all fields.
-    pub const FIELDS: &[&str] = &[
-        "task",
-        "seed",
-        "rules",
-        "num_agents",
-        "width",
-        "height",
-        "view_size",
-        "memory",
-        "max_round",
-        "control",
-        "noise",
-        "max_delay",
-        "round_deadline_s",
-        "bank_s",
-        "start",
-        "idle_timeout_s",
-        "visibility",
-        "model",
-        "agent_meta",
-        "prompt_template",
-        "open_seats",
-        "fill_after_s",
-        "fill_with",
-        "player",
-    ];
-}
-
 /// All settings of an episode, defaults filled in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -257,11 +227,6 @@ pub struct VoidRequest {
     /// What went wrong: 1 to 500 characters. It is shown to everybody who may see the episode.
     #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
     pub reason: String,
-}
-
-impl VoidRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["reason"];
 }
 
 /// A page of episodes, newest first.

@@ -22,11 +22,6 @@ pub struct KeyRequest {
     pub expires_at: Option<Timestamp>,
 }
 
-impl KeyRequest {
-    /// The names of all fields.
-    pub const FIELDS: &'static [&'static str] = &["name", "role", "expires_at"];
-}
-
 /// A key as it is shown: all but the key itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

@@ -67,25 +67,6 @@ pub struct RunRequest {
     pub player: Option<String>,
 }
 
-impl RunRequest {
-    /// The names of all fields.
-    pub const FIELDS: &[&str] = &[
-        "suite",
-        "rules",
-        "model",
-        "temperature",
-        "top_p",
-        "agent_meta",
-        "prompt_template",
-        "parallel",
-        "round_deadline_s",
-        "bank_s",
-        "idle_timeout_s",
-        "visibility",
-        "player",
-    ];
-}
-
 /// Which games a run plays.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

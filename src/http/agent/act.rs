@@ -8,17 +8,17 @@ use swarmbench_engine::{Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
 use super::super::App;
+use super::super::answer::{json, with_field};
 use super::super::auth::Seat;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Json, Params, wait};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::look::{Look, observation};
-use super::obs::{is_past, json, with_field};
+use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
 use crate::journal::record::{self, ActRecord, Source};
 use crate::wire::act::{ActRequest, ActResponse, Receipt};
-use crate::wire::problem::{FieldProblem, Problem};
+use crate::wire::problem::FieldProblem;
 
 /// How to act.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -42,11 +42,8 @@ pub(in super::super) struct ActParams {
     security(("seat" = [])),
     responses(
         (status = 200, description = "The act is durable", body = ActResponse),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not a seat token", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`round_ahead`, `already_acted`, `episode_over` or `round_over`, with the current `round`", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not a seat token"),
+        (status = 409, description = "`round_ahead`, `already_acted`, `episode_over` or `round_over`, with the current `round`"),
     )
 )]
 pub(in super::super) async fn post_act(
@@ -69,7 +66,7 @@ pub(in super::super) async fn post_act(
     }
     let round = receipt.round;
     // The act is durable: its receipt is sent even if the limit of waiting requests is reached.
-    let waited = app.wait_until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
+    let waited = app.waits.until(&handle, patience, |snapshot| is_past(snapshot, round)).await;
     let next = match waited.ok().filter(|snapshot| is_past(snapshot, round)) {
         Some(snapshot) => {
             observation(&app, Look::now(&app, &handle, &snapshot, agent), false).await
@@ -200,9 +197,10 @@ mod tests {
     use serde_json::{Map, Value, json};
     use swarmbench_engine::{Settings, TaskName};
 
-    use super::super::super::extract::read;
+    use super::super::super::extract::{fields, read};
     use super::*;
     use crate::journal::record::RawRecord;
+    use crate::wire::problem::Problem;
 
     /// What a field of a body may hold.
     #[derive(Clone, Debug, TypeGenerator)]
@@ -286,7 +284,7 @@ mod tests {
             let rest = self.rest.as_ref().map(|rest| rest.each_ref().map(Held::value));
             let [message, to, usage, reasoning] = rest.unwrap_or_default();
             let unknown = self.unknown.filter(|is_there| *is_there).map(|_| json!(1));
-            let fields = ActRequest::FIELDS.iter().chain(&["speed"]);
+            let fields = fields::<ActRequest>().iter().chain(&["speed"]);
             fields
                 .zip([round, action, message, to, response, usage, reasoning, unknown])
                 .filter_map(|(field, value)| Some(((*field).to_owned(), value?)))

@@ -3,29 +3,18 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use quick_cache::Weighter;
-use quick_cache::sync::Cache;
 use swarmbench_engine::AgentId;
 
 use super::super::App;
 use super::super::error::ApiError;
+use super::super::sights::Key;
 use crate::clock::{millis, until};
+use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
-use crate::episode::{Snapshot, Status};
 use crate::fair::Permit;
-use crate::journal::EpisodeKey;
 use crate::prompt::{self, tasks};
 use crate::wire::episode::EpisodeResult;
 use crate::wire::observation::{Moment, Sight};
-
-/// Bytes of a sight (the larger part of an observation) that is cached.
-const SIGHT_KEPT_BYTES_MAX: usize = 16 * 1024;
-
-/// Bytes of all cached sights.
-const SIGHTS_KEPT_BYTES_MAX: u64 = 64 * 1024 * 1024;
-
-/// Bytes of a usual sight; the cache makes room for as many as fit.
-const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
 
 /// What is written in one piece, in cells: about a millisecond of work. One piece a request is written on
 /// the async thread that asks, all others elsewhere.
@@ -34,43 +23,15 @@ const PIECE_CELLS_MAX: usize = 32 * 1024;
 /// What a prompt costs beside its cells, in cells.
 const PROMPT_CELLS: usize = 4096;
 
-/// Sights that were written, by what decides their bytes.
-pub(in super::super) struct Sights(Cache<Key, Bytes, ByBytes>);
-
-type Key = (EpisodeKey, u32, Status, AgentId);
-
-#[derive(Clone)]
-struct ByBytes;
-
-impl Weighter<Key, Bytes> for ByBytes {
-    fn weight(&self, _: &Key, sight: &Bytes) -> u64 {
-        (sight.len() + size_of::<Key>()) as u64
-    }
-}
-
-impl Sights {
-    pub(in super::super) fn new() -> Self {
-        let items = usize::try_from(SIGHTS_KEPT_BYTES_MAX / SIGHT_USUAL_BYTES).unwrap_or(0);
-        Self(Cache::with_weighter(items, SIGHTS_KEPT_BYTES_MAX, ByBytes))
-    }
-
-    /// Keeps a sight, if it is small.
-    fn keep(&self, key: Key, sight: &Bytes) {
-        if sight.len() <= SIGHT_KEPT_BYTES_MAX {
-            self.0.insert(key, sight.clone());
-        }
-    }
-}
-
-/// A seat in a state that somebody looks at.
+/// A seat, in the state that is to be shown to it.
 #[derive(Clone)]
 pub(in super::super) struct Look {
     handle: Handle,
     snapshot: Arc<Snapshot>,
     agent: AgentId,
     acted: bool,
-    /// Where it was written before.
-    kept: Option<Bytes>,
+    /// The sight, if it was written before.
+    cached: Option<Bytes>,
 }
 
 /// What was written for a seat.
@@ -91,7 +52,7 @@ impl Look {
         Self { acted, ..Self::waiting(app, handle, snapshot, agent) }
     }
 
-    /// A seat that waited for an act when it was looked at, as it was then: it may have acted meanwhile.
+    /// A seat that has to act in this state, also if it has acted meanwhile.
     pub(in super::super) fn waiting(
         app: &App,
         handle: &Handle,
@@ -99,8 +60,8 @@ impl Look {
         agent: AgentId,
     ) -> Self {
         let (handle, snapshot) = (handle.clone(), Arc::clone(snapshot));
-        let mut look = Self { handle, snapshot, agent, acted: false, kept: None };
-        look.kept = app.sights.0.get(&look.key());
+        let mut look = Self { handle, snapshot, agent, acted: false, cached: None };
+        look.cached = app.sights.get(&look.key());
         look
     }
 
@@ -112,7 +73,7 @@ impl Look {
     /// About how much work it is to write it, in cells.
     fn cells(&self, with_prompt: bool) -> usize {
         let cells = self.snapshot.world.observation_cells(self.agent);
-        match &self.kept {
+        match &self.cached {
             _ if with_prompt => PROMPT_CELLS + 4 * cells,
             Some(sight) => 1 + sight.len() / 32,
             None => cells,
@@ -131,13 +92,13 @@ impl Look {
 
     /// Writes what stays the same while the round is open.
     fn write(&self, app: &App, with_prompt: bool) -> Result<Written, ApiError> {
-        if let (Some(sight), false) = (&self.kept, with_prompt) {
+        if let (Some(sight), false) = (&self.cached, with_prompt) {
             return Ok(Written { sight: sight.clone(), prompt: None });
         }
         let seen = self.sight();
-        let sight = self.kept.clone().unwrap_or_else(|| {
+        let sight = self.cached.clone().unwrap_or_else(|| {
             let sight = Bytes::from(serde_json::to_vec(&seen).expect("string keys"));
-            app.sights.keep(self.key(), &sight);
+            app.sights.insert(self.key(), &sight);
             sight
         });
         let spec = &self.handle.spec;
@@ -187,7 +148,7 @@ pub(in super::super) async fn observation(
     with_prompt: bool,
 ) -> Result<Vec<u8>, ApiError> {
     let mut body = Vec::new();
-    let _turn = turn(app, std::slice::from_ref(&look), with_prompt).await?;
+    let _permit = permit(app, std::slice::from_ref(&look), with_prompt).await?;
     for (look, written) in Pen::new(app, with_prompt).write(vec![look]).await? {
         look.add_to(&mut body, &written, app);
     }
@@ -195,7 +156,7 @@ pub(in super::super) async fn observation(
 }
 
 /// Observations as a JSON list, and how many they are: the first one, and as many more as fit into
-/// `bytes_max`. Whatever is written for a client that has gone is one piece.
+/// `bytes_max`. If the client is gone, no more than one piece is written.
 pub(in super::super) async fn observations(
     app: &App,
     looks: Vec<Look>,
@@ -203,7 +164,7 @@ pub(in super::super) async fn observations(
     bytes_max: usize,
 ) -> Result<(Vec<u8>, usize), ApiError> {
     let (mut body, mut given) = (b"[".to_vec(), 0);
-    let _turn = turn(app, &looks, with_prompt).await?;
+    let _permit = permit(app, &looks, with_prompt).await?;
     let mut pen = Pen::new(app, with_prompt);
     let mut rest = looks.into_iter().peekable();
     while rest.peek().is_some() {
@@ -234,9 +195,9 @@ pub(in super::super) async fn observations(
 }
 
 /// A permit for a large answer; what is written in one piece needs none.
-async fn turn(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
+async fn permit(app: &App, looks: &[Look], with_prompt: bool) -> Result<Option<Permit>, ApiError> {
     let cells: usize = looks.iter().map(|look| look.cells(with_prompt)).sum();
-    Ok(if cells > PIECE_CELLS_MAX { Some(app.large_answer().await?) } else { None })
+    Ok(if cells > PIECE_CELLS_MAX { Some(app.heavy.large_answer().await?) } else { None })
 }
 
 /// Writes what seats see for one request: one piece here, all others elsewhere.
@@ -269,7 +230,7 @@ impl<'a> Pen<'a> {
             work()
         } else {
             *elsewhere += cells;
-            self.app.render(work).await?
+            self.app.heavy.render(work).await?
         }
     }
 }

@@ -10,13 +10,11 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Params, page_limit};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
+use super::super::extract::Params;
 use super::{Format, by_accept};
 use crate::board::cross_play::pairs;
 use crate::board::page;
 use crate::wire::board::CrossPlay;
-use crate::wire::problem::Problem;
 
 /// Which games.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -52,9 +50,7 @@ pub(in super::super) struct CrossPlayParams {
             (CrossPlay = "application/json"),
             (String = "text/csv"),
         )),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode, on a private server", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode, on a private server"),
     )
 )]
 pub(in super::super) async fn show_cross_play(
@@ -66,11 +62,7 @@ pub(in super::super) async fn show_cross_play(
     caller.may_read_boards(&app.access)?;
     let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
     let format = Format::wanted(params.format.as_deref(), &headers)?;
-    let usual = match format {
-        Format::Json => app.limits.page_items_default,
-        Format::Csv => app.limits.page_items_max,
-    };
-    let limit = page_limit(&app, params.limit, usual)? as usize;
+    let limit = format.page_limit(&app, params.limit)?;
     let task = match params.task {
         None => None,
         Some(name) => Some(TaskName::parse(&name).ok_or_else(|| {
@@ -91,7 +83,7 @@ pub(in super::super) async fn show_cross_play(
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let games = app.standings.mixed().await?;
-        let answer = app.render(move || {
+        let answer = app.heavy.render(move || {
             let asked = games.values().filter(|game| {
                 task.is_none_or(|task| game.setting.task == task)
                     && params.rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
@@ -102,5 +94,5 @@ pub(in super::super) async fn show_cross_play(
         });
         answer.await
     };
-    app.cached_answer(asked, Box::pin(make)).await
+    app.answers.answer(asked, Box::pin(make)).await
 }

@@ -9,13 +9,11 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Params, page_limit};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
+use super::super::extract::Params;
 use super::{Format, by_accept};
 use crate::board::collection::Question;
 use crate::board::page::{self, read_cursor};
 use crate::wire::board::Leaderboard;
-use crate::wire::problem::Problem;
 
 /// Which board, and how.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -63,9 +61,7 @@ pub(in super::super) struct BoardParams {
             (Leaderboard = "application/json"),
             (String = "text/csv"),
         )),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode, on a private server", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode, on a private server"),
     )
 )]
 pub(in super::super) async fn show_leaderboard(
@@ -76,11 +72,7 @@ pub(in super::super) async fn show_leaderboard(
 ) -> Result<Response, ApiError> {
     caller.may_read_boards(&app.access)?;
     let format = Format::wanted(params.format.as_deref(), &headers)?;
-    let usual = match format {
-        Format::Json => app.limits.page_items_default,
-        Format::Csv => app.limits.page_items_max,
-    };
-    let limit = page_limit(&app, params.limit, usual)? as usize;
+    let limit = format.page_limit(&app, params.limit)?;
     let after = match &params.cursor {
         None => None,
         Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
@@ -100,7 +92,7 @@ pub(in super::super) async fn show_leaderboard(
     let make = async {
         let boards = app.standings.boards().await?;
         let intervals = app.clone();
-        let answer = app.render(move || {
+        let answer = app.heavy.render(move || {
             let ranked = boards.ranked(&question)?;
             let start = ranked.after(after);
             let page = |limit| page::leaderboard(&ranked, start, limit, &intervals.intervals);
@@ -108,5 +100,5 @@ pub(in super::super) async fn show_leaderboard(
         });
         answer.await?
     };
-    app.cached_answer(asked, Box::pin(make)).await
+    app.answers.answer(asked, Box::pin(make)).await
 }

@@ -6,11 +6,12 @@ pub(super) mod leaderboard;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 
+use super::App;
 use super::error::{ApiError, Code};
-use super::page::CURSOR_BYTES_MAX;
+use super::page::{CURSOR_BYTES_MAX, page_limit};
 use crate::wire::table::Table;
 
-/// In which form somebody wants a board.
+/// The format of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Format {
     Json,
@@ -20,14 +21,8 @@ pub(super) enum Format {
 impl Format {
     /// What the query names, or else what the header `Accept` names first; JSON where neither knows one.
     fn wanted(named: Option<&str>, headers: &HeaderMap) -> Result<Self, ApiError> {
-        match named {
-            Some("json") => return Ok(Self::Json),
-            Some("csv") => return Ok(Self::Csv),
-            Some(_) => {
-                let detail = "format must be one of json, csv";
-                return Err(ApiError::new(Code::Malformed, detail));
-            }
-            None => {}
+        if let Some(format) = Self::named(named)? {
+            return Ok(format);
         }
         let accepted =
             headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
@@ -39,6 +34,25 @@ impl Format {
             }
         });
         Ok(named.unwrap_or(Self::Json))
+    }
+
+    /// The format that the query names.
+    pub(super) fn named(name: Option<&str>) -> Result<Option<Self>, ApiError> {
+        match name {
+            None => Ok(None),
+            Some("json") => Ok(Some(Self::Json)),
+            Some("csv") => Ok(Some(Self::Csv)),
+            Some(_) => Err(ApiError::new(Code::Malformed, "format must be one of json, csv")),
+        }
+    }
+
+    /// How many rows a page has at most: more in CSV, if the query does not say.
+    fn page_limit(self, app: &App, asked: Option<u32>) -> Result<usize, ApiError> {
+        let usual = match self {
+            Self::Json => app.limits.page_items_default,
+            Self::Csv => app.limits.page_items_max,
+        };
+        Ok(page_limit(app, asked, usual)? as usize)
     }
 
     /// The answer with a page of at most `limit` rows, made by `page`; of fewer where they do not fit into

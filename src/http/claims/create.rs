@@ -3,7 +3,6 @@
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use sha2::{Digest, Sha256};
 use swarmbench_engine::AgentId;
 
 use super::super::App;
@@ -11,8 +10,8 @@ use super::super::answer;
 use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::error::ApiError;
-use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::idempotency::{Idempotency, created_before, idempotency};
 use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
 use crate::episode::spec::Spec;
@@ -21,7 +20,6 @@ use crate::journal::{Entry, Holder, Journal, TokenRow};
 use crate::store::tokens::{Grant, Seats};
 use crate::wire::claim::{ClaimRequest, CreatedClaim};
 use crate::wire::episode::SeatToken;
-use crate::wire::problem::Problem;
 
 /// Claim open seats of an episode.
 ///
@@ -41,12 +39,8 @@ use crate::wire::problem::Problem;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The seats, with their tokens", body = CreatedClaim),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode claims no seats; a server without keys is open to programs on its own machine only", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`seat_taken`: the seat has a holder, or fewer seats are open than were asked for; `episode_over`", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode claims no seats; a server without keys is open to programs on its own machine only"),
+        (status = 409, description = "`seat_taken`: the seat has a holder, or fewer seats are open than were asked for; `episode_over`"),
     )
 )]
 pub(in super::super) async fn create_claim(
@@ -59,7 +53,7 @@ pub(in super::super) async fn create_claim(
 ) -> Result<Response, ApiError> {
     let (owner, key) = caller.claimant(&app)?;
     let (stored, spec) = app.known(&caller, id).await?;
-    let name = idempotency_key(&headers, owner, &app.limits)?;
+    let idempotency = idempotency(&headers, owner, &body, &app.limits)?;
     let model = request.model.clone().unwrap_or_else(|| "unnamed".to_owned());
     let agent_meta = request.agent_meta.clone().unwrap_or_default();
     let mut problems = Problems::default();
@@ -69,54 +63,39 @@ pub(in super::super) async fn create_claim(
     let wanted = problems.none_or(wanted)?;
     let at = app.clock.wall();
     let holder = Holder { number: 0, owner, key, model, agent_meta, player: None, at };
-    // Everybody has names of their own in each episode.
-    let name = name.map(|name| format!("{}/{name}", stored.id));
-    let idempotency = name.map(|name| (name, Sha256::digest(&body).into()));
+    // Each owner has keys of its own in each episode.
+    let idempotency = idempotency.map(|(key, body)| (format!("{}/{key}", stored.id), body));
     let handle = app.episode(&stored.id).await?;
     // A repeat must find what the first one claims, also if its client hangs up.
-    App::run_detached(
-        async move { claim_or_repeat(&app, &handle, holder, wanted, idempotency).await },
-    )
+    App::run_detached(async move {
+        let _lock = app.creations.lock_key(idempotency.as_ref()).await;
+        let find = |key| app.store.claimed_with(key);
+        match created_before(idempotency.as_ref(), find).await? {
+            None => new_claim(&app, &handle, holder, wanted, idempotency).await,
+            Some(number) => new_tokens(&app, &handle, number).await,
+        }
+    })
     .await
 }
 
-/// Claims seats, or gives out new tokens for those that were claimed with this key and body.
-async fn claim_or_repeat(
-    app: &App,
-    handle: &Handle,
-    holder: Holder,
-    wanted: Wanted,
-    idempotency: Option<(String, [u8; 32])>,
-) -> Result<Response, ApiError> {
-    let Some((name, body)) = idempotency else {
-        return new_claim(app, handle, holder, wanted, None).await;
-    };
-    let _lock = app.idempotency_lock(&name).await;
-    match app.store.claimed_with(&name).await? {
-        None => new_claim(app, handle, holder, wanted, Some((name, body))).await,
-        Some((_, first)) if first != body => Err(ApiError::other_body()),
-        Some((number, _)) => {
-            let agents = app.store.seats_of(handle.key, number).await?;
-            let tokens = Tokens::new(app, agents.len());
-            let row = |hash, agent| TokenRow { hash, agent, holder: Some(number) };
-            let seats = tokens.seats.iter().zip(&agents);
-            let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
-            let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
-            let entry =
-                Entry::ReplaceTokens { episode: handle.key, holder: Some(number), tokens: rows };
-            app.store.keep(vec![entry]).await?;
-            app.forget_tokens(|grant| match grant {
-                Grant::Seat { episode, agent, .. } => {
-                    *episode == handle.id && agents.contains(agent)
-                }
-                Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
-                    *episode == handle.id && **seats == *agents
-                }
-                Grant::Swarm { .. } | Grant::Run { .. } | Grant::Key(_) => false,
-            });
-            Ok(created(handle, &Claimed { number, agents }, &tokens))
+/// Replaces the tokens of a claim.
+async fn new_tokens(app: &App, handle: &Handle, number: u32) -> Result<Response, ApiError> {
+    let agents = app.store.seats_of(handle.key, number).await?;
+    let tokens = Tokens::new(app, agents.len());
+    let row = |hash, agent| TokenRow { hash, agent, holder: Some(number) };
+    let seats = tokens.seats.iter().zip(&agents);
+    let rows = seats.map(|(token, agent)| row(token.hash(), Some(*agent)));
+    let rows = rows.chain([row(tokens.swarm.hash(), None)]).collect();
+    let entry = Entry::ReplaceTokens { episode: handle.key, holder: Some(number), tokens: rows };
+    app.store.keep(vec![entry]).await?;
+    app.tokens.forget(|grant| match grant {
+        Grant::Seat { episode, agent, .. } => *episode == handle.id && agents.contains(agent),
+        Grant::Swarm { episode, seats: Seats::Claimed(seats), .. } => {
+            *episode == handle.id && **seats == *agents
         }
-    }
+        Grant::Swarm { .. } | Grant::Run { .. } | Grant::Key(_) => false,
+    });
+    Ok(created(handle, &Claimed { number, agents }, &tokens))
 }
 
 async fn new_claim(
@@ -124,7 +103,7 @@ async fn new_claim(
     handle: &Handle,
     holder: Holder,
     wanted: Wanted,
-    idempotency: Option<(String, [u8; 32])>,
+    idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     let count = match wanted {
         Wanted::Seat(_) => 1,

@@ -8,7 +8,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::claim::{SeatHolder, SeatList};
 
 /// List who holds which seat of an episode.
@@ -19,12 +18,7 @@ use crate::wire::claim::{SeatHolder, SeatList};
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
-    responses(
-        (status = 200, description = "All seats", body = SeatList),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "All seats", body = SeatList))
 )]
 pub(in super::super) async fn list_claims(
     State(app): State<App>,

@@ -6,11 +6,10 @@ use axum::response::Response;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Id, PageParams, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Id, Params};
+use super::super::page::PageParams;
 use crate::store::competitions::Declared;
 use crate::wire::competition::{AttemptList, AttemptSummary};
-use crate::wire::problem::Problem;
 
 /// List the attempts of the caller's entrants; an organizer sees all.
 #[utoipa::path(
@@ -22,10 +21,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The attempts", body = AttemptList),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode"),
     )
 )]
 pub(in super::super) async fn list_attempts(
@@ -40,9 +36,9 @@ pub(in super::super) async fn list_attempts(
         let question = format!("attempts of {id} {params:?}");
         let make = async {
             let field = app.field(competition, Declared::Short).await?;
-            page(&app, &params, app.render(move || field.summaries()).await??).await
+            page(&app, &params, app.heavy.render(move || field.summaries()).await??).await
         };
-        return app.cached_answer(question, Box::pin(make)).await;
+        return app.answers.answer(question, Box::pin(make)).await;
     }
     let own = match number {
         Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,

@@ -11,10 +11,11 @@ use utoipa::IntoParams;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::boards::Format;
-use super::super::cache::{Cached, Weighted};
+use super::super::cache::Cached;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params, page_limit};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Id, Params};
+use super::super::page::page_limit;
+use super::super::ranking::Ranking;
 use crate::competition::phase::{BoardView, board_view};
 use crate::store::competitions::{Declared, StoredCompetition};
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
@@ -52,9 +53,6 @@ pub(in super::super) struct BoardParams {
             (CompetitionBoard = "application/json"),
             (String = "text/csv"),
         )),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
     )
 )]
 pub(in super::super) async fn show_board(
@@ -64,11 +62,7 @@ pub(in super::super) async fn show_board(
     Params(params): Params<BoardParams>,
 ) -> Result<Response, ApiError> {
     let malformed = |detail| ApiError::new(Code::Malformed, detail);
-    let format = match params.format.as_deref() {
-        None | Some("json") => Format::Json,
-        Some("csv") => Format::Csv,
-        Some(_) => return Err(malformed("format must be one of json, csv")),
-    };
+    let format = Format::named(params.format.as_deref())?.unwrap_or(Format::Json);
     let limit = match params.limit {
         None => usize::MAX,
         asked => page_limit(&app, asked, 0)? as usize,
@@ -98,7 +92,9 @@ pub(in super::super) async fn show_board(
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let ranked = match view {
-            BoardView::Nothing => Arc::new(Cached { of: app.results(), what: Ranking::default() }),
+            BoardView::Nothing => {
+                Arc::new(Cached { of: app.rankings.results(), what: Ranking::default() })
+            }
             BoardView::Totals | BoardView::TotalsBefore(_) | BoardView::All => {
                 app.ranking(competition, view, before).await?
             }
@@ -109,12 +105,12 @@ pub(in super::super) async fn show_board(
             let page = |limit| Shown::page(&ranked.what, (shows, before), first, limit);
             format.page(bytes_max, start.limit, page)
         };
-        Ok((of, app.render(write).await?))
+        Ok((of, app.heavy.render(write).await?))
     };
-    app.cached_answer_of(question, Box::pin(make)).await
+    app.answers.answer_of(question, Box::pin(make)).await
 }
 
-/// Which part of a board somebody wants.
+/// The part of a board that is asked for.
 #[derive(Debug)]
 struct Start {
     limit: usize,
@@ -132,51 +128,8 @@ fn read_cursor(text: &str) -> Option<(String, usize)> {
     Some((entrant.to_owned(), usize::from_str_radix(rows, 16).ok()?))
 }
 
-/// All rows of a board as somebody sees it.
-#[derive(Debug, Default)]
-pub(in super::super) struct Ranking {
-    rows: Vec<CompetitionRow>,
-    /// The tasks of which results are shown.
-    tasks: Vec<String>,
-    bytes: usize,
-}
-
-impl Weighted for Ranking {
-    fn bytes(&self) -> usize {
-        self.bytes
-    }
-}
-
-impl Ranking {
-    fn new(rows: Vec<CompetitionRow>) -> Self {
-        let first = rows.iter().find(|row| !row.tasks.is_empty());
-        let tasks = first.map_or(&[][..], |row| &row.tasks);
-        let tasks = tasks.iter().map(|task| task.task.clone()).collect();
-        let bytes = rows.iter().map(bytes).sum();
-        Self { rows, tasks, bytes }
-    }
-
-    /// The place after this entrant; the first where none is named. An entrant that is not there had the last of so
-    /// many rows.
-    fn after(&self, entrant: Option<&(String, usize)>) -> usize {
-        let Some((id, rows)) = entrant else { return 0 };
-        let found = self.rows.iter().position(|row| row.entrant.id == *id);
-        found.map_or(*rows, |found| found + 1).min(self.rows.len())
-    }
-}
-
-/// About how much memory a row takes.
-fn bytes(row: &CompetitionRow) -> usize {
-    let entrant = &row.entrant;
-    let texts = [&entrant.id, &entrant.name, &entrant.model, &entrant.status].map(String::len);
-    let more = [&entrant.prompt_template, &entrant.reason, &row.run, &row.run_status]
-        .map(|text| text.as_ref().map_or(0, String::len));
-    let tasks: usize = row.tasks.iter().map(|task| size_of_val(task) + task.task.len()).sum();
-    size_of_val(row) + texts.into_iter().chain(more).sum::<usize>() + tasks
-}
-
 impl App {
-    /// The board of a competition as somebody sees it. All pages, and both forms, are parts of the same.
+    /// The board of a competition in one view. All its pages, and both formats, are parts of the same ranking.
     async fn ranking(
         &self,
         competition: StoredCompetition,
@@ -185,12 +138,12 @@ impl App {
     ) -> Result<Arc<Cached<Ranking>>, ApiError> {
         let question = format!("{}: {view:?}", competition.id);
         let make = async {
-            let of = self.results();
+            let of = self.rankings.results();
             let field = self.field(competition, Declared::Short).await?;
             let rank = move || field.shown(before, view == BoardView::All).map(Ranking::new);
-            Ok(Cached { of, what: self.render(rank).await?? })
+            Ok(Cached { of, what: self.heavy.render(rank).await?? })
         };
-        self.cached(&self.rankings, question, Box::pin(make)).await
+        self.rankings.entry(question, Box::pin(make)).await
     }
 }
 

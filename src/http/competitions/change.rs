@@ -8,11 +8,9 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
 use crate::journal::{Entry, Journal};
 use crate::wire::competition::{EntrantChange, EntrantSummary};
-use crate::wire::problem::Problem;
 
 /// Withdraw or disqualify an entrant, take it back, or answer for its model.
 ///
@@ -30,11 +28,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant as it is now", body = EntrantSummary),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn change_entrant(
@@ -68,10 +62,9 @@ pub(in super::super) async fn change_entrant(
         _ => {}
     }
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
-        let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+        let competition = app.stored_competition(&id).await?;
         // What two organizers decide at once is decided one after the other.
-        let _lock = app.idempotency_lock(&format!("entrant {entrant}")).await;
+        let _lock = app.creations.lock(&format!("entrant {entrant}")).await;
         let before = app.entrant(&competition, &entrant).await?;
         let reason = if status.is_some() { reason } else { before.entrant.reason };
         let status = status.unwrap_or(before.entrant.status).name();

@@ -10,13 +10,11 @@ use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::{Token, TokenKind};
 use crate::journal::{Entry, Journal};
 use crate::keys::NAME_CHARS_MAX;
 use crate::names;
 use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
-use crate::wire::problem::Problem;
 
 /// Codes that are made at once.
 const CODES_MAX: usize = 1000;
@@ -34,12 +32,8 @@ const CODES_MAX: usize = 1000;
     security(("key" = [])),
     responses(
         (status = 201, description = "The codes", body = InvitationCodes),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`closed`: nobody enters it any more", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
+        (status = 409, description = "`closed`: nobody enters it any more"),
     )
 )]
 pub(in super::super) async fn create_codes(
@@ -49,8 +43,7 @@ pub(in super::super) async fn create_codes(
     _: Params<Nothing>,
     Json(request, _): Json<CodesRequest>,
 ) -> Result<Response, ApiError> {
-    let stored = app.store.find_competition(&id).await?;
-    let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    let stored = app.stored_competition(&id).await?;
     let labels = request.labels;
     if !(1..=CODES_MAX).contains(&labels.len()) {
         let is = labels.len();

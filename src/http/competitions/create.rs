@@ -11,7 +11,6 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::clock::millis;
 use crate::competition::definition::{
@@ -24,7 +23,6 @@ use crate::run::suite::SuiteSettings;
 use crate::wire::competition::{
     AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };
-use crate::wire::problem::Problem;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///
@@ -38,10 +36,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 201, description = "The competition", body = Competition),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn create_competition(
@@ -70,8 +65,7 @@ pub(in super::super) async fn create_competition(
     let audit_entry = organizer.audit_entry(&app, "competition.create", &id, detail);
     app.store.keep(vec![Entry::AddCompetition(Box::new(row)), audit_entry]).await?;
     tracing::info!(competition = %id, commitment, "created");
-    let stored = app.store.find_competition(&id).await?;
-    let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    let stored = app.stored_competition(&id).await?;
     Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }
 
@@ -104,8 +98,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
     let entry = one_of(request.entry, Admission::ALL, Admission::name, "entry", &mut refuse);
     let counts = one_of(request.counts, Counts::ALL, Counts::name, "counts", &mut refuse);
     let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
-    // Where they are missing, that was said; nothing else is to be said of them.
-    // Times are kept to the millisecond.
+    // A missing time is reported already, and is replaced here. Times are stored to the millisecond.
     let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
     let opens_at = whole(request.opens_at.unwrap_or(now));
     let closes_at = whole(request.closes_at.unwrap_or(Timestamp::MAX));
@@ -166,7 +159,7 @@ fn settings(asked: SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSetti
     }
 }
 
-/// The value with the name that was asked for; none where nothing was.
+/// The value with this name, if any was asked for.
 fn one_of<T: Copy, const N: usize>(
     asked: Option<String>,
     all: [T; N],

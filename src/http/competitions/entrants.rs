@@ -7,15 +7,14 @@ use axum::response::Response;
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Ids, Nothing, PageParams, Params};
-use super::super::page::ROWS_MAX;
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Id, Ids, Nothing, Params};
+use super::super::page::{PageParams, ROWS_MAX};
 use crate::journal::EntryKey;
+use crate::store::competitions::StoredEntrant;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
-use crate::wire::problem::Problem;
 
-/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. Only an entrant of whom an organizer
-/// voids attempts again and again has more; the list of attempts has all.
+/// Attempts that are shown with their entrant: with the longest texts less than 4 MB. An entrant has more only if an
+/// organizer voids attempts again and again; the list of attempts has all.
 const ATTEMPTS_SHOWN_MAX: usize = 1000;
 
 /// List the entrants of a competition.
@@ -26,12 +25,7 @@ const ATTEMPTS_SHOWN_MAX: usize = 1000;
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id"), PageParams),
     security((), ("key" = [])),
-    responses(
-        (status = 200, description = "The entrants", body = EntrantList),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "The entrants", body = EntrantList))
 )]
 pub(in super::super) async fn list_entrants(
     State(app): State<App>,
@@ -41,17 +35,14 @@ pub(in super::super) async fn list_entrants(
 ) -> Result<Response, ApiError> {
     let competition = app.competition(&caller, &id).await?;
     let make = async {
-        let mut page = params.page(&app).await?;
-        while let Some(rows) = page.wants(ROWS_MAX) {
-            let after = page.place().map(EntryKey);
-            let entrants = app.store.list_entrants(competition.key, after, rows).await?;
-            page.add(rows, entrants, |stored| {
-                Ok((stored.key.0, EntrantSummary::from(&stored.entrant)))
-            })?;
-        }
-        Ok(page.answer())
+        let read = |after: Option<i64>, rows| {
+            app.store.list_entrants(competition.key, after.map(EntryKey), rows)
+        };
+        let show =
+            |stored: StoredEntrant| Ok((stored.key.0, EntrantSummary::from(&stored.entrant)));
+        params.page(&app).await?.fill(ROWS_MAX, read, show).await
     };
-    app.cached_answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
+    app.answers.answer(format!("entrants of {id} {params:?}"), Box::pin(make)).await
 }
 
 /// Show an entrant with its own results, to its holder and to organizers.
@@ -67,10 +58,7 @@ pub(in super::super) async fn list_entrants(
     security(("key" = [])),
     responses(
         (status = 200, description = "The entrant", body = EntrantDetail),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the key of this entrant", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the key of this entrant"),
     )
 )]
 pub(in super::super) async fn show_entrant(

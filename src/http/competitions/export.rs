@@ -12,7 +12,6 @@ use super::super::auth::Caller;
 use super::super::episodes::journal::JournalReader;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::super::stream::Parts;
 use super::Field;
 use crate::budget::Reservation;
@@ -23,7 +22,6 @@ use crate::competition::export::{
 use crate::ids::EpisodeId;
 use crate::journal::{CompetitionKey, Journal, JournalError};
 use crate::store::competitions::{Declared, StoredCompetition};
-use crate::wire::problem::Problem;
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
 /// its games, and the board.
@@ -39,10 +37,7 @@ use crate::wire::problem::Problem;
     security((), ("key" = [])),
     responses(
         (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: until the competition is closed only organizers may read it, as it holds the seeds"),
     )
 )]
 pub(in super::super) async fn export_competition(
@@ -61,7 +56,7 @@ pub(in super::super) async fn export_competition(
         app.store.keep(vec![audit_entry]).await?;
     }
     let field = app.field(competition, Declared::Short).await?;
-    let lines = app.in_parts(Reader::new(app.clone(), &field)?).await?;
+    let lines = app.streams.in_parts(Reader::new(app.clone(), &field)?).await?;
     drop(field);
     let name = format!("attachment; filename=\"{id}.jsonl\"");
     let kind = [

@@ -2,30 +2,15 @@
 
 use axum::extract::State;
 use axum::response::Response;
-use serde::Deserialize;
-use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
-use super::super::extract::{Params, page_limit, read_cursor};
-use super::super::page::{Page, ROWS_MAX};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
+use super::super::extract::Params;
+use super::super::page::{NewestParams, ROWS_MAX};
 use super::shown;
 use crate::journal::CompetitionKey;
 use crate::wire::competition::CompetitionList;
-
-/// Which page is to be shown.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(in super::super) struct ListParams {
-    /// How many at most, up to 1,000; 50 where it is left out.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// The `next_cursor` of the page before.
-    cursor: Option<String>,
-}
 
 /// List competitions, newest first.
 #[utoipa::path(
@@ -33,26 +18,19 @@ pub(in super::super) struct ListParams {
     path = "/api/v1/competitions",
     operation_id = "list_competitions",
     tag = "competitions",
-    params(ListParams),
+    params(NewestParams),
     security((), ("key" = [])),
-    responses(
-        (status = 200, description = "A page of competitions", body = CompetitionList),
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "A page of competitions", body = CompetitionList))
 )]
 pub(in super::super) async fn list_competitions(
     State(app): State<App>,
     caller: Caller,
-    Params(params): Params<ListParams>,
+    Params(params): Params<NewestParams>,
 ) -> Result<Response, ApiError> {
     caller.may_look_around(&app.access)?;
-    let limit = page_limit(&app, params.limit, app.limits.page_items_default)?;
-    let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
+    let page = params.page(&app).await?;
     let now = app.clock.wall();
-    while let Some(rows) = page.wants(ROWS_MAX) {
-        let stored = app.store.list_competitions(page.place().map(CompetitionKey), rows).await?;
-        page.add(rows, stored, |stored| Ok((stored.key.0, shown(&stored, now))))?;
-    }
-    Ok(page.answer())
+    let read =
+        |before: Option<i64>, rows| app.store.list_competitions(before.map(CompetitionKey), rows);
+    page.fill(ROWS_MAX, read, |stored| Ok((stored.key.0, shown(&stored, now)))).await
 }

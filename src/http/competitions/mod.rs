@@ -34,6 +34,11 @@ impl App {
     /// A competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
         caller.may_look_around(&self.access)?;
+        self.stored_competition(id).await
+    }
+
+    /// A competition, for callers whose rights are checked already.
+    async fn stored_competition(&self, id: &str) -> Result<StoredCompetition, ApiError> {
         let found = self.store.find_competition(id).await?;
         found.ok_or_else(|| ApiError::not_found("the competition"))
     }
@@ -54,7 +59,7 @@ impl App {
         competition: StoredCompetition,
         declared: Declared,
     ) -> Result<Field, ApiError> {
-        // In this order each attempt has its entrant, also where somebody enters meanwhile.
+        // In this order each attempt has its entrant, also if another one registers meanwhile.
         let attempts = self.store.attempts(competition.key, None).await?;
         let entrants = self.store.entrants(competition.key, None, declared).await?;
         self.field_of(competition, entrants, attempts).await

@@ -14,7 +14,6 @@ use super::super::checks::Problems;
 use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::definition::Admission;
 use crate::competition::entrant::Declaration;
 use crate::competition::new_entrant_id;
@@ -23,7 +22,6 @@ use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::competitions::StoredCompetition;
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
-use crate::wire::problem::Problem;
 
 /// Enter a competition.
 ///
@@ -39,13 +37,9 @@ use crate::wire::problem::Problem;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The entrant, with its key where it needed one", body = CreatedEntrant),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode enters nothing; the invitation code is missing, unknown or used up; the key has as many entrants as it may", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "`rate_limited`: as many have entered from this address as may in an hour", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`closed`: nobody enters it any more", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode enters nothing; the invitation code is missing, unknown or used up; the key has as many entrants as it may"),
+        (status = 429, description = "`rate_limited`: as many have entered from this address as may in an hour"),
+        (status = 409, description = "`closed`: nobody enters it any more"),
     )
 )]
 pub(in super::super) async fn register_entrant(
@@ -65,13 +59,12 @@ pub(in super::super) async fn register_entrant(
             return Err(ApiError::new(Code::Forbidden, detail));
         }
     };
-    // A competition that somebody was told of may be entered, also where strangers look at nothing.
-    let stored = app.store.find_competition(&id).await?;
-    let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
+    // A competition whose id is known may be entered, also on a private server.
+    let competition = app.stored_competition(&id).await?;
     check(&request, &app)?;
     // Concurrent entries are counted, and a code is valid once.
     App::run_detached(async move {
-        let _lock = app.idempotency_lock(&format!("enter {}", competition.id)).await;
+        let _lock = app.creations.lock(&format!("enter {}", competition.id)).await;
         register(&app, &competition, own_key, client.address, request).await
     })
     .await
@@ -103,10 +96,7 @@ async fn register(
     address: IpAddr,
     request: EntrantRequest,
 ) -> Result<Response, ApiError> {
-    let least = app.limits.disk_free_percent_min;
-    if app.disk.is_full(least) {
-        return Err(ApiError::disk_full(least));
-    }
+    app.check_disk()?;
     // Nothing is revealed meanwhile.
     let _open = app.runs.block_reveal().await;
     let now = app.clock.wall();
@@ -140,7 +130,7 @@ async fn register(
     }
     let is_vouched = own_key.as_ref().is_some_and(|key| key.role == Role::Organizer);
     if !is_vouched && invitation.is_none() {
-        app.rates.check_entry(address, &app.limits)?;
+        app.rates.check_entry(address)?;
     }
     let mut entries = Vec::new();
     let mut secret = None;

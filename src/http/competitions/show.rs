@@ -7,7 +7,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::shown;
 use crate::wire::competition::Competition;
 
@@ -19,12 +18,7 @@ use crate::wire::competition::Competition;
     tag = "competitions",
     params(("id" = String, Path, description = "The competition's id")),
     security((), ("key" = [])),
-    responses(
-        (status = 200, description = "The competition", body = Competition),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "The competition", body = Competition))
 )]
 pub(in super::super) async fn show_competition(
     State(app): State<App>,

@@ -5,14 +5,13 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use sha2::{Digest, Sha256};
 
 use super::super::App;
 use super::super::answer;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params, idempotency_key};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::idempotency::{Idempotency, created_before, idempotency};
 use crate::competition::EntrantStatus;
 use crate::competition::phase::attempt as choose;
 use crate::episode::quota::Purpose;
@@ -21,9 +20,8 @@ use crate::ids::Token;
 use crate::keys::OwnerKey;
 use crate::run::manager::NewRun;
 use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
-use crate::store::tokens::Grant;
+use crate::store::runs::StoredRun;
 use crate::wire::competition::{AttemptRequest, StartedAttempt};
-use crate::wire::problem::Problem;
 
 /// After how long it is worth a try again where the time of day is in doubt.
 const DOUBT_PAUSE: Duration = Duration::from_secs(5);
@@ -45,13 +43,9 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(5);
     security(("key" = [])),
     responses(
         (status = 201, description = "The attempt, with its swarm token", body = StartedAttempt),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`closed`: no attempt is open, or all were started", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`unavailable`: the server's clock is in doubt; `overloaded`", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the key of an entrant; the entrant was withdrawn or disqualified"),
+        (status = 409, description = "`closed`: no attempt is open, or all were started"),
+        (status = 503, description = "`unavailable`: the server's clock is in doubt; `overloaded`"),
     )
 )]
 pub(in super::super) async fn start_attempt(
@@ -65,38 +59,40 @@ pub(in super::super) async fn start_attempt(
     let owner = caller.needs_key()?.number;
     let competition = app.competition(&caller, &id).await?;
     let entrant = entrant(&app, &competition, owner, request.entrant.as_deref()).await?;
-    let name = idempotency_key(&headers, owner, &app.limits)?;
-    // So has every entrant: two of one key start attempts at the same time, and each finds its own.
-    let name = name.map(|name| format!("{}/{name}", entrant.entrant.id));
-    let body: [u8; 32] = Sha256::digest(&body).into();
-    let idempotency = name.map(|name| (name, body));
+    let idempotency = idempotency(&headers, owner, &body, &app.limits)?;
+    // Each entrant has keys of its own: two of one owner start attempts at the same time, and each finds its own.
+    let of = |key| format!("{}/{key}", entrant.entrant.id);
+    let idempotency = idempotency.map(|(key, body)| (of(key), body));
     // The start of an attempt completes although the client hangs up; and an entrant starts one at a time.
     App::run_detached(async move {
-        let _lock = app.idempotency_lock(&format!("attempt {}", entrant.entrant.id)).await;
+        let _lock = app.creations.lock(&format!("attempt {}", entrant.entrant.id)).await;
         // It may have been excluded while others started.
         check_active(&app.entrant(&competition, &entrant.entrant.id).await?)?;
-        if let Some((name, body)) = &idempotency
-            && let Some((run, first)) = app.store.run_created_with(name).await?
-        {
-            if first != *body {
-                return Err(ApiError::other_body());
-            }
-            let number = run.attempt.map_or(0, |(_, number)| number);
-            if let Some(reason) = &run.void_reason {
-                let detail = format!(
-                    "this attempt was voided, start it again with another Idempotency-Key: {reason}"
-                );
-                return Err(ApiError::new(Code::Closed, detail));
-            }
-            let token = app.runs.replace_token(run.run, Vec::new()).await?;
-            app.forget_tokens(
-                |grant| matches!(grant, Grant::Run { run: of, .. } if *of == run.run),
-            );
-            return started(&competition, &entrant, number, run.id, &token);
+        let find = |key| app.store.run_created_with(key);
+        match created_before(idempotency.as_ref(), find).await? {
+            None => start(&app, &competition, &entrant, request.attempt, idempotency).await,
+            Some(run) => replace_token(&app, &competition, &entrant, run).await,
         }
-        start(&app, &competition, &entrant, request.attempt, idempotency).await
     })
     .await
+}
+
+/// Replaces the token of an attempt.
+async fn replace_token(
+    app: &App,
+    competition: &StoredCompetition,
+    entrant: &StoredEntrant,
+    run: StoredRun,
+) -> Result<Response, ApiError> {
+    if let Some(reason) = &run.void_reason {
+        let detail = format!(
+            "this attempt was voided, start it again with another Idempotency-Key: {reason}"
+        );
+        return Err(ApiError::new(Code::Closed, detail));
+    }
+    let number = run.attempt.map_or(0, |(_, number)| number);
+    let token = app.new_run_token(run.run, Vec::new()).await?;
+    started(competition, entrant, number, run.id, &token)
 }
 
 /// The entrant of the key: the one that is named, or the only one.
@@ -139,7 +135,7 @@ async fn start(
     competition: &StoredCompetition,
     entrant: &StoredEntrant,
     wanted: Option<u32>,
-    idempotency: Option<(String, [u8; 32])>,
+    idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // Nothing is revealed between the look at the clock and the new run.

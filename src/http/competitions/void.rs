@@ -8,13 +8,11 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
 use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
-use crate::wire::problem::Problem;
 
 /// Void an attempt after a fault of the server: it ends, does not count, and may be started again on the same seeds.
 ///
@@ -32,11 +30,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The attempt does not count", body = AttemptSummary),
-        BodyRefusals,
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn void_attempt(
@@ -50,9 +44,8 @@ pub(in super::super) async fn void_attempt(
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
-        let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
-        let _lock = app.idempotency_lock(&format!("void {run}")).await;
+        let competition = app.stored_competition(&id).await?;
+        let _lock = app.creations.lock(&format!("void {run}")).await;
         let attempts = app.store.attempts(competition.key, None).await?;
         let attempt = attempts.into_iter().find(|attempt| attempt.id == run);
         let attempt = attempt.ok_or_else(|| ApiError::not_found("the attempt"))?;

@@ -8,11 +8,9 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::episode::Status;
 use crate::episode::spec::Visibility;
 use crate::wire::episode::EpisodeSummary;
-use crate::wire::problem::Problem;
 
 /// Abort an episode. What was played stays in the journal.
 ///
@@ -26,11 +24,8 @@ use crate::wire::problem::Problem;
     security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The episode is aborted", body = EpisodeSummary),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`episode_over`: it has ended otherwise", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator"),
+        (status = 409, description = "`episode_over`: it has ended otherwise"),
     )
 )]
 pub(in super::super) async fn abort_episode(

@@ -6,7 +6,6 @@ use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use sha2::{Digest, Sha256};
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
 use super::super::App;
@@ -15,8 +14,8 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::client::Client;
 use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params, idempotency_key};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Json, Nothing, Params};
+use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
@@ -29,7 +28,6 @@ use crate::journal::{Entry, Journal, TokenRow};
 use crate::prompt;
 use crate::store::tokens::Grant;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
-use crate::wire::problem::Problem;
 
 /// Create an episode.
 ///
@@ -45,10 +43,7 @@ use crate::wire::problem::Problem;
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The episode, with its tokens", body = CreatedEpisode),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up"),
     )
 )]
 pub(in super::super) async fn create_episode(
@@ -60,43 +55,32 @@ pub(in super::super) async fn create_episode(
     Json(request, body): Json<EpisodeRequest>,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
+    let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let spec = spec(request, &app)?;
-    let body: [u8; 32] = Sha256::digest(&body).into();
     let shows_seed = caller.is_organizer() || !spec.is_mixed();
-    let Some(key) = key else { return new_episode(&app, creator, spec, shows_seed, None).await };
     // A repeat must find what the first one creates, also if its client hangs up.
-    App::run_detached(
-        async move { create_or_repeat(&app, creator, spec, shows_seed, key, body).await },
-    )
+    App::run_detached(async move {
+        let _lock = app.creations.lock_key(idempotency.as_ref()).await;
+        let find = |key| app.store.created_with(key);
+        match created_before(idempotency.as_ref(), find).await? {
+            None => new_episode(&app, creator, spec, shows_seed, idempotency).await,
+            Some(id) => new_tokens(&app, id, shows_seed).await,
+        }
+    })
     .await
 }
 
-/// Creates an episode, or gives out new tokens for the one that was created with this key and body.
-async fn create_or_repeat(
-    app: &App,
-    creator: (Party, Purpose),
-    spec: Spec,
-    shows_seed: bool,
-    key: String,
-    body: [u8; 32],
-) -> Result<Response, ApiError> {
-    let _lock = app.idempotency_lock(&key).await;
-    match app.store.created_with(&key).await? {
-        None => new_episode(app, creator, spec, shows_seed, Some((key, body))).await,
-        Some((_, first)) if first != body => Err(ApiError::other_body()),
-        Some((id, _)) => {
-            let handle = app.episode(&id).await?;
-            let tokens = Tokens::new(app, &handle.spec);
-            let (episode, tokens_now) = (handle.key, tokens.rows());
-            let entry = Entry::ReplaceTokens { episode, holder: None, tokens: tokens_now };
-            app.store.keep(vec![entry]).await?;
-            app.forget_tokens(
-                |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if *episode == id),
-            );
-            Ok(created(&handle, &tokens, shows_seed))
-        }
-    }
+/// Replaces the tokens of an episode.
+async fn new_tokens(app: &App, id: EpisodeId, shows_seed: bool) -> Result<Response, ApiError> {
+    let handle = app.episode(&id).await?;
+    let tokens = Tokens::new(app, &handle.spec);
+    let (episode, rows) = (handle.key, tokens.rows());
+    let entry = Entry::ReplaceTokens { episode, holder: None, tokens: rows };
+    app.store.keep(vec![entry]).await?;
+    app.tokens.forget(
+        |grant| matches!(grant, Grant::Seat { episode, .. } | Grant::Swarm { episode, .. } if *episode == id),
+    );
+    Ok(created(&handle, &tokens, shows_seed))
 }
 
 async fn new_episode(
@@ -104,14 +88,11 @@ async fn new_episode(
     (party, purpose): (Party, Purpose),
     spec: Spec,
     shows_seed: bool,
-    idempotency: Option<(String, [u8; 32])>,
+    idempotency: Option<Idempotency>,
 ) -> Result<Response, ApiError> {
     // A repeated creation gets that episode, also if it was created under wider limits.
     spec.config.check_new().map_err(|errors| ApiError::settings(errors, ""))?;
-    let least = app.limits.disk_free_percent_min;
-    if app.disk.is_full(least) {
-        return Err(ApiError::disk_full(least));
-    }
+    app.check_disk()?;
     let id = EpisodeId::new(app.clock.wall(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
@@ -259,7 +240,7 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     })
 }
 
-/// A seed that nobody can foresee: 53 random bits.
+/// A seed that cannot be predicted: 53 random bits.
 fn drawn_seed(app: &App) -> i64 {
     let mut bytes = [0; 8];
     app.entropy.fill(&mut bytes);

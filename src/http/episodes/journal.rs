@@ -10,13 +10,11 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::super::stream::Parts;
 use crate::journal::record::{End, Frame, first_lines};
 use crate::journal::{JournalError, StoredEpisode, StoredRound};
 use crate::store::Store;
 use crate::store::records::ActReader;
-use crate::wire::problem::Problem;
 
 /// Rounds that are read at once, without their acts.
 const ROUNDS: u32 = 256;
@@ -35,10 +33,7 @@ const ROUNDS: u32 = 256;
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "One record a line", body = String, content_type = "application/x-ndjson"),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: only the creator may read it before the end, as it holds the seed"),
     )
 )]
 pub(in super::super) async fn read_journal(
@@ -60,7 +55,7 @@ pub(in super::super) async fn read_journal(
     // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
-    let lines = app.in_parts(JournalReader::new(app.store.clone(), stored)).await?;
+    let lines = app.streams.in_parts(JournalReader::new(app.store.clone(), stored)).await?;
     Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], lines).into_response())
 }
 

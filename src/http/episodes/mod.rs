@@ -67,8 +67,7 @@ impl App {
         self.episode(&stored.id).await
     }
 
-    /// What is stored of an episode of which the caller may know. Nothing is recovered for somebody
-    /// who may not read it, or who wants to know no more.
+    /// What is stored of an episode of which the caller may know. The episode is not recovered for that.
     pub(super) async fn known(
         &self,
         caller: &Caller,
@@ -85,8 +84,8 @@ impl App {
         }
     }
 
-    /// Whether the caller may read all that was played, seed and acts included. Until the end that is
-    /// the creator's alone, and where several hold seats nobody's but an organizer's.
+    /// Whether the caller may read all that was played, with seed and acts. Until the end only the creator may, or only
+    /// organizers if there are several holders.
     pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
         let Ok(spec) = spec(stored) else { return false };
         let subject = subject(stored, &spec);

@@ -7,7 +7,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::episode::EpisodeSummary;
 
 /// Show an episode.
@@ -18,12 +17,7 @@ use crate::wire::episode::EpisodeSummary;
     tag = "episodes",
     params(("id" = String, Path, description = "The episode's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
-    responses(
-        (status = 200, description = "The episode", body = EpisodeSummary),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "The episode", body = EpisodeSummary))
 )]
 pub(in super::super) async fn show_episode(
     State(app): State<App>,

@@ -7,9 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::episode::EpisodeSummary;
-use crate::wire::problem::Problem;
 
 /// Start an episode that was created with `"start": "manual"`.
 ///
@@ -23,11 +21,8 @@ use crate::wire::problem::Problem;
     security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The episode runs", body = EpisodeSummary),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the creator", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`episode_over`; `seats_open`: seats of it can still be claimed", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator"),
+        (status = 409, description = "`episode_over`; `seats_open`: seats of it can still be claimed"),
     )
 )]
 pub(in super::super) async fn start_episode(

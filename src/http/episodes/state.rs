@@ -9,9 +9,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::wire::episode::State as StateBody;
-use crate::wire::problem::Problem;
 
 /// Which state.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -32,11 +30,9 @@ pub(in super::super) struct StateParams {
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: only the creator may read it before the end", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "`not_found`: no such episode, or the round has not come yet", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "`overloaded`: too many states of earlier rounds are asked for", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: only the creator may read it before the end"),
+        (status = 404, description = "`not_found`: no such episode, or the round has not come yet"),
+        (status = 503, description = "`overloaded`: too many states of earlier rounds are asked for"),
     )
 )]
 pub(in super::super) async fn show_state(

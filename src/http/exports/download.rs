@@ -22,7 +22,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, one_of};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
@@ -121,9 +120,6 @@ impl File {
             (Vec<u8> = "application/zip"),
             (Vec<u8> = "application/vnd.apache.parquet"),
         )),
-        QueryRefusals,
-        IdRefusals,
-        TokenRefusals,
     )
 )]
 pub(in super::super) async fn download_export(
@@ -135,10 +131,10 @@ pub(in super::super) async fn download_export(
     let file = File::parse(&name).ok_or_else(|| ApiError::not_found("the file"))?;
     let selection = selection(&app, &caller, params).await?;
     let party = Party::current();
-    let place = app.streams.exports_open.take(party).await?;
+    let open = app.streams.exports_open.take(party).await?;
     let room = app.registry.room(EXPORT_BYTES)?;
-    let turn = app.streams.exports.acquire(party, Rank::Normal).await;
-    let turn = turn.map_err(|busy| refused(busy, "exports are being made"))?;
+    let permit = app.streams.exports.acquire(party, Rank::Normal).await;
+    let permit = permit.map_err(|busy| refused(busy, "exports are being made"))?;
     // Organizers find sealed games in it, too.
     let audit_entry =
         caller.audit_entry(&app, "export", &name, json!({ "run": selection.filter.run.is_some() }));
@@ -158,9 +154,9 @@ pub(in super::super) async fn download_export(
         if selected.send(Ok(())).is_err() {
             return;
         }
-        let turns = Turns { limit: app.streams.exports.clone(), party, turn: Some(turn) };
+        let working = Working { limit: app.streams.exports.clone(), party, permit: Some(permit) };
         let (gathered, to) = (Vec::new(), pieces.clone());
-        let out = Pieces { gathered, to, turns, _held: (place, room) };
+        let out = Pieces { gathered, to, working, _held: (open, room) };
         let written = store::patiently_blocking(|| file.write(export, out));
         if let Err(error) = written {
             // The reader has to notice that the file is incomplete.
@@ -184,7 +180,7 @@ pub(in super::super) async fn download_export(
     Ok((headers, read_by(reader, body)).into_response())
 }
 
-/// A body that says by its guard whether somebody reads it.
+/// A body that drops its guard when it is dropped.
 fn read_by(reader: DropGuard, pieces: mpsc::Receiver<io::Result<Bytes>>) -> Body {
     Body::from_stream(ReceiverStream::new(pieces).inspect(move |_| _ = &reader))
 }
@@ -214,16 +210,16 @@ async fn selection(
 struct Pieces {
     gathered: Vec<u8>,
     to: mpsc::Sender<io::Result<Bytes>>,
-    turns: Turns,
-    /// The place and the memory of the export.
+    working: Working,
+    /// The permit of the open export, and its memory.
     _held: (Permit, Reservation),
 }
 
-/// The permit of an export: it is returned while the export waits for its reader.
-struct Turns {
+/// The permit to make pieces: it is returned while the export waits for its reader.
+struct Working {
     limit: FairLimit,
     party: Party,
-    turn: Option<Permit>,
+    permit: Option<Permit>,
 }
 
 impl Pieces {
@@ -237,10 +233,10 @@ impl Pieces {
             Ok(()) => Ok(()),
             Err(TrySendError::Closed(_)) => Err(gone()),
             Err(TrySendError::Full(piece)) => {
-                self.turns.turn = None;
+                self.working.permit = None;
                 self.to.blocking_send(piece).map_err(|_| gone())?;
-                let turn = patiently(&self.turns.limit, self.turns.party);
-                self.turns.turn = Some(Handle::current().block_on(turn));
+                let permit = patiently(&self.working.limit, self.working.party);
+                self.working.permit = Some(Handle::current().block_on(permit));
                 Ok(())
             }
         }
@@ -273,7 +269,7 @@ mod tests {
         let stop = CancellationToken::new();
         let (pieces, receiver) = mpsc::channel(1);
         let mut body = read_by(stop.clone().drop_guard(), receiver).into_data_stream();
-        pieces.send(Ok(Bytes::from_static(b"piece"))).await.expect("somebody reads");
+        pieces.send(Ok(Bytes::from_static(b"piece"))).await.expect("a reader");
         assert_eq!(body.next().await.expect("a piece").expect("bytes"), "piece");
         assert!(!stop.is_cancelled());
         drop(body);

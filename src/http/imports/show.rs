@@ -7,7 +7,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::import::ImportSummary;
 
 /// Show an imported game.
@@ -18,12 +17,7 @@ use crate::wire::import::ImportSummary;
     tag = "data",
     params(("id" = String, Path, description = "The game's id")),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
-    responses(
-        (status = 200, description = "The game", body = ImportSummary),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "The game", body = ImportSummary))
 )]
 pub(in super::super) async fn show_import(
     State(app): State<App>,

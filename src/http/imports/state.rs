@@ -8,10 +8,8 @@ use super::super::auth::Caller;
 use super::super::episodes::state::StateParams;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::dataset::imported;
 use crate::wire::episode::State as StateBody;
-use crate::wire::problem::Problem;
 
 /// Show a state of an imported game, as it was recorded.
 #[utoipa::path(
@@ -23,9 +21,7 @@ use crate::wire::problem::Problem;
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The state", body = StateBody),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 404, description = "`not_found`: no such game, or it has no such round", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "`not_found`: no such game, or it has no such round"),
     )
 )]
 pub(in super::super) async fn show_imported_state(

@@ -10,11 +10,9 @@ use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::wire::key::{CreatedKey, KeyRequest};
-use crate::wire::problem::Problem;
 
 /// Make a key for somebody.
 ///
@@ -29,10 +27,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 201, description = "The key", body = CreatedKey),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn create_key(

@@ -6,12 +6,10 @@ use axum::response::Response;
 use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
-use super::super::extract::{PageParams, Params};
-use super::super::page::ROWS_MAX;
-use super::super::refusals::{QueryRefusals, TokenRefusals};
-use crate::keys::OwnerKey;
+use super::super::extract::Params;
+use super::super::page::{PageParams, ROWS_MAX};
+use crate::keys::{Key, OwnerKey};
 use crate::wire::key::KeyList;
-use crate::wire::problem::Problem;
 
 /// List all keys that were ever made, oldest first.
 #[utoipa::path(
@@ -23,9 +21,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The keys, without the keys themselves", body = KeyList),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn list_keys(
@@ -34,12 +30,7 @@ pub(in super::super) async fn list_keys(
     Params(params): Params<PageParams>,
 ) -> Result<Response, ApiError> {
     let now = app.clock.wall();
-    let mut page = params.page(&app).await?;
-    while let Some(rows) = page.wants(ROWS_MAX) {
-        let keys = app.store.list_keys(page.place().map(OwnerKey), rows).await?;
-        page.add(rows, keys, |key| {
-            Ok((key.number.map_or(0, |number| number.0), key.summary(now)))
-        })?;
-    }
-    Ok(page.answer())
+    let read = |after: Option<i64>, rows| app.store.list_keys(after.map(OwnerKey), rows);
+    let show = |key: Key| Ok((key.number.map_or(0, |number| number.0), key.summary(now)));
+    params.page(&app).await?.fill(ROWS_MAX, read, show).await
 }

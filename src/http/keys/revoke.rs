@@ -8,11 +8,9 @@ use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::journal::{Entry, Journal};
 use crate::store::tokens::Grant;
 use crate::wire::key::KeySummary;
-use crate::wire::problem::Problem;
 
 /// Revoke a key: from now on it opens nothing.
 ///
@@ -27,10 +25,7 @@ use crate::wire::problem::Problem;
     security(("key" = [])),
     responses(
         (status = 200, description = "The key is revoked", body = KeySummary),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not an organizer's key", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not an organizer's key"),
     )
 )]
 pub(in super::super) async fn revoke_key(
@@ -50,7 +45,7 @@ pub(in super::super) async fn revoke_key(
             let audit_entry = organizer.audit_entry(&app, "key.revoke", &id, json!({}));
             app.store.keep(vec![Entry::RevokeKey { id: id.clone(), at: now }, audit_entry]).await?;
         }
-        app.forget_tokens(|grant| matches!(grant, Grant::Key(key) if key.id == id));
+        app.tokens.forget(|grant| matches!(grant, Grant::Key(key) if key.id == id));
         let key = find().await?;
         Ok(Json(key.summary(now)))
     })

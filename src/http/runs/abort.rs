@@ -8,9 +8,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::run::RunStatus;
-use crate::wire::problem::Problem;
 use crate::wire::run::RunDetail;
 
 /// Abort a run and its open games. What was played stays, and counts.
@@ -25,11 +23,8 @@ use crate::wire::run::RunDetail;
     security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The run is aborted", body = RunDetail),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the creator; an attempt in a competition is ended by an organizer alone", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "`episode_over`: it has ended otherwise", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator; an attempt in a competition is ended by an organizer alone"),
+        (status = 409, description = "`episode_over`: it has ended otherwise"),
     )
 )]
 pub(in super::super) async fn abort_run(

@@ -6,7 +6,6 @@ use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use sha2::{Digest, Sha256};
 use swarmbench_engine::{Config, RuleSet, Settings, TaskName};
 
 use super::super::App;
@@ -15,19 +14,14 @@ use super::super::auth::Caller;
 use super::super::checks::{Problems, short};
 use super::super::client::Client;
 use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params, idempotency_key};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Json, Nothing, Params};
+use super::super::idempotency::{created_before, idempotency};
 use super::Known;
 use crate::clock::millis;
-use crate::episode::quota::Purpose;
-use crate::fair::Party;
 use crate::hosted;
-use crate::ids::Token;
 use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
 use crate::run::suite::{Suite, SuiteSettings};
-use crate::store::runs::StoredRun;
-use crate::wire::problem::Problem;
 use crate::wire::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
 
 /// Start a run: a suite of games for one model.
@@ -45,10 +39,7 @@ use crate::wire::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
     security((), ("key" = [])),
     responses(
         (status = 201, description = "The run, with its token", body = CreatedRun),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: a token of an episode creates none; a server without keys is open to programs on its own machine only; the key's share of the journal is used up"),
     )
 )]
 pub(in super::super) async fn create_run(
@@ -60,17 +51,23 @@ pub(in super::super) async fn create_run(
     Json(request, body): Json<RunRequest>,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let key = idempotency_key(&headers, creator.0.owner(), &app.limits)?;
+    let idempotency = idempotency(&headers, creator.0.owner(), &body, &app.limits)?;
     let definition = definition(request, &app)?;
-    let body: [u8; 32] = Sha256::digest(&body).into();
     // A repeat must find what the first one creates, also if its client hangs up.
     App::run_detached(async move {
-        let (stored, token) = match key {
+        let _lock = app.creations.lock_key(idempotency.as_ref()).await;
+        let find = |key| app.store.run_created_with(key);
+        let (stored, token) = match created_before(idempotency.as_ref(), find).await? {
             None => {
                 check_new(&definition.suite)?;
-                app.runs.create(NewRun::by(creator.0, creator.1, definition)).await?
+                let new = NewRun::by(creator.0, creator.1, definition);
+                app.runs.create(NewRun { idempotency, ..new }).await?
             }
-            Some(key) => create_or_repeat(&app, creator, definition, key, body).await?,
+            Some(stored) if definition.player.is_some() => (stored, None),
+            Some(stored) => {
+                let token = app.new_run_token(stored.run, Vec::new()).await?;
+                (stored, Some(token))
+            }
         };
         let location = format!("/api/v1/runs/{}", stored.id);
         let run = app.run_detail(&caller, &Known::of(stored)?).await?;
@@ -78,33 +75,6 @@ pub(in super::super) async fn create_run(
         Ok(answer::created(&location, CreatedRun { run, swarm_token }))
     })
     .await
-}
-
-/// Creates a run, or gives out a new token for the one that was created with this key and body.
-async fn create_or_repeat(
-    app: &App,
-    (party, purpose): (Party, Purpose),
-    definition: Definition,
-    key: String,
-    body: [u8; 32],
-) -> Result<(StoredRun, Option<Token>), ApiError> {
-    let _lock = app.idempotency_lock(&key).await;
-    match app.store.run_created_with(&key).await? {
-        None => {
-            check_new(&definition.suite)?;
-            let new = NewRun::by(party, purpose, definition);
-            let new = NewRun { idempotency: Some((key, body)), ..new };
-            Ok(app.runs.create(new).await?)
-        }
-        Some((_, first)) if first != body => Err(ApiError::other_body()),
-        Some((stored, _)) => {
-            let token = match definition.player {
-                None => Some(app.new_run_token(stored.run, Vec::new()).await?),
-                Some(_) => None,
-            };
-            Ok((stored, token))
-        }
-    }
 }
 
 /// Validates the request; all errors are reported at once.
@@ -190,7 +160,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
     if Suite::BUILT_IN.contains(&name.as_str()) {
         problems.refuse("suite.name", "is that of a built-in suite; choose another");
     }
-    // Suites of competitions have their ids for names, and nobody else gets onto their boards.
+    // Suites of competitions are named by their ids; no other run may get onto their boards.
     if name.trim_start().to_lowercase().starts_with(COMPETITION_PREFIX) {
         problems.refuse("suite.name", "is like that of a competition; choose another");
     }
@@ -246,7 +216,7 @@ fn check_new(suite: &Suite) -> Result<(), ApiError> {
 
 /// Checks that every game of a suite can be played, by the built-in player that is to play it.
 fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
-    let mut told = HashSet::new();
+    let mut seen = HashSet::new();
     for game in suite.plan() {
         if let Err(errors) = Config::check(&suite.settings_of(&game)) {
             for error in errors.0 {
@@ -255,14 +225,14 @@ fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
                     "seed" => "suite.seeds".to_owned(),
                     field => format!("suite.settings.{field}"),
                 };
-                if told.insert((field.clone(), error.problem.clone())) {
+                if seen.insert((field.clone(), error.problem.clone())) {
                     problems.refuse(&field, error.problem);
                 }
             }
         }
         if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
             && let Err(problem) = hosted::player(name, task)
-            && told.insert(("player".to_owned(), problem.clone()))
+            && seen.insert(("player".to_owned(), problem.clone()))
         {
             problems.refuse("player", problem);
         }

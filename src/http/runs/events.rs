@@ -7,10 +7,9 @@ use tokio::sync::watch;
 
 use super::super::App;
 use super::super::auth::Caller;
-use super::super::episodes::events::{Events, Feed};
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use super::super::feed::{Events, Feed, feed};
 use crate::run::manager::OpenGames;
 use crate::wire::run::StreamedRunEvent;
 
@@ -26,12 +25,7 @@ use crate::wire::run::StreamedRunEvent;
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
     security((), ("swarm" = []), ("key" = [])),
-    responses(
-        (status = 200, description = "Events: `game` with a RunGame as data, `finished` with a RunDetail", body = StreamedRunEvent, content_type = "text/event-stream"),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "Events: `game` with a RunGame as data, `finished` with a RunDetail", body = StreamedRunEvent, content_type = "text/event-stream"))
 )]
 pub(in super::super) async fn stream_run_events(
     State(app): State<App>,
@@ -41,11 +35,11 @@ pub(in super::super) async fn stream_run_events(
 ) -> Result<Events, ApiError> {
     let known = app.known_run(&caller, &id).await?;
     let open_games = app.runs.follow(known.stored.run).await?;
-    let (feed, events) = app.feed().await?;
+    let (feed, events) = feed(&app).await?;
     crate::telemetry::spawn(async move {
         tokio::select! {
-            told = send_events(&app, &caller, &id, open_games, &feed) => {
-                if let Err(error) = told {
+            sent = send_events(&app, &caller, &id, open_games, &feed) => {
+                if let Err(error) = sent {
                     tracing::warn!(?error, "events of a run cannot be sent");
                 }
             }
@@ -65,22 +59,22 @@ async fn send_events(
     mut open_games: watch::Receiver<OpenGames>,
     feed: &Feed,
 ) -> Result<(), ApiError> {
-    let mut told: HashMap<String, (String, bool)> = HashMap::new();
+    let mut sent: HashMap<String, (String, bool)> = HashMap::new();
     loop {
-        // Later changes are sent in the next turn.
+        // Later changes are sent by the next iteration.
         let is_over = open_games.borrow_and_update().is_over;
         let known = app.known_run(caller, id).await?;
         let shown = app.run_detail(caller, &known).await?;
         for game in &shown.games {
             let Some(episode) = &game.episode else { continue };
-            let stands = (game.status.clone(), game.void_reason.is_some());
-            if told.get(episode) == Some(&stands) {
+            let state = (game.status.clone(), game.void_reason.is_some());
+            if sent.get(episode) == Some(&state) {
                 continue;
             }
             if !feed.send("game", None, game).await {
                 return Ok(());
             }
-            told.insert(episode.clone(), stands);
+            sent.insert(episode.clone(), state);
         }
         if is_over {
             feed.send("finished", None, &shown).await;

@@ -7,7 +7,6 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::wire::run::RunDetail;
 
 /// Show a run, its results and its games.
@@ -18,12 +17,7 @@ use crate::wire::run::RunDetail;
     tag = "runs",
     params(("id" = String, Path, description = "The run's id")),
     security((), ("swarm" = []), ("key" = [])),
-    responses(
-        (status = 200, description = "The run", body = RunDetail),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-    )
+    responses((status = 200, description = "The run", body = RunDetail))
 )]
 pub(in super::super) async fn show_run(
     State(app): State<App>,

@@ -4,7 +4,6 @@ use axum::Json;
 
 use super::super::error::ApiError;
 use super::super::extract::{Nothing, Params};
-use super::super::refusals::{QueryRefusals, RateRefusals};
 use crate::run::suite::Suite;
 use crate::wire::run::{SuiteList, SuiteView};
 
@@ -15,11 +14,7 @@ use crate::wire::run::{SuiteList, SuiteView};
     operation_id = "list_suites",
     tag = "runs",
     security(()),
-    responses(
-        (status = 200, description = "The built-in suites", body = SuiteList),
-        QueryRefusals,
-        RateRefusals,
-    )
+    responses((status = 200, description = "The built-in suites", body = SuiteList))
 )]
 pub(in super::super) async fn list_suites(_: Params<Nothing>) -> Result<Json<SuiteList>, ApiError> {
     let items = Suite::all_built_in().map(|suite| SuiteView::of(&suite, true)).collect();

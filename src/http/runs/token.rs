@@ -10,11 +10,9 @@ use super::super::answer::with_tokens;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::Token;
 use crate::journal::{Entry, RunKey};
 use crate::store::tokens::Grant;
-use crate::wire::problem::Problem;
 use crate::wire::run::RunToken;
 
 /// Get a new token for a run, in place of one that was lost.
@@ -29,10 +27,7 @@ use crate::wire::run::RunToken;
     security((), ("swarm" = []), ("key" = [])),
     responses(
         (status = 200, description = "The new token", body = RunToken),
-        IdRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not the creator, or the server itself plays this run", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not the creator, or the server itself plays this run"),
     )
 )]
 pub(in super::super) async fn replace_run_token(
@@ -64,15 +59,15 @@ pub(in super::super) async fn replace_run_token(
 }
 
 impl App {
-    /// A new token in place of the one that a run had, which is worth nothing from now on.
-    pub(super) async fn new_run_token(
+    /// Replaces the token of a run; the earlier one is revoked.
+    pub(in super::super) async fn new_run_token(
         &self,
         run: RunKey,
         audit_entries: Vec<Entry>,
     ) -> Result<Token, ApiError> {
         let token = self.runs.replace_token(run, audit_entries).await?;
         let is_old = |grant: &Grant| matches!(grant, Grant::Run { run: of, .. } if *of == run);
-        self.forget_tokens(is_old);
+        self.tokens.forget(is_old);
         Ok(token)
     }
 }

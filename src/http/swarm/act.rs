@@ -15,12 +15,10 @@ use super::super::App;
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
-use super::super::extract::{Named, Nothing, Params, read};
-use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
+use super::super::extract::{Nothing, Params, read};
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
 use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
-use crate::wire::problem::Problem;
 
 /// Act for several seats.
 ///
@@ -35,10 +33,7 @@ use crate::wire::problem::Problem;
     security(("swarm" = [])),
     responses(
         (status = 200, description = "A receipt or a problem for each act", body = SwarmActResponse),
-        BodyRefusals,
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not a swarm token"),
     )
 )]
 pub(in super::super) async fn post_swarm_act(
@@ -141,10 +136,6 @@ impl<'de> Deserialize<'de> for Acts {
         }
         deserializer.deserialize_seq(List)
     }
-}
-
-impl Named for Envelope {
-    const FIELDS: &'static [&'static str] = &["acts"];
 }
 
 /// The acts for one episode, with their places among all.

@@ -52,8 +52,7 @@ impl Source {
         })
     }
 
-    /// All episodes with seats that may be waiting, and of a run whether it is over; an episode tells that
-    /// itself.
+    /// All episodes with seats that may be waiting, and for a run whether it is over.
     async fn open(&mut self, app: &App) -> Result<(Vec<Seated>, Option<bool>), ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
@@ -65,7 +64,7 @@ impl Source {
                 for found in join_all(open.iter().map(|id| app.episode(id))).await {
                     match found {
                         Ok(handle) => seated.push(Seated { handle, seats: Seats::Creators }),
-                        // One whose journal is broken was logged, and keeps nobody from playing the others.
+                        // A broken journal was logged; the other games can be played.
                         Err(error) if error.code() == Code::Internal => {}
                         Err(error) => return Err(error),
                     }
@@ -83,7 +82,7 @@ impl Source {
         Ok(())
     }
 
-    /// The seats in one episode, also after its end; none where the token authorizes no seat there.
+    /// The seats in one episode, also after its end. None if the token has no seat there.
     async fn find(&mut self, app: &App, episode: &str) -> Result<Option<Seated>, ApiError> {
         match self {
             Self::Episode(Seated { handle, seats }) => {
@@ -109,11 +108,11 @@ impl Source {
 
     /// Completes when there are other episodes to look at.
     async fn changed(&mut self) {
-        let is_told = match self {
+        let is_changed = match self {
             Self::Episode(_) => false,
             Self::Run { open_games, .. } => open_games.changed().await.is_ok(),
         };
-        if !is_told {
+        if !is_changed {
             std::future::pending::<()>().await;
         }
     }

@@ -14,16 +14,14 @@ use utoipa::IntoParams;
 
 use super::super::App;
 use super::super::agent::look::{Look, observations};
-use super::super::agent::obs::{json, with_field};
+use super::super::answer::{json, with_field};
 use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
-use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::{Seated, Source};
 use crate::clock;
 use crate::episode::{Snapshot, Status};
 use crate::wire::act::SwarmObsResponse;
-use crate::wire::problem::Problem;
 
 /// How to look.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -55,10 +53,8 @@ pub(in super::super) struct SwarmObsParams {
     security(("swarm" = [])),
     responses(
         (status = 200, description = "The observations that wait for an act", body = SwarmObsResponse),
-        QueryRefusals,
-        TokenRefusals,
-        (status = 403, description = "`forbidden`: not a swarm token", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "`template_failed`: prompts were asked for and cannot be made", body = Problem, content_type = "application/problem+json"),
+        (status = 403, description = "`forbidden`: not a swarm token"),
+        (status = 422, description = "`template_failed`: prompts were asked for and cannot be made"),
     )
 )]
 pub(in super::super) async fn get_swarm_obs(
@@ -66,7 +62,7 @@ pub(in super::super) async fn get_swarm_obs(
     swarm: Swarm,
     Params(params): Params<SwarmObsParams>,
 ) -> Result<Response, ApiError> {
-    let patience = wait(&app, params.wait)?;
+    let timeout = wait(&app, params.wait)?;
     let most = app.limits.observations_max;
     let limit = params.limit.unwrap_or(app.limits.observations_default);
     if !(1..=most).contains(&limit) {
@@ -78,12 +74,12 @@ pub(in super::super) async fn get_swarm_obs(
         None => Cursor::START,
     };
     let mut source = Source::of(&app, swarm).await?;
-    let (open, finished) = wait_for_seats(&app, &mut source, after, patience).await?;
+    let (open, finished) = wait_for_seats(&app, &mut source, after, timeout).await?;
     let open = &open[..open.len().min(limit)];
     let looks = open.iter().map(|open| open.look(&app)).collect();
     let bytes_max = app.limits.answer_bytes_max - REST_BYTES_MAX;
     let (observations, given) = observations(&app, looks, params.prompt, bytes_max).await?;
-    // Whatever did not fit comes with the next answer.
+    // What did not fit comes with the next answer.
     let cursor = open[..given].last().map_or(after, |last| last.seat);
     let rest = Rest { cursor: cursor.write(app.boot), finished };
     Ok(json(with_field(&rest, "observations", &observations)))
@@ -114,11 +110,11 @@ async fn wait_for_seats(
     app: &App,
     source: &mut Source,
     after: Cursor,
-    patience: Duration,
+    timeout: Duration,
 ) -> Result<(Vec<Open>, bool), ApiError> {
     let mut waiting = None;
-    let mut is_up = patience.is_zero();
-    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), patience));
+    let mut is_up = timeout.is_zero();
+    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), timeout));
     loop {
         // Changes from here on are reported by `changed`.
         let (seated, is_over) = source.open(app).await?;
@@ -131,10 +127,10 @@ async fn wait_for_seats(
                 return Ok((open, is_over));
             }
             if waiting.is_none() {
-                waiting = Some(app.start_waiting()?);
+                waiting = Some(app.waits.start()?);
             }
             tokio::select! {
-                are_told = any_changed(&mut followed) => if !are_told {
+                is_alive = any_changed(&mut followed) => if !is_alive {
                     // The actor of one has ended by a fault: it is found again, recovered.
                     tokio::select! {
                         () = app.clock.sleep_until(clock::after(app.clock.now(), GONE_PAUSE)) => {}
@@ -180,7 +176,7 @@ impl Followed {
 async fn any_changed(followed: &mut [Followed]) -> bool {
     let changes: FuturesUnordered<_> = followed.iter_mut().map(Followed::changed).collect();
     match { changes }.next().await {
-        Some(is_told) => is_told,
+        Some(is_alive) => is_alive,
         None => std::future::pending().await,
     }
 }
@@ -189,8 +185,8 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
 /// oldest first; and whether all of these episodes are over.
 fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool) {
     let (snapshots, are_over) = {
-        // Rounds get their places from the first look that sees them. If that were not the same for all of a
-        // look, another one could take the next place for what this one has passed already.
+        // Rounds get their numbers from the first look that sees them. Without one lock for the whole look, another look
+        // could give a smaller number to a round that this one has not seen.
         let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
         let mut snapshots: Vec<_> = followed
             .iter_mut()

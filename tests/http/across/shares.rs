@@ -8,7 +8,7 @@ use crate::app::{TestApp, list, number};
 use crate::cup::{Attempt, Cup, pass_minutes};
 
 /// Behind a proxy that says whom it forwards.
-fn forwarded(access: &mut swarmbench::http::auth::Access) {
+fn forwarded(access: &mut swarmbench::http::Access) {
     access.trusted_proxies = vec!["127.0.0.0/8".parse().expect("a net")];
 }
 

@@ -14,7 +14,7 @@ use reqwest::{Client, Method};
 use serde_json::Value;
 use swarmbench::clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use swarmbench::host::ManualDisk;
-use swarmbench::http::auth::Access;
+use swarmbench::http::Access;
 use swarmbench::http::limits::Limits;
 use swarmbench::journal::{Entry, Journal as _};
 use swarmbench::keys::{Key, KeyRow, Role};

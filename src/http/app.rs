@@ -1,0 +1,235 @@
+//! What handlers share.
+
+use std::ops::Deref;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use ipnet::IpNet;
+use swarmbench_engine::World;
+use tokio_util::sync::CancellationToken;
+
+use super::body::Bodies;
+use super::cache::{ANSWERS_BYTES_MAX, Answer, RANKINGS_BYTES_MAX, SharedCache};
+use super::error::{ApiError, Code};
+use super::heavy::Heavy;
+use super::idempotency::Creations;
+use super::in_flight::InFlight;
+use super::limits::Limits;
+use super::ranking::Ranking;
+use super::rates::Rates;
+use super::sights::Sights;
+use super::stream::Streams;
+use super::tokens::Tokens;
+use super::waiting::Waits;
+use crate::board::interval::Memory;
+use crate::clock::{Clock, Entropy};
+use crate::episode::actor::Handle;
+use crate::episode::registry::{Location, Registry};
+use crate::episode::replay::state_at;
+use crate::host::Disk;
+use crate::ids::EpisodeId;
+use crate::run::manager::Runs;
+use crate::standings::Standings;
+use crate::store::Store;
+use crate::telemetry;
+use crate::work::Workers;
+
+/// Differences between rows of boards that are remembered.
+const INTERVALS_CACHED: usize = 100_000;
+
+/// How long a request waits for the recovery of an episode.
+const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// What all handlers share. Cloning shares it.
+#[derive(Clone)]
+pub struct App(Arc<Shared>);
+
+/// Who may use a server.
+#[derive(Clone, Debug, Default)]
+pub struct Access {
+    /// While there are no keys, every client may create episodes, not only programs on this machine.
+    pub open: bool,
+    /// Reading needs a key, or a token of the episode.
+    pub private: bool,
+    /// The proxies whose `X-Forwarded-For` is believed.
+    pub trusted_proxies: Vec<IpNet>,
+}
+
+/// What a server is put together from.
+pub struct Foundation {
+    /// The store.
+    pub store: Store,
+    /// All episodes.
+    pub registry: Registry,
+    /// All runs.
+    pub runs: Runs,
+    /// Where the time comes from.
+    pub clock: Arc<dyn Clock>,
+    /// Where randomness comes from.
+    pub entropy: Arc<dyn Entropy>,
+    /// Where the database lies.
+    pub disk: Arc<dyn Disk>,
+    /// What does heavy work.
+    pub workers: Workers,
+    /// What is taken at most.
+    pub limits: Limits,
+    /// Who may use the server.
+    pub access: Access,
+    /// Whether a key was ever made. After that creating needs one, even if all keys are revoked.
+    pub has_keys: bool,
+    /// Ends all waits when the server stops.
+    pub stop: CancellationToken,
+}
+
+/// See [`App`].
+pub struct Shared {
+    pub(crate) store: Store,
+    pub(crate) registry: Registry,
+    pub(crate) runs: Runs,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(super) entropy: Arc<dyn Entropy>,
+    pub(super) disk: Arc<dyn Disk>,
+    pub(crate) workers: Workers,
+    pub(super) limits: Limits,
+    pub(crate) access: Access,
+    pub(crate) has_keys: bool,
+    pub(crate) stop: CancellationToken,
+    /// Whether all unfinished episodes with clocks were recovered.
+    pub(crate) ready: AtomicBool,
+    /// Tells this run of the server from others.
+    pub(super) boot: u64,
+    pub(super) rates: Rates,
+    pub(super) in_flight: Arc<InFlight>,
+    pub(super) tokens: Tokens,
+    pub(super) bodies: Arc<Bodies>,
+    pub(super) creations: Creations,
+    pub(super) waits: Waits,
+    /// Open rounds that were seen by a holder of several seats, counted. Each look locks it, so that rounds have the same
+    /// order for all looks.
+    pub(super) rounds_seen: Mutex<u64>,
+    pub(super) heavy: Heavy,
+    pub(super) streams: Arc<Streams>,
+    /// What seats see in open rounds, as it was written.
+    pub(super) sights: Sights,
+    /// What boards are made of.
+    pub(super) standings: Standings,
+    pub(super) intervals: Memory,
+    /// Boards and lists.
+    pub(super) answers: SharedCache<Answer>,
+    /// Boards of competitions, behind their pages.
+    pub(super) rankings: SharedCache<Ranking>,
+}
+
+impl App {
+    /// What handlers share.
+    #[must_use]
+    pub fn new(foundation: Foundation) -> Self {
+        let Foundation { store, registry, runs, clock, entropy, disk, .. } = foundation;
+        let Foundation { workers, limits, access, has_keys, stop, .. } = foundation;
+        let mut boot = [0; 8];
+        entropy.fill(&mut boot);
+        let cache = (store.clone(), Arc::clone(&clock));
+        Self(Arc::new(Shared {
+            ready: AtomicBool::new(false),
+            boot: u64::from_le_bytes(boot),
+            rates: Rates::new(&limits, Arc::clone(&clock)),
+            in_flight: Arc::new(InFlight::new(limits.requests_per_address_max)),
+            tokens: Tokens::new(store.clone()),
+            bodies: Arc::new(Bodies::new(&limits)),
+            creations: Creations::new(),
+            waits: Waits::new(limits.waits_max, Arc::clone(&clock), stop.clone()),
+            rounds_seen: Mutex::new(0),
+            heavy: Heavy::new(workers.clone(), &limits),
+            streams: Arc::new(Streams::new(registry.clone(), workers.clone(), &limits)),
+            sights: Sights::new(),
+            standings: Standings::new(store.clone()),
+            intervals: Memory::new(INTERVALS_CACHED),
+            answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
+            rankings: SharedCache::new(RANKINGS_BYTES_MAX, cache),
+            store,
+            registry,
+            runs,
+            clock,
+            entropy,
+            disk,
+            workers,
+            limits,
+            access,
+            has_keys,
+            stop,
+        }))
+    }
+
+    /// Reads all results, so that the first request for a board does not wait for that.
+    pub async fn read_boards(&self) {
+        if let Err(error) = self.standings.boards().await {
+            // Requests get the same error.
+            tracing::warn!(%error, "boards cannot be read");
+        }
+    }
+
+    /// Evicts unused entries; to be called periodically.
+    pub fn tidy(&self) {
+        self.registry.evict_unused();
+        self.rates.forget_idle();
+    }
+
+    /// Refuses what is new while the disk is nearly full.
+    pub(super) fn check_disk(&self) -> Result<(), ApiError> {
+        let least = self.limits.disk_free_percent_min;
+        if self.disk.is_full(least) { Err(ApiError::disk_full(least)) } else { Ok(()) }
+    }
+
+    /// Runs work in a task of its own, so that it completes: a handler is dropped at an `await`
+    /// when its client hangs up.
+    pub(super) async fn run_detached<T: Send + 'static>(
+        work: impl Future<Output = Result<T, ApiError>> + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let done = telemetry::spawn(work).await;
+        done.unwrap_or_else(|error| Err(ApiError::new(Code::Internal, error.to_string())))
+    }
+
+    /// The episode with this id. The request waits while an unfinished one is recovered, up to a limit.
+    pub(super) async fn episode(&self, id: &EpisodeId) -> Result<Handle, ApiError> {
+        let find = self.registry.find(id);
+        let found = match self.registry.location(id) {
+            Location::Memory => find.await,
+            Location::Unfinished => {
+                let found = tokio::time::timeout(RECOVERY_TIMEOUT, find).await;
+                found.map_err(|_| {
+                    let detail = "the episode is still being recovered from its journal; its clock does not run";
+                    ApiError::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
+                })?
+            }
+            Location::Journal => {
+                let _permit = self.heavy.replay().await?;
+                find.await
+            }
+        };
+        found?.ok_or_else(|| ApiError::not_found("the episode"))
+    }
+
+    /// The state after `round` rounds, which must be resolved; `near` is a state on the way to it.
+    pub(super) async fn state_at(
+        &self,
+        handle: &Handle,
+        round: u32,
+        near: Option<&Arc<World>>,
+    ) -> Result<Arc<World>, ApiError> {
+        let keyframe = handle.keyframe(round);
+        if keyframe.round() == round {
+            return Ok(keyframe);
+        }
+        let _permit = self.heavy.replay().await?;
+        Ok(state_at(self.registry.host(), handle, round, near).await?)
+    }
+}
+
+impl Deref for App {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.0
+    }
+}

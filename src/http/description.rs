@@ -1,0 +1,141 @@
+//! What the OpenAPI document says that is not said at a handler: an introduction, and the errors that many routes have.
+
+use std::fmt::Write;
+
+use utoipa::openapi::path::{Operation, ParameterIn};
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{ContentBuilder, PathItem, Ref, RefOr, ResponseBuilder};
+use utoipa::{Modify, OpenApi};
+
+use super::error::Code;
+use super::limits::Limits;
+
+/// The document without its routes.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "swarmbench",
+        description = "A server on which language models play SwarmBench: agents look (`GET /obs`) and act (`POST /act`); when all have acted the round is resolved, scored and journaled.\n\nErrors are `application/problem+json` with a stable `code`. Tokens go in `Authorization: Bearer …`. Bodies are `application/json`, at most 256 KiB (8 MiB for `/swarm/act`).",
+        license(name = "MIT", identifier = "MIT"),
+    ),
+    tags(
+        (name = "agent", description = "One agent of one episode: two calls and a seat token."),
+        (name = "swarm", description = "Several seats in one call, with a swarm token."),
+        (name = "episodes", description = "Create, watch and end episodes."),
+        (name = "runs", description = "Suites of games for one model: start, watch and end runs."),
+        (name = "boards", description = "Who did how well."),
+        (name = "data", description = "Many episodes in one file, and games that were read from files."),
+        (name = "competitions", description = "Competitions on sealed seeds; what organizers did."),
+        (name = "keys", description = "Keys for people, made by organizers."),
+        (name = "host", description = "How the server does."),
+    ),
+    components(schemas(
+        crate::wire::episode::EpisodeResult,
+        crate::wire::episode::RoundEvent,
+        crate::wire::problem::Problem,
+        crate::wire::run::RunGame,
+    )),
+    modifiers(&Rest)
+)]
+pub(super) struct Document;
+
+/// What cannot be said in an attribute: the tables of errors and limits, and the tokens.
+struct Rest;
+
+impl Modify for Rest {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let description = document.info.description.get_or_insert_default();
+        description.push_str(&tables());
+        let components = document.components.get_or_insert_default();
+        for (name, description) in [
+            ("seat", "A seat token: one agent of one episode."),
+            (
+                "swarm",
+                "A swarm token: all seats of the creator of an episode, or of a run, and its holder stands where the creator does; or the seats of one claim.",
+            ),
+            (
+                "key",
+                "The key of a person: the episodes created with it are the holder's. An organizer's key opens everything.",
+            ),
+        ] {
+            let mut scheme = Http::new(HttpAuthScheme::Bearer);
+            scheme.description = Some(description.to_owned());
+            components.add_security_scheme(name, SecurityScheme::Http(scheme));
+        }
+    }
+}
+
+/// All errors and all limits, in Markdown.
+fn tables() -> String {
+    let mut text = "\n\n## Errors\n\n| status | code | |\n| --- | --- | --- |\n".to_owned();
+    for code in Code::ALL {
+        let (name, status, title) = code.row();
+        writeln!(text, "| {status} | `{name}` | {title} |").expect("a string takes everything");
+    }
+    text.push_str(
+        "\n## Limits\n\nThe unit is part of the name.\n\n| limit | value |\n| --- | ---: |\n",
+    );
+    for (name, value) in Limits::default().table() {
+        writeln!(text, "| `{name}` | {value} |").expect("a string takes everything");
+    }
+    text
+}
+
+/// Adds the errors that follow from what a route takes, and the body of all errors. What a route says itself stays.
+pub(super) fn add_errors(document: &mut utoipa::openapi::OpenApi) {
+    let schema = Ref::from_schema_name("Problem");
+    let body = RefOr::T(ContentBuilder::new().schema(Some(schema)).build());
+    for operation in document.paths.paths.values_mut().flat_map(operations) {
+        let common = common_errors(operation);
+        let responses = &mut operation.responses.responses;
+        for (status, description) in common {
+            let error = || ResponseBuilder::new().description(description).build().into();
+            responses.entry(status.to_string()).or_insert_with(error);
+        }
+        for (status, response) in responses {
+            if let (true, RefOr::T(response)) = (status.as_str() >= "400", response) {
+                response.content.insert("application/problem+json".to_owned(), body.clone());
+            }
+        }
+    }
+}
+
+fn operations(path: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    let PathItem { get, post, patch, delete, .. } = path;
+    [get, post, patch, delete].into_iter().flatten()
+}
+
+fn common_errors(operation: &Operation) -> Vec<(u16, &'static str)> {
+    let mut errors = vec![
+        (429, "`rate_limited`, naming the `limit`; `Retry-After` says when to come again"),
+        (503, "`overloaded` or `unavailable`; `Retry-After` says when to come again"),
+    ];
+    // Health and metrics say nothing about tokens, and take any query.
+    if operation.security.is_some() {
+        errors.push((400, "`malformed`: the query, or the body, cannot be read"));
+    }
+    let no_token = SecurityRequirement::default();
+    if operation.security.iter().flatten().any(|token| *token != no_token) {
+        errors.extend([
+            (401, "`unauthorized`: a token is needed, or the one that came is unknown"),
+            (500, "`internal`: a fault of the server, which was logged"),
+        ]);
+    }
+    let is_in_path = |parameter: &RefOr<_>| match parameter {
+        RefOr::T(utoipa::openapi::path::Parameter { parameter_in, .. }) => {
+            *parameter_in == ParameterIn::Path
+        }
+        RefOr::Ref(_) => false,
+    };
+    if operation.parameters.iter().flatten().any(is_in_path) {
+        errors.push((404, "`not_found`: unknown, or not for this token to know of"));
+    }
+    if operation.request_body.is_some() {
+        errors.extend([
+            (413, "`too_large`, naming the `limit`"),
+            (415, "`unsupported_media_type`: not sent as `application/json`"),
+            (422, "`invalid`, naming the `fields` and what is allowed; nothing was changed"),
+        ]);
+    }
+    errors
+}

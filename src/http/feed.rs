@@ -1,0 +1,86 @@
+//! Event streams (Server-Sent Events). A reader that is too slow is dropped.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::response::Sse;
+use axum::response::sse::{Event, KeepAlive, KeepAliveStream};
+use futures::StreamExt;
+use futures::stream::BoxStream;
+use serde::Serialize;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::App;
+use super::error::ApiError;
+use crate::budget::{NoMemory, Reservation};
+use crate::episode::registry::Registry;
+use crate::fair::{Party, Permit};
+
+/// How long a reader may leave events pending before it is dropped.
+const READER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// The sending side of an event stream. What waits for the reader is bounded by its number and its bytes.
+pub(super) struct Feed {
+    registry: Registry,
+    events: mpsc::Sender<Pending>,
+    /// Bytes that may wait.
+    bytes: Arc<Semaphore>,
+    bytes_max: usize,
+    _permit: Permit,
+}
+
+/// An event that waits for the reader.
+struct Pending {
+    event: Event,
+    _bytes: OwnedSemaphorePermit,
+    _room: Reservation,
+}
+
+/// The receiving side of an event stream.
+pub(super) type Events = Sse<KeepAliveStream<BoxStream<'static, Result<Event, Infallible>>>>;
+
+/// A new event stream.
+pub(super) async fn feed(app: &App) -> Result<(Feed, Events), ApiError> {
+    let permit = app.streams.events.take(Party::current()).await?;
+    let (events, pending) = mpsc::channel(app.limits.events_pending_max);
+    let bytes_max = app.limits.events_pending_bytes_max;
+    let bytes = Arc::new(Semaphore::new(bytes_max));
+    let registry = app.registry.clone();
+    let feed = Feed { registry, events, bytes, bytes_max, _permit: permit };
+    let sent = ReceiverStream::new(pending).map(|pending: Pending| Ok(pending.event));
+    Ok((feed, Sse::new(sent.boxed()).keep_alive(KeepAlive::default())))
+}
+
+impl Feed {
+    /// Completes when the reader is gone.
+    pub(super) async fn gone(&self) {
+        self.events.closed().await;
+    }
+
+    /// Sends an event; false where the reader is gone or too slow, or no memory is free.
+    pub(super) async fn send(&self, name: &str, id: Option<u32>, data: &impl Serialize) -> bool {
+        let data = serde_json::to_string(data).expect("string keys");
+        let event = Event::default().event(name);
+        let event = match id {
+            Some(id) => event.id(id.to_string()),
+            None => event,
+        };
+        let event = event.data(&data);
+        matches!(
+            tokio::time::timeout(READER_TIMEOUT, self.push(event, data.len())).await,
+            Ok(Ok(true))
+        )
+    }
+
+    async fn push(&self, event: Event, bytes: usize) -> Result<bool, NoMemory> {
+        let room = self.registry.room(bytes)?;
+        // One that is larger than all that may wait waits alone.
+        let bytes = u32::try_from(bytes.min(self.bytes_max)).unwrap_or(u32::MAX);
+        let Ok(bytes) = Arc::clone(&self.bytes).acquire_many_owned(bytes).await else {
+            return Ok(false);
+        };
+        Ok(self.events.send(Pending { event, _bytes: bytes, _room: room }).await.is_ok())
+    }
+}

@@ -1,0 +1,79 @@
+//! Heavy work for requests: its threads, and permits for large answers and replays.
+
+use std::time::Duration;
+
+use super::error::{ApiError, Code};
+use super::limits::Limits;
+use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
+use crate::work::{JOBS_WAITING_MAX, Workers};
+
+/// How long a request waits until a prompt or a board is made.
+const RENDER_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How long a request waits until a state of an earlier round can be made.
+const REPLAY_TIMEOUT: Duration = Duration::from_secs(10);
+
+pub(super) struct Heavy {
+    workers: Workers,
+    large_answers: FairLimit,
+    /// Each replay may take as much memory as some rounds have text.
+    replays: FairLimit,
+}
+
+impl Heavy {
+    pub(super) fn new(workers: Workers, limits: &Limits) -> Self {
+        Self { workers, large_answers: large_answers(limits), replays: replays(limits) }
+    }
+
+    /// Does work that keeps a core busy for milliseconds, off the async threads, when a share of them is free for the
+    /// party.
+    pub(super) async fn render<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let work = self.workers.run("render", Party::current(), Rank::Normal, |_| work());
+        let Ok(done) = tokio::time::timeout(RENDER_TIMEOUT, work).await else {
+            let detail =
+                "too much heavy work (prompts, boards, large worlds) is queued; try again later";
+            return Err(ApiError::limit(
+                Code::Overloaded,
+                "heavy_jobs_max",
+                JOBS_WAITING_MAX,
+                detail,
+            )
+            .retry_after(Duration::from_secs(1)));
+        };
+        Ok(done?)
+    }
+
+    /// A permit for a large answer, until the answer is made. It bounds how many parts are made on the async threads.
+    pub(super) async fn large_answer(&self) -> Result<Permit, ApiError> {
+        let detail = "too many large answers are requested; try again later, or ask for less";
+        permit(&self.large_answers, detail).await
+    }
+
+    pub(super) async fn replay(&self) -> Result<Permit, ApiError> {
+        let detail = "too many earlier rounds are being replayed; try again later";
+        permit(&self.replays, detail).await
+    }
+}
+
+async fn permit(limit: &FairLimit, detail: &str) -> Result<Permit, ApiError> {
+    let permit = limit.acquire(Party::current(), Rank::Normal).await;
+    permit.map_err(|busy| ApiError::no_permit(busy, detail))
+}
+
+/// A group has no more than half of them.
+fn large_answers(limits: &Limits) -> FairLimit {
+    let shares = Shares::halved(limits.large_answers_max, limits.large_answers_waiting_max);
+    let shares = Shares { slots_per_member: 1, ..shares };
+    FairLimit::new("large_answers_max", shares, RENDER_TIMEOUT)
+}
+
+/// A group has no more than half of them.
+fn replays(limits: &Limits) -> FairLimit {
+    let waiting = limits.replays_waiting_max;
+    let shares = Shares::halved(limits.replays_max, waiting);
+    let shares = Shares { waiting_per_group: waiting.div_ceil(8), ..shares };
+    FairLimit::new("replays_max", shares, REPLAY_TIMEOUT)
+}

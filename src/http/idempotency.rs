@@ -1,0 +1,72 @@
+//! Creations that a client may repeat: the same `Idempotency-Key` and body give what the first one created.
+
+use axum::http::HeaderMap;
+use sha2::{Digest, Sha256};
+use tokio::sync::{Mutex, MutexGuard};
+
+use super::error::{ApiError, Code};
+use super::limits::Limits;
+use crate::journal::JournalError;
+use crate::keys::OwnerKey;
+
+/// Locks of creations; those with the same name have the same lock.
+const CREATION_LOCKS: usize = 64;
+
+/// Serializes what must not happen twice at once.
+pub(super) struct Creations([Mutex<()>; CREATION_LOCKS]);
+
+impl Creations {
+    pub(super) fn new() -> Self {
+        Self(std::array::from_fn(|_| Mutex::new(())))
+    }
+
+    /// Locks a name.
+    pub(super) async fn lock(&self, name: &str) -> MutexGuard<'_, ()> {
+        let lock = crc32fast::hash(name.as_bytes()) as usize % CREATION_LOCKS;
+        self.0[lock].lock().await
+    }
+
+    /// Locks the key of a creation, if it has one.
+    pub(super) async fn lock_key(&self, named: Option<&Idempotency>) -> Option<MutexGuard<'_, ()>> {
+        match named {
+            Some((key, _)) => Some(self.lock(key).await),
+            None => None,
+        }
+    }
+}
+
+/// The key of a creation, and the digest of its body.
+pub(super) type Idempotency = (String, [u8; 32]);
+
+/// The key that a request has, if any. Each owner has keys of its own.
+pub(super) fn idempotency(
+    headers: &HeaderMap,
+    owner: Option<OwnerKey>,
+    body: impl AsRef<[u8]>,
+    limits: &Limits,
+) -> Result<Option<Idempotency>, ApiError> {
+    let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
+    let most = limits.idempotency_key_chars_max;
+    let key = value.to_str().ok().filter(|key| (1..=most).contains(&key.len()));
+    let key = key.ok_or_else(|| {
+        let detail = format!("Idempotency-Key must be 1 to {most} printable ASCII characters");
+        ApiError::new(Code::Malformed, detail)
+    })?;
+    let owner = owner.map_or_else(String::new, |OwnerKey(number)| number.to_string());
+    Ok(Some((format!("{owner}/{key}"), Sha256::digest(body).into())))
+}
+
+/// What was created before with this key. It is an error if that had another body.
+pub(super) async fn created_before<'a, T, B: AsRef<[u8]>, F>(
+    named: Option<&'a Idempotency>,
+    find: impl FnOnce(&'a str) -> F,
+) -> Result<Option<T>, ApiError>
+where
+    F: Future<Output = Result<Option<(T, B)>, JournalError>>,
+{
+    let Some((key, body)) = named else { return Ok(None) };
+    match find(key).await? {
+        Some((_, first)) if first.as_ref() != body => Err(ApiError::other_body()),
+        found => Ok(found.map(|(created, _)| created)),
+    }
+}

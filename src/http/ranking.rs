@@ -1,0 +1,47 @@
+//! The board of a competition, behind its pages.
+
+use super::cache::Weighted;
+use crate::wire::competition::CompetitionRow;
+
+/// All rows of a board in one view.
+#[derive(Debug, Default)]
+pub(super) struct Ranking {
+    pub(super) rows: Vec<CompetitionRow>,
+    /// The tasks of which results are shown.
+    pub(super) tasks: Vec<String>,
+    bytes: usize,
+}
+
+impl Weighted for Ranking {
+    fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+impl Ranking {
+    pub(super) fn new(rows: Vec<CompetitionRow>) -> Self {
+        let first = rows.iter().find(|row| !row.tasks.is_empty());
+        let tasks = first.map_or(&[][..], |row| &row.tasks);
+        let tasks = tasks.iter().map(|task| task.task.clone()).collect();
+        let bytes = rows.iter().map(bytes).sum();
+        Self { rows, tasks, bytes }
+    }
+
+    /// The index after this entrant; the first if none is named. If the entrant is gone, the number of rows up to it
+    /// decides.
+    pub(super) fn after(&self, entrant: Option<&(String, usize)>) -> usize {
+        let Some((id, rows)) = entrant else { return 0 };
+        let found = self.rows.iter().position(|row| row.entrant.id == *id);
+        found.map_or(*rows, |found| found + 1).min(self.rows.len())
+    }
+}
+
+/// About how much memory a row takes.
+fn bytes(row: &CompetitionRow) -> usize {
+    let entrant = &row.entrant;
+    let texts = [&entrant.id, &entrant.name, &entrant.model, &entrant.status].map(String::len);
+    let more = [&entrant.prompt_template, &entrant.reason, &row.run, &row.run_status]
+        .map(|text| text.as_ref().map_or(0, String::len));
+    let tasks: usize = row.tasks.iter().map(|task| size_of_val(task) + task.task.len()).sum();
+    size_of_val(row) + texts.into_iter().chain(more).sum::<usize>() + tasks
+}

@@ -1,0 +1,50 @@
+//! Sights (the larger part of an observation) as they were written, for the seats and clients that ask again.
+
+use bytes::Bytes;
+use quick_cache::Weighter;
+use quick_cache::sync::Cache;
+use swarmbench_engine::AgentId;
+
+use crate::episode::Status;
+use crate::journal::EpisodeKey;
+
+/// Bytes of a sight (the larger part of an observation) that is cached.
+const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;
+
+/// Bytes of all cached sights.
+const SIGHTS_CACHED_BYTES_MAX: u64 = 64 * 1024 * 1024;
+
+/// Bytes of a usual sight; the cache makes room for as many as fit.
+const SIGHT_USUAL_BYTES: u64 = 4 * 1024;
+
+/// Sights that were written, by what decides their bytes.
+pub(super) struct Sights(Cache<Key, Bytes, ByBytes>);
+
+pub(super) type Key = (EpisodeKey, u32, Status, AgentId);
+
+#[derive(Clone)]
+struct ByBytes;
+
+impl Weighter<Key, Bytes> for ByBytes {
+    fn weight(&self, _: &Key, sight: &Bytes) -> u64 {
+        (sight.len() + size_of::<Key>()) as u64
+    }
+}
+
+impl Sights {
+    pub(super) fn new() -> Self {
+        let items = usize::try_from(SIGHTS_CACHED_BYTES_MAX / SIGHT_USUAL_BYTES).unwrap_or(0);
+        Self(Cache::with_weighter(items, SIGHTS_CACHED_BYTES_MAX, ByBytes))
+    }
+
+    pub(super) fn get(&self, key: &Key) -> Option<Bytes> {
+        self.0.get(key)
+    }
+
+    /// Caches a sight, if it is small.
+    pub(super) fn insert(&self, key: Key, sight: &Bytes) {
+        if sight.len() <= SIGHT_CACHED_BYTES_MAX {
+            self.0.insert(key, sight.clone());
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! The rights of tokens and keys. They are cached, so that most requests ask no database.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use quick_cache::sync::Cache;
+
+use super::error::ApiError;
+use crate::fair::Party;
+use crate::ids::{Token, TokenHash, TokenKind};
+use crate::journal::CompetitionKey;
+use crate::keys::{OwnerKey, Role};
+use crate::store::Store;
+use crate::store::tokens::Grant;
+
+const TOKENS_CACHED: usize = 100_000;
+
+pub(super) struct Tokens {
+    store: Store,
+    grants: Cache<TokenHash, Grant>,
+    /// The competitions for which entrants' keys were made; they never change.
+    entered: Cache<OwnerKey, CompetitionKey>,
+    /// How often tokens were revoked.
+    revocations: AtomicU64,
+}
+
+impl Tokens {
+    pub(super) fn new(store: Store) -> Self {
+        let (grants, entered) = (Cache::new(TOKENS_CACHED), Cache::new(TOKENS_CACHED));
+        Self { store, grants, entered, revocations: AtomicU64::new(0) }
+    }
+
+    /// The rights of a token, if it is known.
+    pub(super) async fn grant(&self, token: &Token) -> Result<Option<Grant>, ApiError> {
+        let hash = token.hash();
+        if let Some(grant) = self.grants.get(&hash) {
+            return Ok(Some(grant));
+        }
+        let revocations = self.revocations.load(Ordering::Acquire);
+        let grant = match token.kind() {
+            TokenKind::Seat | TokenKind::Swarm => self.store.find_token(hash).await?,
+            TokenKind::Key => self.store.find_key(hash).await?.map(Grant::Key),
+            TokenKind::Invitation => None,
+        };
+        let Some(grant) = grant else { return Ok(None) };
+        self.grants.insert(hash, grant.clone());
+        if self.revocations.load(Ordering::Acquire) != revocations {
+            // It may have been revoked after it was read and before it was cached.
+            self.grants.remove(&hash);
+        }
+        Ok(Some(grant))
+    }
+
+    /// Removes tokens from the cache; they must be revoked in the store already.
+    pub(super) fn forget(&self, is_revoked: impl Fn(&Grant) -> bool) {
+        self.revocations.fetch_add(1, Ordering::AcqRel);
+        self.grants.retain(|_, grant| !is_revoked(grant));
+    }
+
+    /// The party of a token. None if the token has no owner.
+    pub(super) async fn party(&self, grant: &Grant) -> Result<Option<Party>, ApiError> {
+        let (competition, owner) = match grant {
+            Grant::Seat { owner, .. } | Grant::Swarm { owner, .. } => (None, *owner),
+            Grant::Run { owner, competition, .. } => (*competition, *owner),
+            Grant::Key(key) => match key.number.filter(|_| key.role == Role::Entrant) {
+                Some(owner) => (self.competition_of(owner).await?, Some(owner)),
+                None => (None, key.number),
+            },
+        };
+        Ok(owner.map(|owner| Party::within(competition, Some(owner))))
+    }
+
+    /// The competition for which an entrant's key was made.
+    async fn competition_of(&self, owner: OwnerKey) -> Result<Option<CompetitionKey>, ApiError> {
+        if let Some(known) = self.entered.get(&owner) {
+            return Ok(Some(known));
+        }
+        let found = self.store.competition_of(owner).await?;
+        if let Some(competition) = found {
+            self.entered.insert(owner, competition);
+        }
+        Ok(found)
+    }
+}
