@@ -14,8 +14,9 @@ use tokio::sync::{OnceCell, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
-use super::actor::{EpisodeInit, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
+use super::actor::{EpisodeInit, Handle, Host, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
+use super::keyframes::Keyframes;
 use super::lockstep::{Lockstep, ResumeState};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
@@ -200,7 +201,7 @@ impl Slot {
         self.vacate(now);
     }
 
-    /// Whether anybody holds the episode, or is about to.
+    /// Whether there are handles to the episode, or soon will be.
     fn is_held(&self) -> bool {
         Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
     }
@@ -247,8 +248,8 @@ impl Registry {
         spawn: Spawn,
         last_key: i64,
     ) -> Self {
-        let (tell, ended) = mpsc::unbounded_channel();
-        let (host, hosted) = mpsc::unbounded_channel();
+        let (notify_ended, ended) = mpsc::unbounded_channel();
+        let (notify_hosted, hosted) = mpsc::unbounded_channel();
         Self {
             host: Host {
                 journal,
@@ -258,8 +259,8 @@ impl Registry {
                 budget: Budget::unlimited(),
                 workers,
                 replays: Arc::default(),
-                ended: tell,
-                hosted: host,
+                ended: notify_ended,
+                hosted: notify_hosted,
             },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
@@ -406,7 +407,7 @@ impl Registry {
     /// Creates an episode; it is durable when this returns.
     ///
     /// # Errors
-    /// Where there are too many, or it could not be kept.
+    /// Where there are too many, or it could not be stored.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
         let (done, created) = oneshot::channel();
@@ -522,13 +523,13 @@ impl Registry {
         let handle = spawn(self.host.clone(), init, room);
         if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; the creator has to see that. Where the
-            // end cannot be kept, the actor goes, and the next request will tell.
+            // end cannot be stored, the actor ends, and the next request gets the error.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         Ok(handle)
     }
 
-    /// The seating of a new episode, and what is to be kept of its creator.
+    /// The seating of a new episode, and the entry for its creator.
     async fn seat(
         &self,
         episode: EpisodeKey,
@@ -623,7 +624,7 @@ impl Registry {
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
         let recover_one = || async {
-            let _turn = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
+            let _permit = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
             self.recover(id).await
         };
         match cell.get_or_try_init(recover_one).await {
@@ -640,8 +641,8 @@ impl Registry {
             leaving.cancelled().await;
         }
         // What an earlier actor handed over may still be on its way to the disk.
-        let kept = self.host.journal.keep(Vec::new()).await;
-        kept.map_err(|error| Some(error.into()))?;
+        let flushed = self.host.journal.keep(Vec::new()).await;
+        flushed.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let spec = Arc::new(described(&stored).map_err(FindError::from)?);
@@ -867,7 +868,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_played_again_soonest_is_taken_up_first_and_the_rest_later() {
+    fn the_fastest_replay_is_recovered_first_and_the_slow_ones_later() {
         let all = vec![
             unfinished(1, true, 256, 30),
             unfinished(2, true, 10, 500),

@@ -603,7 +603,7 @@ impl Checker {
         for (agent, decided) in players.decide(&episode.world) {
             let kept = recorded.get(&agent).filter(|kept| kept.by_player());
             self.stats.count("acts of the server", usize::from(kept.is_some()));
-            if kept.is_some_and(|kept| !same(&kept.record, &decided.record)) {
+            if kept.is_some_and(|kept| !same(&kept.record, &decided.decision.record(agent, 0))) {
                 wrong.push((Invariant::Seats, format!("{name}: {agent} forgot something")));
             }
         }
@@ -1031,15 +1031,18 @@ impl Checker {
         let name = format!("{}: {agent} in round {}", sent.id, submission.round);
         let acked = self.acked.get(&place);
         let known_before = acked.is_some_and(|acked| acked.moment < sent.moment);
-        let is_same_as_acked =
-            acked.is_some_and(|acked| same(&acked.recorded.record, &submission.record));
+        let is_same = |recorded: &RecordedAct| {
+            let (sent, kept) = (&submission.decision, &recorded.decision);
+            kept.act == sent.act && kept.response == sent.response
+        };
+        let is_same_as_acked = acked.is_some_and(|acked| is_same(&acked.recorded));
         match outcome {
             Ok(receipt) => {
                 let stable = Invariant::StableReceipts;
                 let recorded = &receipt.recorded;
                 let fits = receipt.round == submission.round
-                    && same(&recorded.record, &submission.record)
-                    && recorded.record.source == Source::Player;
+                    && is_same(recorded)
+                    && recorded.decision.source == Source::Player;
                 self.check(stable, fits, || format!("{name} got the receipt of another act"));
                 let acked = self.acked.get(&place);
                 let is_stable = acked.is_none_or(|acked| {
@@ -1049,7 +1052,7 @@ impl Checker {
                 self.check(stable, is_stable, || format!("{name} got another receipt"));
                 let kept = self.episodes.get(&key).and_then(|e| e.act(place.1, agent));
                 let is_kept = kept.is_some_and(|kept| {
-                    kept.record == recorded.record && kept.waiting_for == recorded.waiting_for
+                    kept.raw == recorded.record && kept.waiting_for == recorded.waiting_for
                 });
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
@@ -1101,7 +1104,7 @@ impl Checker {
             Refusal::RoundAhead { sent, round } => ("refused: round_ahead", sent >= round),
             Refusal::AlreadyActed { .. } => (
                 "refused: already_acted",
-                kept.is_some_and(|kept| !same(&kept.record, &submission.record)),
+                kept.is_some_and(|kept| !same(&kept.record, &submission.decision.record(agent, 0))),
             ),
             Refusal::EpisodeOver { escaped: false, .. } => {
                 ("refused: episode_over", episode.end.is_some() && !had_acted)
@@ -1114,7 +1117,7 @@ impl Checker {
                 ("refused: round_over", (episode.round() > sent || ran_out) && !had_acted)
             }
             Refusal::NoRoom { .. } => {
-                ("refused: no_room", submission.record.text_bytes() > ACT_BYTES_ALWAYS)
+                ("refused: no_room", submission.decision.text_bytes() > ACT_BYTES_ALWAYS)
             }
         };
         self.stats.count(what, 1);
@@ -1158,8 +1161,7 @@ impl Checker {
             .filter(|(place, acked)| {
                 !rows.get(place).is_some_and(|row| {
                     row.waiting_for == acked.recorded.waiting_for
-                        && row.record.read::<ActRecord>().ok().as_ref()
-                            == Some(&acked.recorded.record)
+                        && row.record == acked.recorded.record
                 })
             })
             .map(|(place, _)| *place)
@@ -1195,6 +1197,8 @@ impl Checker {
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {
-        *agent == row.agent && act.round == row.round && act.record.text_bytes() <= ACT_BYTES_ALWAYS
+        *agent == row.agent
+            && act.round == row.round
+            && act.decision.text_bytes() <= ACT_BYTES_ALWAYS
     })
 }

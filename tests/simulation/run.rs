@@ -495,8 +495,8 @@ impl Run {
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let (host, turns) = (server.registry.host().clone(), hosted::turns());
-                let playing = async move { drop(hosted::play(handle, &host, &turns).await) };
+                let (host, permits) = (server.registry.host().clone(), hosted::permits());
+                let playing = async move { drop(hosted::play(handle, &host, &permits).await) };
                 self.executor.spawn(playing.boxed());
             }
         }
@@ -843,7 +843,7 @@ fn asked(request: &Request) -> String {
         Request::Create(spec, owner) => format!("create {:?} of {owner:?}", spec.config.settings()),
         Request::Send(acts) => {
             let brief = |(agent, act): &(AgentId, swarmbench::episode::lockstep::Submission)| {
-                format!("{agent} round {} {:?}", act.round, act.record.action)
+                format!("{agent} round {} {:?}", act.round, act.decision.act.action)
             };
             format!("send {:?}", acts.iter().map(brief).collect::<Vec<_>>())
         }
