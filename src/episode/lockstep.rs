@@ -28,7 +28,6 @@ pub struct Submission {
 
 /// What happens.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one at a time, on the stack")]
 pub enum Event {
     /// The creator starts a waiting episode.
     Start,

@@ -1,10 +1,12 @@
 //! Running episodes.
 //!
-//! [`lockstep`] is the barrier as a pure machine: who acted, who may, whose clock ran out. [`actor`]
-//! performs what it says, one task an episode. [`seating`] says who holds which seat. [`registry`] finds and starts them, and evicts idle
-//! ones; [`recovery`] makes a running episode of a journal; [`replay`] makes states of
-//! earlier rounds again; [`heavy`] says what leaves the async threads; [`quota`] counts what each owner
-//! uses, [`memory`] how much memory an episode takes. Readers look at a [`Snapshot`], which never changes.
+//! [`lockstep`] is the barrier as a pure machine; [`actor`] performs its effects, one task an episode.
+//! [`seating`] assigns seats to holders. [`registry`] creates, finds and evicts episodes; [`recovery`] makes a
+//! running episode of a journal; [`replay`] computes states of earlier rounds; [`heavy`] estimates work and moves
+//! it off the async threads; [`quota`] limits what each owner uses, [`memory`] estimates the memory of an episode.
+//! Readers look at the published [`Snapshot`].
+//!
+//! Modules know each other in one direction: `registry`, `recovery`, `replay`, `actor`, and below it all others.
 
 pub mod actor;
 pub mod heavy;
@@ -18,6 +20,7 @@ pub mod registry;
 pub mod replay;
 mod replays;
 pub mod seating;
+mod slot;
 mod snapshot;
 pub mod spec;
 mod status;
