@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use futures::future::{Either, select};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{AgentId, TaskName, World};
+use swarmbench_engine::{Action, AgentId, TaskName, World};
 pub use swarmbench_players::DEFAULT_PLAYER;
 use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
@@ -26,11 +26,11 @@ use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
 use crate::fair::{FairLimit, Party, Rank, Shares};
 use crate::journal::JournalError;
-use crate::journal::record::{ActRecord, Source};
+use crate::journal::record::Decision;
 use crate::work::{Cancelled, WorkError};
 
 /// Rounds of hosted games that are decided, or on their way to the disk, at once. Hosted games would play as
-/// fast as the disk goes; this leaves the larger part of each commit to everybody else.
+/// fast as the disk goes; this leaves the larger part of each commit to all others.
 pub const HOSTED_ROUNDS_MAX: usize = 4;
 
 /// How long a game waits whose players could not be shown what they had seen, as too many others read.
@@ -38,13 +38,13 @@ const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
 /// Permits of hosted games to play a round: a group has no more than three of four.
 #[must_use]
-pub fn turns() -> FairLimit {
+pub fn permits() -> FairLimit {
     let shares = Shares {
         slots: HOSTED_ROUNDS_MAX,
         reserve: 0,
         slots_per_group: HOSTED_ROUNDS_MAX - 1,
         slots_per_member: HOSTED_ROUNDS_MAX / 2,
-        // Each game waits for one turn at most.
+        // Each game waits for one permit at most.
         waiting: usize::MAX,
         waiting_per_group: usize::MAX,
     };
@@ -66,16 +66,16 @@ pub async fn run(
     host: Host,
     stop: CancellationToken,
 ) {
-    let turns = turns();
+    let permits = permits();
     while let Either::Left((Some(handle), _)) =
         select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
     {
-        let (host, stop, turns) = (host.clone(), stop.clone(), turns.clone());
+        let (host, stop, permits) = (host.clone(), stop.clone(), permits.clone());
         tokio::spawn(async move {
             let id = handle.id.clone();
             let party = handle.party;
             loop {
-                let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
+                let playing = Box::pin(party.scope(play(handle.clone(), &host, &permits)));
                 match select(playing, Box::pin(stop.cancelled())).await {
                     // The database closes when the server stops.
                     Either::Left((Err(_), _)) if stop.is_cancelled() => return,
@@ -128,7 +128,7 @@ impl HostedError {
 ///
 /// # Errors
 /// Where players or their memory cannot be created, or the journal fails.
-pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HostedError> {
+pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -142,17 +142,18 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                     None if handle.hosted().is_empty() => return Ok(()),
                     None => Players::new(&handle.spec, handle.hosted())?,
                 };
-                let _turn = turns.acquire_always(handle.party, Rank::Normal).await;
+                let _permit = permits.acquire_always(handle.party, Rank::Normal).await;
                 let round = snapshot.world.round();
                 let mut last = None;
                 while all.shown < round {
                     let world = state_at(host, &handle, all.shown, last.as_ref()).await?;
-                    (all, _) = all.take_turn(&world, host, handle.party).await?;
+                    (all, _) = all.decide_off_thread(&world, host, handle.party).await?;
                     last = Some(world);
                 }
                 if all.shown == round {
                     let decided;
-                    (all, decided) = all.take_turn(&snapshot.world, host, handle.party).await?;
+                    (all, decided) =
+                        all.decide_off_thread(&snapshot.world, host, handle.party).await?;
                     // After a restart some of them may have acted before it.
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
@@ -167,7 +168,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
             }
         }
         if published.changed().await.is_err() {
-            // Its actor is gone; its recovery sends it again.
+            // Its actor has ended; its recovery sends a new handle.
             return Ok(());
         }
     }
@@ -204,10 +205,9 @@ impl Players {
         decided
     }
 
-    /// Has them decide when it is their turn, always off the async threads: hosted games would play as fast
-    /// as the disk goes, and so they leave the processors to everybody else. However many games there are,
-    /// each waits for its turn: it has one decision at a time.
-    async fn take_turn(
+    /// Has them decide off the async threads, always: hosted games would play as fast as the disk goes, and so
+    /// they leave the processors to all others. It is never refused: each game has one decision at a time.
+    async fn decide_off_thread(
         mut self,
         world: &Arc<World>,
         host: &Host,
@@ -223,22 +223,10 @@ impl Players {
 }
 
 fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submission {
-    let act = player.decide(&world.observe(agent));
+    let mut act = player.decide(&world.observe(agent));
     // A player without a decision stays.
-    let action = act.action.map_or("STAY", |action| action.name());
-    let record = ActRecord {
-        agent: agent.to_string(),
-        source: Source::Player,
-        action: Some(action.to_owned()),
-        message: act.message.map(|message| message.to_string()),
-        to: act.to.map(|to| to.to_string()),
-        valid: true,
-        response: None,
-        usage: None,
-        reasoning: None,
-        bank_spent_ms: 0,
-    };
-    Submission { round: world.round(), record }
+    act.action.get_or_insert(Action::Stay);
+    Submission { round: world.round(), decision: Decision::of_player(act) }
 }
 
 /// What a player may know of its seat before the game. Its own seed follows from the episode's, so that

@@ -19,7 +19,7 @@ use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::record::{ActRecord, RawRecord, Usage};
+use swarmbench::journal::record::{ActRecord, Decision, RawRecord, Usage};
 use swarmbench::journal::{
     ActRow, Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs,
     RunKey, StoredAct, StoredEpisode, StoredRound, Unfinished,
@@ -198,13 +198,13 @@ fn large(is_clocked: bool) -> Spec {
     Spec { config, round_deadline: is_clocked.then(|| Duration::from_hours(1)), ..spec }
 }
 
-fn record(agent: AgentId) -> ActRecord {
-    game::record(agent, Act::of(Action::Stay))
+fn stay() -> Decision {
+    Decision::of_player(Act::of(Action::Stay))
 }
 
 /// The outcome of one act.
 async fn act(handle: &Handle, agent: u16, round: u32) -> Option<Receipt> {
-    let submission = Submission { round, record: record(AgentId(agent)) };
+    let submission = Submission { round, decision: stay() };
     handle.submit(vec![(AgentId(agent), submission)]).await.pop()?.ok()
 }
 
@@ -309,9 +309,10 @@ async fn a_replay_reads_no_texts() {
         response: Some("ACTION: STAY ".repeat(10_000)),
         reasoning: Some("because ".repeat(10_000)),
         bank_spent_ms: 3,
-        ..record(AgentId(0))
+        ..stay().record(AgentId(0), 0)
     };
-    let short = ActRecord { response: Some("ACTION: STAY".to_owned()), ..record(AgentId(1)) };
+    let response = Some("ACTION: STAY".to_owned());
+    let short = Decision { response, ..stay() }.record(AgentId(1), 0);
     let row = |record: &ActRecord, agent| {
         let record = RawRecord::write(record);
         let at = "2026-03-01T12:00:00Z".parse().expect("a time");

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde_json::{Map, json};
-use swarmbench_engine::{Action, AgentId, AgentState, Config, Observation, RuleSet, Seen, World};
+use swarmbench_engine::{
+    Action, AgentId, AgentState, Config, Digest, Observation, RuleSet, Seen, World,
+};
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
 use crate::journal::record::{ActRecord, Opening, Record};
-use crate::journal::replay::acts_of;
+use crate::journal::replay::{Replayer, RoundFault, acts_of};
 use crate::journal::{LoggedRound, StoredEpisode};
 use crate::prompt::{self, tasks};
 use crate::wire::observation::Sight;
@@ -20,7 +22,7 @@ pub struct Game {
     pub opening: Opening,
     config: Arc<Config>,
     description: String,
-    world: World,
+    replayer: Replayer,
     began_at: Timestamp,
     /// By agent, tokens of its answers so far, where any were told.
     tokens: Vec<Option<u64>>,
@@ -31,7 +33,7 @@ pub struct Turn {
     /// The round.
     pub round: u32,
     /// The state in which it was decided.
-    pub before: World,
+    pub before: Arc<World>,
     /// What was decided, in order of the agents' numbers.
     pub acts: Vec<GameAct>,
     /// When it was resolved.
@@ -77,7 +79,7 @@ impl Game {
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
         Ok(Self {
             description: tasks::description(&config),
-            world: World::new(Arc::clone(&config)),
+            replayer: Replayer::new(Arc::new(World::new(Arc::clone(&config)))),
             began_at: stored.created_at,
             tokens: vec![None; config.num_agents().into()],
             opening,
@@ -87,8 +89,8 @@ impl Game {
 
     /// The state now.
     #[must_use]
-    pub const fn world(&self) -> &World {
-        &self.world
+    pub fn world(&self) -> &World {
+        self.replayer.world()
     }
 
     /// Plays the next round.
@@ -96,17 +98,13 @@ impl Game {
     /// # Errors
     /// Where it does not lead to the state that was recorded.
     pub fn play(&mut self, round: LoggedRound) -> Result<Turn, String> {
-        if self.world.is_over() || self.world.round() != round.round {
-            return Err(format!("round {} does not belong there", round.round));
-        }
-        let before = self.world.clone();
-        let acts = acts_of(&self.config, round.acts.iter().map(|act| &act.record))?;
-        self.world.step(&acts);
-        if self.world.digest().0 != round.digest {
-            return Err(format!("round {} has another digest", round.round));
-        }
+        let at = |fault: RoundFault| format!("round {}: {fault}", round.round);
+        let before = Arc::clone(self.replayer.world());
+        let acts = acts_of(&self.config, round.acts.iter().map(|act| &act.record)).map_err(at)?;
+        let digest = Digest(round.digest).to_string();
+        self.replayer.play(round.round, &acts, Some(&digest)).map_err(at)?;
         let from: Vec<AgentState> = before.agent_states().collect();
-        let to: Vec<AgentState> = self.world.agent_states().collect();
+        let to: Vec<AgentState> = self.world().agent_states().collect();
         let acts = round.acts.into_iter().map(|act| {
             let own = act.agent.index();
             let told = act.record.usage.and_then(|usage| usage.completion_tokens);
@@ -177,7 +175,7 @@ impl Game {
     }
 
     fn row(&self, at: Timestamp, messages: Vec<Said>) -> GameRow {
-        let seen = self.world.spectator_view();
+        let seen = self.world().spectator_view();
         let at_of = |agent: &AgentState| AgentAt {
             id: agent.agent.to_string(),
             x: agent.at.j,
@@ -187,7 +185,7 @@ impl Game {
             timestamp: Some(seconds(at)),
             task: self.config.task().name().to_owned(),
             round: seen.round,
-            grid: grid(&self.world),
+            grid: grid(self.world()),
             agents: seen.agents.iter().map(at_of).collect(),
             score: seen.score,
             messages,

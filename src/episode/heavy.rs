@@ -53,7 +53,7 @@ fn deliveries(config: &Config) -> u64 {
     agents * in_sight
 }
 
-/// Whether work that takes so many microseconds has to leave the async threads.
+/// Whether work of this many microseconds has to leave the async threads.
 #[must_use]
 pub const fn is_long(micros: u64) -> bool {
     micros > LIGHT_MICROS

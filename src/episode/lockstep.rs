@@ -1,32 +1,33 @@
-//! The barrier as a pure machine: it takes an event and the time, and says what is to be done.
+//! The barrier as a pure machine: it takes an event and the time, and returns effects.
 //!
 //! No simulation, no storage and no waiting happens here, so that every order of events can be
 //! tested. The rules are those of the wire contract: one act for each living seat and round; the same
 //! act again gets the same receipt; when a seat's clock runs out it does nothing, and the others
 //! play on.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench_engine::AgentId;
+use swarmbench_engine::{Act, AgentId, Config};
 
 use super::quota::Full;
-use super::{Ending, Outcome, Status};
+use super::status::{Ending, Outcome, Status};
 use crate::clock::{after, millis};
-use crate::journal::record::{ActRecord, Source};
+use crate::journal::StoredAct;
+use crate::journal::record::{Decision, RawRecord, Source};
 
 /// What a player sent for a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submission {
     /// The round that it answers.
     pub round: u32,
-    /// What it says; `bank_spent_ms` is not known yet.
-    pub record: ActRecord,
+    /// The decision.
+    pub decision: Decision,
 }
 
 /// What happens.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one at a time, on the stack")]
 pub enum Event {
     /// The creator starts a waiting episode.
     Start,
@@ -76,7 +77,7 @@ pub enum Effect {
         recorded: RecordedAct,
     },
     /// All living seats have acted or run out of time: resolve the round from
-    /// [`Lockstep::records`], then tell [`Event::Resolved`].
+    /// [`Lockstep::acts`], then apply [`Event::Resolved`].
     Resolve,
     /// Record and publish the end.
     End(Ending),
@@ -84,13 +85,36 @@ pub enum Effect {
     Publish,
 }
 
-/// An act as it was first answered.
+/// An act as it was first answered. Cloning shares its texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedAct {
-    /// What was done.
-    pub record: ActRecord,
+    /// What was decided.
+    pub decision: Arc<Decision>,
+    /// The time that it took of the seat's bank, in milliseconds.
+    pub bank_spent_ms: u64,
+    /// Its record, written once.
+    pub record: RawRecord,
     /// How many seats the round waited for after it.
     pub waiting_for: u32,
+}
+
+impl RecordedAct {
+    fn new(agent: AgentId, decision: Decision, bank_spent_ms: u64, waiting_for: u32) -> Self {
+        let record = RawRecord::write(&decision.record(agent, bank_spent_ms));
+        Self { decision: Arc::new(decision), bank_spent_ms, record, waiting_for }
+    }
+
+    /// An act from the journal.
+    ///
+    /// # Errors
+    /// Where its record has names that the configuration does not have.
+    pub fn stored(act: StoredAct, config: &Config) -> Result<Self, String> {
+        let StoredAct { record: act, waiting_for, .. } = act;
+        let (record, bank_spent_ms) = (RawRecord::write(&act), act.bank_spent_ms);
+        let unknown = format!("{} has an unknown act", act.agent);
+        let decision = Arc::new(act.decision(config).ok_or(unknown)?);
+        Ok(Self { decision, bank_spent_ms, record, waiting_for })
+    }
 }
 
 /// The receipt of an accepted act.
@@ -245,9 +269,16 @@ impl Lockstep {
         lockstep
     }
 
-    /// What the engine is to be told of the open round, by agent; none from the escaped.
-    pub fn records(&self) -> impl Iterator<Item = &ActRecord> {
-        self.seats.iter().filter_map(|seat| seat.recorded.as_ref()).map(|recorded| &recorded.record)
+    /// The acts of the open round, in order of their seats; none from the escaped.
+    pub fn recorded(&self) -> impl Iterator<Item = &RecordedAct> {
+        self.seats.iter().filter_map(|seat| seat.recorded.as_ref())
+    }
+
+    /// The acts of the open round for the engine: one for each agent, the default for the escaped.
+    #[must_use]
+    pub fn acts(&self) -> Vec<Act> {
+        let act = |recorded: &RecordedAct| recorded.decision.act.clone();
+        self.seats.iter().map(|seat| seat.recorded.as_ref().map(act).unwrap_or_default()).collect()
     }
 
     /// By agent, what is left of its bank at the opening of the round.
@@ -342,7 +373,7 @@ impl Lockstep {
         }
     }
 
-    /// When [`Event::Tick`] is next to be told.
+    /// When the next [`Event::Tick`] is due.
     #[must_use]
     pub fn wakes_at(&self) -> Option<Timestamp> {
         let idle = self.idle_at();
@@ -411,8 +442,8 @@ impl Lockstep {
         earlier: Option<RecordedAct>,
         room: Result<(), Full>,
     ) -> Vec<Effect> {
-        let Submission { round: sent, mut record } = submission;
-        // Clocks may have run out before the act came, only nobody has ticked since. A clock that ends
+        let Submission { round: sent, decision } = submission;
+        // Clocks may have run out before the act came, but no tick has come since. A clock that ends
         // at this moment has not: the act may be for its seat.
         let mut effects = self.tick(now, |due| due < now);
         let round = self.round;
@@ -420,9 +451,9 @@ impl Lockstep {
         let seat = &self.seats[agent.index()];
         let recorded = if sent == round { seat.recorded.clone() } else { earlier };
         let answered =
-            recorded.as_ref().filter(|recorded| recorded.record.source == Source::Player);
+            recorded.as_ref().filter(|recorded| recorded.decision.source == Source::Player);
         let refusal = match answered {
-            Some(recorded) if is_same(&recorded.record, &record) => {
+            Some(recorded) if is_same(&recorded.decision, &decision) => {
                 let receipt = Receipt { round: sent, recorded: recorded.clone(), duplicate: true };
                 effects.push(Effect::Answer(Ok(receipt)));
                 return effects;
@@ -444,11 +475,10 @@ impl Lockstep {
             effects.push(Effect::Answer(Err(refusal)));
             return effects;
         }
-        record.bank_spent_ms = millis(self.overspent(now).min(seat.bank));
+        let bank_spent_ms = millis(self.overspent(now).min(seat.bank));
         // It may have waited for its turn while something else happened.
         self.last_act_at = self.last_act_at.max(now);
-        let waiting_for = self.waiting_for() - 1;
-        let recorded = RecordedAct { record, waiting_for };
+        let recorded = RecordedAct::new(agent, decision, bank_spent_ms, self.waiting_for() - 1);
         self.seats[agent.index()].recorded = Some(recorded.clone());
         let receipt = Receipt { round, recorded: recorded.clone(), duplicate: false };
         effects.extend([Effect::KeepAct { agent, recorded }, Effect::Answer(Ok(receipt))]);
@@ -479,8 +509,8 @@ impl Lockstep {
                     continue;
                 }
                 let agent = AgentId(u16::try_from(place).expect("at most 1,024 agents"));
-                let record = ActRecord::clock_ran_out(agent, millis(seat.bank));
-                let recorded = RecordedAct { record, waiting_for: self.waiting_for() - 1 };
+                let (decision, spent) = (Decision::clock_ran_out(), millis(seat.bank));
+                let recorded = RecordedAct::new(agent, decision, spent, self.waiting_for() - 1);
                 self.seats[place].recorded = Some(recorded.clone());
                 effects.push(Effect::KeepAct { agent, recorded });
             }
@@ -494,7 +524,7 @@ impl Lockstep {
     fn resolved(&mut self, now: Timestamp, alive: &[bool], ending: Option<Ending>) -> Vec<Effect> {
         for (seat, &alive) in self.seats.iter_mut().zip(alive) {
             if let Some(recorded) = seat.recorded.take() {
-                let spent = Duration::from_millis(recorded.record.bank_spent_ms);
+                let spent = Duration::from_millis(recorded.bank_spent_ms);
                 seat.bank = seat.bank.saturating_sub(spent);
             }
             seat.alive = alive;
@@ -548,11 +578,8 @@ impl Lockstep {
 }
 
 /// Whether two acts are the same: usage and reasoning are not compared, the first are stored.
-fn is_same(kept: &ActRecord, sent: &ActRecord) -> bool {
-    kept.action == sent.action
-        && kept.message == sent.message
-        && kept.to == sent.to
-        && kept.response == sent.response
+fn is_same(recorded: &Decision, sent: &Decision) -> bool {
+    recorded.act == sent.act && recorded.response == sent.response
 }
 
 #[cfg(test)]
@@ -560,6 +587,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use proptest::prelude::*;
+    use swarmbench_engine::Action;
 
     use super::*;
 
@@ -587,12 +615,8 @@ mod tests {
         Lockstep::new(clocks, resume, START)
     }
 
-    fn record(agent: u16, action: &str) -> ActRecord {
-        ActRecord {
-            action: Some(action.to_owned()),
-            source: Source::Player,
-            ..ActRecord::clock_ran_out(AgentId(agent), 0)
-        }
+    fn sent(round: u32, action: Action) -> Submission {
+        Submission { round, decision: Decision::of_player(Act::of(action)) }
     }
 
     fn at(seconds: u64) -> Timestamp {
@@ -604,13 +628,10 @@ mod tests {
         now: Timestamp,
         agent: u16,
         round: u32,
-        action: &str,
+        action: Action,
     ) -> Vec<Effect> {
-        let submission = Submission { round, record: record(agent, action) };
-        machine.apply(
-            now,
-            Event::Submit { agent: AgentId(agent), submission, earlier: None, room: Ok(()) },
-        )
+        let (agent, submission) = (AgentId(agent), sent(round, action));
+        machine.apply(now, Event::Submit { agent, submission, earlier: None, room: Ok(()) })
     }
 
     fn answer(effects: &[Effect]) -> Result<Receipt, Refusal> {
@@ -626,71 +647,71 @@ mod tests {
     #[test]
     fn the_last_act_closes_the_round() {
         let mut machine = new(2, clocks(None, 0));
-        let first = submit(&mut machine, at(1), 0, 0, "UP");
+        let first = submit(&mut machine, at(1), 0, 0, Action::Up);
         assert_eq!(answer(&first).expect("taken").recorded.waiting_for, 1);
         assert!(!first.contains(&Effect::Resolve));
-        let last = submit(&mut machine, at(2), 1, 0, "DOWN");
+        let last = submit(&mut machine, at(2), 1, 0, Action::Down);
         assert_eq!(last.last(), Some(&Effect::Resolve));
-        assert_eq!(machine.records().count(), 2);
+        assert_eq!(machine.recorded().count(), 2);
         let next = machine.apply(at(2), Event::Resolved { alive: vec![true; 2], ending: None });
         assert_eq!(next, [Effect::Publish]);
-        assert_eq!(machine.records().count(), 0);
+        assert_eq!(machine.recorded().count(), 0);
     }
 
     #[test]
     fn refusals_come_in_the_order_of_the_contract() {
         let mut machine = new(2, clocks(None, 0));
-        submit(&mut machine, at(1), 0, 0, "UP");
-        let again = answer(&submit(&mut machine, at(2), 0, 0, "UP")).expect("the same act");
+        submit(&mut machine, at(1), 0, 0, Action::Up);
+        let again = answer(&submit(&mut machine, at(2), 0, 0, Action::Up)).expect("the same act");
         assert!(again.duplicate);
         assert_eq!(again.recorded.waiting_for, 1);
-        let other = answer(&submit(&mut machine, at(2), 0, 0, "DOWN"));
+        let other = answer(&submit(&mut machine, at(2), 0, 0, Action::Down));
         assert_eq!(other, Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
-        let ahead = answer(&submit(&mut machine, at(2), 0, 1, "UP"));
+        let ahead = answer(&submit(&mut machine, at(2), 0, 1, Action::Up));
         assert_eq!(ahead, Err(Refusal::RoundAhead { sent: 1, round: 0 }));
-        submit(&mut machine, at(3), 1, 0, "UP");
+        submit(&mut machine, at(3), 1, 0, Action::Up);
         machine.apply(at(3), Event::Resolved { alive: vec![true, false], ending: None });
-        let past = answer(&submit(&mut machine, at(4), 0, 0, "UP"));
+        let past = answer(&submit(&mut machine, at(4), 0, 0, Action::Up));
         assert_eq!(past, Err(Refusal::RoundOver { sent: 0, round: 1 }), "nothing is known of it");
-        let escaped = answer(&submit(&mut machine, at(4), 1, 1, "UP"));
+        let escaped = answer(&submit(&mut machine, at(4), 1, 1, Action::Up));
         assert_eq!(escaped, Err(Refusal::EpisodeOver { round: 1, escaped: true }));
         machine.apply(at(5), Event::Abort);
-        let over = answer(&submit(&mut machine, at(6), 0, 1, "UP"));
+        let over = answer(&submit(&mut machine, at(6), 0, 1, Action::Up));
         assert_eq!(over, Err(Refusal::EpisodeOver { round: 1, escaped: false }));
-        let ahead = answer(&submit(&mut machine, at(6), 0, 2, "UP"));
+        let ahead = answer(&submit(&mut machine, at(6), 0, 2, Action::Up));
         assert_eq!(ahead, Err(Refusal::RoundAhead { sent: 2, round: 1 }));
     }
 
     #[test]
     fn an_act_without_room_costs_nothing_and_hides_no_other_answer() {
         let mut machine = new(2, clocks(None, 0));
-        submit(&mut machine, at(1), 0, 0, "UP");
+        submit(&mut machine, at(1), 0, 0, Action::Up);
         let full = Full::BytesOfEpisode(10);
-        let mut send = |agent: u16, round: u32, action: &str| {
-            let submission = Submission { round, record: record(agent, action) };
-            let (agent, room) = (AgentId(agent), Err(full));
+        let mut send = |agent: u16, round: u32, action: Action| {
+            let (agent, submission, room) = (AgentId(agent), sent(round, action), Err(full));
             answer(&machine.apply(at(2), Event::Submit { agent, submission, earlier: None, room }))
         };
-        assert!(send(0, 0, "UP").expect("the same act").duplicate);
-        assert_eq!(send(0, 0, "DOWN"), Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
-        assert_eq!(send(1, 1, "UP"), Err(Refusal::RoundAhead { sent: 1, round: 0 }));
-        assert_eq!(send(1, 0, "UP"), Err(Refusal::NoRoom { full, round: 0 }));
-        let receipt = answer(&submit(&mut machine, at(3), 1, 0, "UP")).expect("the seat is free");
+        assert!(send(0, 0, Action::Up).expect("the same act").duplicate);
+        assert_eq!(send(0, 0, Action::Down), Err(Refusal::AlreadyActed { sent: 0, round: 0 }));
+        assert_eq!(send(1, 1, Action::Up), Err(Refusal::RoundAhead { sent: 1, round: 0 }));
+        assert_eq!(send(1, 0, Action::Up), Err(Refusal::NoRoom { full, round: 0 }));
+        let receipt =
+            answer(&submit(&mut machine, at(3), 1, 0, Action::Up)).expect("the seat is free");
         assert_eq!(receipt.recorded.waiting_for, 0);
     }
 
     #[test]
-    fn acts_for_an_earlier_round_are_answered_from_what_was_kept() {
+    fn acts_for_an_earlier_round_are_answered_from_their_record() {
         let mut machine = new(1, clocks(None, 0));
-        submit(&mut machine, at(1), 0, 0, "UP");
+        submit(&mut machine, at(1), 0, 0, Action::Up);
         machine.apply(at(1), Event::Resolved { alive: vec![true], ending: None });
-        let kept = RecordedAct { record: record(0, "UP"), waiting_for: 0 };
+        let decision = Decision::of_player(Act::of(Action::Up));
+        let earlier = RecordedAct::new(AgentId(0), decision, 0, 0);
         for (action, expected) in [
-            ("UP", Ok(Receipt { round: 0, recorded: kept.clone(), duplicate: true })),
-            ("DOWN", Err(Refusal::AlreadyActed { sent: 0, round: 1 })),
+            (Action::Up, Ok(Receipt { round: 0, recorded: earlier.clone(), duplicate: true })),
+            (Action::Down, Err(Refusal::AlreadyActed { sent: 0, round: 1 })),
         ] {
-            let submission = Submission { round: 0, record: record(0, action) };
-            let earlier = Some(kept.clone());
+            let (submission, earlier) = (sent(0, action), Some(earlier.clone()));
             let event = Event::Submit { agent: AgentId(0), submission, earlier, room: Ok(()) };
             assert_eq!(answer(&machine.apply(at(2), event)), expected);
         }
@@ -700,26 +721,22 @@ mod tests {
     fn a_clock_that_runs_out_counts_for_its_seat_alone() {
         let mut machine = new(2, clocks(Some(10), 5));
         assert_eq!(machine.wakes_at(), Some(at(15)));
-        let effects = submit(&mut machine, at(12), 0, 0, "UP");
-        assert_eq!(
-            answer(&effects).expect("in the bank's time").recorded.record.bank_spent_ms,
-            2000
-        );
+        let effects = submit(&mut machine, at(12), 0, 0, Action::Up);
+        assert_eq!(answer(&effects).expect("in the bank's time").recorded.bank_spent_ms, 2000);
         assert_eq!(machine.apply(at(14), Event::Tick), []);
         let effects = machine.apply(at(15), Event::Tick);
-        let recorded =
-            RecordedAct { record: ActRecord::clock_ran_out(AgentId(1), 5000), waiting_for: 0 };
+        let recorded = RecordedAct::new(AgentId(1), Decision::clock_ran_out(), 5000, 0);
         assert_eq!(effects, [Effect::KeepAct { agent: AgentId(1), recorded }, Effect::Resolve]);
         machine.apply(at(15), Event::Resolved { alive: vec![true; 2], ending: None });
         assert_eq!(machine.banks(), [Duration::from_secs(3), Duration::ZERO]);
         assert_eq!(machine.wakes_at(), Some(at(1012)), "nobody can see the round yet");
         machine.apply(at(17), Event::Opened { at: at(16) });
         assert_eq!(machine.wakes_at(), Some(at(26)), "the one without a bank is first");
-        let late = submit(&mut machine, at(27), 1, 1, "UP");
+        let late = submit(&mut machine, at(27), 1, 1, Action::Up);
         assert_eq!(
             answer(&late),
             Err(Refusal::RoundOver { sent: 1, round: 1 }),
-            "nobody had ticked"
+            "no tick had come"
         );
         assert!(matches!(late[0], Effect::KeepAct { agent: AgentId(1), .. }));
     }
@@ -727,14 +744,14 @@ mod tests {
     #[test]
     fn an_act_at_its_deadline_is_in_time_though_another_clock_has_run_out() {
         let mut machine = new(2, clocks(Some(10), 1));
-        submit(&mut machine, at(11), 0, 0, "UP");
-        submit(&mut machine, at(10), 1, 0, "UP");
+        submit(&mut machine, at(11), 0, 0, Action::Up);
+        submit(&mut machine, at(10), 1, 0, Action::Up);
         machine.apply(at(11), Event::Resolved { alive: vec![true; 2], ending: None });
         machine.apply(at(11), Event::Opened { at: at(11) });
         assert_eq!(machine.banks(), [Duration::ZERO, Duration::from_secs(1)]);
-        let effects = submit(&mut machine, at(22), 1, 1, "UP");
+        let effects = submit(&mut machine, at(22), 1, 1, Action::Up);
         assert!(matches!(effects[0], Effect::KeepAct { agent: AgentId(0), .. }));
-        assert_eq!(answer(&effects).expect("just in time").recorded.record.bank_spent_ms, 1000);
+        assert_eq!(answer(&effects).expect("just in time").recorded.bank_spent_ms, 1000);
     }
 
     /// To the millisecond: what happens at the closing time happens after it.
@@ -749,22 +766,22 @@ mod tests {
             (at(21), Effect::End(Ending::Closed)),
         ] {
             let mut machine = new(2, closing);
-            submit(&mut machine, at(1), 0, 0, "UP");
-            submit(&mut machine, at(2), 1, 0, "UP");
+            submit(&mut machine, at(1), 0, 0, Action::Up);
+            submit(&mut machine, at(2), 1, 0, Action::Up);
             assert_eq!(machine.apply(resolved_at, resolved()), [expected], "{resolved_at}");
         }
         // The last one has its whole clock, and a bank that goes beyond the closing time.
         let mut machine = new(2, Clocks { bank: Duration::from_secs(30), ..closing });
-        submit(&mut machine, at(1), 0, 0, "UP");
+        submit(&mut machine, at(1), 0, 0, Action::Up);
         assert_eq!(machine.wakes_at(), Some(at(40)), "not at the closing time");
         assert_eq!(machine.apply(at(39), Event::Tick), []);
-        let last = submit(&mut machine, at(40), 1, 0, "UP");
+        let last = submit(&mut machine, at(40), 1, 0, Action::Up);
         assert_eq!(answer(&last).expect("in time").recorded.waiting_for, 0);
         assert_eq!(machine.apply(at(40), resolved()), [Effect::End(Ending::Closed)]);
         assert_eq!(machine.status(), Status::Aborted);
         // What ends by itself was not cut short.
         let mut machine = new(1, closing);
-        submit(&mut machine, at(25), 0, 0, "UP");
+        submit(&mut machine, at(25), 0, 0, Action::Up);
         let ending = Some(Ending::TaskDone);
         let effects = machine.apply(at(25), Event::Resolved { alive: vec![true], ending });
         assert_eq!(effects, [Effect::End(Ending::TaskDone)]);
@@ -795,7 +812,7 @@ mod tests {
         assert_eq!(machine.apply(at(20), Event::Tick), [Effect::End(Ending::Closed)]);
         assert_eq!(waiting(1000).apply(at(20), Event::Start), [Effect::End(Ending::Closed)]);
         assert_eq!(waiting(1000).apply(at(19), Event::Start).len(), 2);
-        // Whichever came first, also where nobody was there to see it.
+        // The earlier of the two counts, also when the tick comes after both.
         assert_eq!(waiting(10).apply(at(30), Event::Tick), [Effect::End(Ending::Idle)]);
         let mut machine = waiting(20);
         assert_eq!(machine.apply(at(30), Event::Tick), [Effect::End(Ending::Closed)]);
@@ -804,7 +821,7 @@ mod tests {
     #[test]
     fn an_episode_without_acts_is_abandoned() {
         let mut machine = new(2, clocks(None, 0));
-        submit(&mut machine, at(100), 0, 0, "UP");
+        submit(&mut machine, at(100), 0, 0, Action::Up);
         assert_eq!(machine.wakes_at(), Some(at(1100)));
         assert_eq!(machine.apply(at(1099), Event::Tick), []);
         assert_eq!(machine.apply(at(1100), Event::Tick), [Effect::End(Ending::Idle)]);
@@ -826,7 +843,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever comes in whatever order: one act a seat and round is kept, the round closes when
+        /// In every order of events one act a seat and round is recorded, the round closes when
         /// all living seats have one, and the same act again gets the same receipt.
         #[test]
         fn every_order_of_events_keeps_the_barrier(moves in moves(), timed: bool) {
@@ -841,10 +858,9 @@ mod tests {
                         Event::Tick
                     }
                     Move::Submit { agent, behind, action } => {
-                        let sent = (round + 1_u32).saturating_sub(behind);
-                        let record = record(agent, if action { "UP" } else { "DOWN" });
-                        let earlier = kept.get(&(sent, agent)).filter(|_| sent < round).cloned();
-                        let submission = Submission { round: sent, record };
+                        let of = (round + 1_u32).saturating_sub(behind);
+                        let earlier = kept.get(&(of, agent)).filter(|_| of < round).cloned();
+                        let submission = sent(of, if action { Action::Up } else { Action::Down });
                         Event::Submit { agent: AgentId(agent), submission, earlier, room: Ok(()) }
                     }
                 };
@@ -865,7 +881,7 @@ mod tests {
                             };
                             prop_assert_eq!(receipt.round, submission.round);
                             prop_assert_eq!(&receipt.recorded, &kept[&(submission.round, agent.0)]);
-                            prop_assert_eq!(&receipt.recorded.record.action, &submission.record.action);
+                            prop_assert_eq!(&receipt.recorded.decision.act, &submission.decision.act);
                         }
                         Effect::Answer(Err(_)) => {}
                         Effect::Resolve => {
@@ -887,7 +903,7 @@ mod tests {
                     round += 1;
                     machine.apply(now, Event::Resolved { alive: alive.clone(), ending: None });
                     machine.apply(now, Event::Opened { at: now });
-                    prop_assert_eq!(machine.records().count(), 0);
+                    prop_assert_eq!(machine.recorded().count(), 0);
                 }
             }
         }

@@ -18,12 +18,12 @@ const EPISODE: usize = 8 * 1024;
 const PLAYER_CELL: usize = 16;
 const PLAYER: usize = 16 * 1024;
 
-/// Bytes of an episode in the state `world`, with other states of `kept` bytes and has `hosted` players of the
+/// Bytes of an episode in the state `world`, with keyframes of `keyframes` bytes and `hosted` players of the
 /// server.
 #[must_use]
-pub fn of_episode(world: &World, kept: usize, hosted: usize) -> usize {
+pub fn of_episode(world: &World, keyframes: usize, hosted: usize) -> usize {
     let players = of_players(world.config(), hosted);
-    beside_states(world.config()) + players + world.approximate_bytes().saturating_add(kept)
+    beside_states(world.config()) + players + world.approximate_bytes().saturating_add(keyframes)
 }
 
 /// Bytes that an episode takes at most before it is known what it takes: in round `round`, without other states

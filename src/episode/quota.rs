@@ -268,7 +268,7 @@ impl Quotas {
         self.usage().unfinished.len()
     }
 
-    /// Whether an act with so many bytes of text may be kept now for an episode whose acts take `used`.
+    /// Whether an act with `more` bytes of text may be recorded now for an episode whose acts take `used`.
     ///
     /// # Errors
     /// The cap that was reached.
@@ -302,7 +302,7 @@ impl Quotas {
         }
     }
 
-    /// Gives back bytes that were counted for acts which were not kept.
+    /// Gives back bytes that were counted for acts which were not recorded.
     pub fn release_bytes(&self, episode: EpisodeKey, bytes: u64) {
         let mut usage = self.usage();
         let Some(party) = usage.unfinished.get(&episode).copied() else { return };
@@ -391,7 +391,7 @@ impl Usage {
         }
     }
 
-    /// Whether so many more bytes fit into all that may ever be written.
+    /// Whether `more` bytes fit into all that may ever be written.
     fn check_bytes(&self, caps: &Caps, party: Party, more: u64) -> Result<(), Full> {
         let most = caps.journal_bytes_per_key_max;
         let own = party.owner().and_then(|owner| self.by_owner.get(&owner));

@@ -11,16 +11,17 @@ use futures::{StreamExt, stream};
 use jiff::Timestamp;
 use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
-use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
-use super::actor::{EpisodeInit, Handle, Host, Keyframes, Spawn, Times, seated, spawn};
+use super::actor::{EpisodeInit, Handle, Host, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
+use super::keyframes::Keyframes;
 use super::lockstep::{Lockstep, ResumeState};
 use super::memory;
 use super::quota::{Full, Purpose, Quotas};
 use super::recovery::{RecoveryError, clocks, described, recover, recovered_for};
 use super::seating::Seating;
+use super::slot::Slot;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
@@ -48,10 +49,6 @@ const SWEPT_AT_ONCE: usize = 8;
 
 /// How long an idle episode stays in memory.
 const UNUSED_STAYS: Duration = Duration::from_mins(5);
-
-/// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
-/// what has failed at once may fail at once again.
-const REVIVED_AFTER: Duration = Duration::from_secs(1);
 
 /// How long an idle episode stays in memory when memory is low.
 const IDLE_STAYS: Duration = Duration::from_secs(10);
@@ -151,91 +148,6 @@ pub struct Registry {
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
 }
 
-/// The slot of an episode: of all that have not ended, and of those that were requested lately.
-struct Slot {
-    /// Empty as long as the episode is not in memory.
-    handle: Arc<OnceCell<Handle>>,
-    used_at: Timestamp,
-    /// When an episode that has not ended and is not in memory has to be recovered, if there is no
-    /// request for it earlier: then it is abandoned, or closed.
-    ends_at: Option<Timestamp>,
-    /// Whether it advances by itself: then it is recovered whenever it is not in memory.
-    clocked: bool,
-    /// The actor that was evicted. It may still have something to do, and an episode never has
-    /// two of them.
-    leaving: Option<CancellationToken>,
-    /// When it was last emptied as its actor had ended by a fault.
-    revived_at: Option<Timestamp>,
-    /// Whether it is queued for recovery.
-    in_line: bool,
-    /// Of an episode that was in memory since the start of the server. The time of day may have been set
-    /// since then, so the journal does not know them.
-    times: Option<Arc<Times>>,
-}
-
-impl Slot {
-    fn empty(now: Timestamp) -> Self {
-        Self {
-            handle: Arc::default(),
-            used_at: now,
-            ends_at: None,
-            clocked: false,
-            leaving: None,
-            revived_at: None,
-            in_line: false,
-            times: None,
-        }
-    }
-
-    /// Empties the slot if the actor has ended though the episode has not, so that the next request
-    /// recovers the episode. Others may still hold the dead handle: nothing is done through it.
-    fn empty_if_dead(&mut self, now: Timestamp) {
-        let is_early = self.revived_at.is_some_and(|at| after(at, REVIVED_AFTER) > now);
-        let Some(handle) = self.handle.get().filter(|handle| handle.is_dead() && !is_early) else {
-            return;
-        };
-        tracing::warn!(episode = %handle.id, "its actor has ended: it is recovered from the journal");
-        metrics::counter!("swarmbench_episodes_revived_total").increment(1);
-        self.revived_at = Some(now);
-        self.vacate(now);
-    }
-
-    /// Whether anybody holds the episode, or is about to.
-    fn is_held(&self) -> bool {
-        Arc::strong_count(&self.handle) > 1 || self.handle.get().is_some_and(Handle::is_shared)
-    }
-
-    /// Whether the episode has no handles and no requests for so long.
-    fn is_idle(&self, now: Timestamp, stays: Duration) -> bool {
-        !self.is_held() && after(self.used_at, stays) <= now
-    }
-
-    /// Evicts an idle episode, unless it has a running clock; false where it needs no slot any
-    /// more.
-    fn leave(&mut self, now: Timestamp) -> bool {
-        let Some(handle) = self.handle.get() else { return self.ends_at.is_some() };
-        if handle.snapshot().status.is_over() {
-            return false;
-        }
-        if handle.is_dead() {
-            self.vacate(now);
-        } else if !handle.spec.advances_by_itself() {
-            self.vacate(handle.ends_at());
-        }
-        true
-    }
-
-    /// Evicts the episode, until there is a request for it or it is `ends_at`.
-    fn vacate(&mut self, ends_at: Timestamp) {
-        let place = std::mem::take(&mut self.handle);
-        let Some(handle) = place.get() else { return };
-        self.ends_at = Some(ends_at);
-        self.clocked = handle.spec.advances_by_itself();
-        self.leaving = Some(handle.gone());
-        self.times = Some(handle.times());
-    }
-}
-
 impl Registry {
     /// The registry over a journal whose newest episode has the number `last_key`.
     #[must_use]
@@ -247,8 +159,8 @@ impl Registry {
         spawn: Spawn,
         last_key: i64,
     ) -> Self {
-        let (tell, ended) = mpsc::unbounded_channel();
-        let (host, hosted) = mpsc::unbounded_channel();
+        let (notify_ended, ended) = mpsc::unbounded_channel();
+        let (notify_hosted, hosted) = mpsc::unbounded_channel();
         Self {
             host: Host {
                 journal,
@@ -258,8 +170,8 @@ impl Registry {
                 budget: Budget::unlimited(),
                 workers,
                 replays: Arc::default(),
-                ended: tell,
-                hosted: host,
+                ended: notify_ended,
+                hosted: notify_hosted,
             },
             slots: Arc::default(),
             next_key: Arc::new(AtomicI64::new(last_key + 1)),
@@ -406,7 +318,7 @@ impl Registry {
     /// Creates an episode; it is durable when this returns.
     ///
     /// # Errors
-    /// Where there are too many, or it could not be kept.
+    /// Where there are too many, or it could not be stored.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
         let (done, created) = oneshot::channel();
@@ -522,13 +434,13 @@ impl Registry {
         let handle = spawn(self.host.clone(), init, room);
         if !waiting && handle.snapshot().world.is_over() {
             // The layout has solved the task; the creator has to see that. Where the
-            // end cannot be kept, the actor goes, and the next request will tell.
+            // end cannot be stored, the actor ends, and the next request gets the error.
             drop(handle.follow().wait_for(|snapshot| snapshot.status.is_over()).await);
         }
         Ok(handle)
     }
 
-    /// The seating of a new episode, and what is to be kept of its creator.
+    /// The seating of a new episode, and the entry for its creator.
     async fn seat(
         &self,
         episode: EpisodeKey,
@@ -623,7 +535,7 @@ impl Registry {
         id: &EpisodeId,
     ) -> Result<Option<Handle>, FindError> {
         let recover_one = || async {
-            let _turn = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
+            let _permit = self.recoveries.acquire_always(Party::current(), Rank::current()).await;
             self.recover(id).await
         };
         match cell.get_or_try_init(recover_one).await {
@@ -640,8 +552,8 @@ impl Registry {
             leaving.cancelled().await;
         }
         // What an earlier actor handed over may still be on its way to the disk.
-        let kept = self.host.journal.keep(Vec::new()).await;
-        kept.map_err(|error| Some(error.into()))?;
+        let flushed = self.host.journal.keep(Vec::new()).await;
+        flushed.map_err(|error| Some(error.into()))?;
         let stored = self.host.journal.episode(id.clone()).await;
         let stored = stored.map_err(|error| Some(error.into()))?.ok_or(None)?;
         let spec = Arc::new(described(&stored).map_err(FindError::from)?);
@@ -867,7 +779,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_played_again_soonest_is_taken_up_first_and_the_rest_later() {
+    fn the_fastest_replay_is_recovered_first_and_the_slow_ones_later() {
         let all = vec![
             unfinished(1, true, 256, 30),
             unfinished(2, true, 10, 500),

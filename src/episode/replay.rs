@@ -1,28 +1,17 @@
-//! States of earlier rounds: replayed from a cached state, once for concurrent requests.
+//! Stored rounds, played again: states of earlier rounds, and episodes from their layout on.
 
-use std::collections::HashMap;
-use std::pin::Pin;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 
-use futures::FutureExt;
-use futures::future::{Shared, WeakShared};
-use quick_cache::Weighter;
-use quick_cache::sync::Cache;
-use swarmbench_engine::World;
+use swarmbench_engine::{Digest, World};
 
 use super::actor::{Handle, Host};
 use super::heavy::{self, off_thread, step_micros};
-use super::recovery::RecoveryError;
+use super::replays::RecoveryError;
 use crate::fair::{Party, Rank};
-use crate::journal::replay::acts_of;
-use crate::journal::{EpisodeKey, RoundActs};
+use crate::ids::EpisodeId;
+use crate::journal::replay::{Replayer, RoundFault, acts_of};
+use crate::journal::{EpisodeKey, RoundActs, StoredRound};
 use crate::work::Cancelled;
-
-/// Bytes of cached states.
-const RECENT_BYTES_MAX: u64 = 32 * 1024 * 1024;
-
-/// The initial capacity of the cache of states.
-const RECENT_EXPECTED: usize = 256;
 
 /// Rounds that are read and played at once.
 const ROUNDS_MAX: u32 = 64;
@@ -37,198 +26,145 @@ const ACT_BYTES_MAX: usize = 1024;
 const PIECE_MICROS: u64 = 100_000;
 
 /// How many rounds of an episode are read and played in one piece.
-pub(super) fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
+fn rounds_at_once(config: &swarmbench_engine::Config) -> u32 {
     let by_acts = ACTS_MAX / u32::from(config.num_agents()).max(1);
     let by_time = u32::try_from(PIECE_MICROS / step_micros(config)).unwrap_or(ROUNDS_MAX);
     by_acts.min(by_time).clamp(1, ROUNDS_MAX)
 }
 
-/// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved, free or not: only so
-/// many replays and recoveries run at once (`replays_max`, `take_ups_max`).
-pub(super) fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
+/// Estimated bytes of the acts of `rounds` rounds during a replay. They are reserved, free or not: `replays_max`
+/// and `take_ups_max` bound how many replays and recoveries run at once.
+fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
     rounds as usize * usize::from(config.num_agents()) * ACT_BYTES_MAX
 }
 
-/// A state of an episode: its number, and the round.
-type Key = (EpisodeKey, u32);
-
-type Replayed = Result<Arc<World>, RecoveryError>;
-
-type Replay = Pin<Box<dyn Future<Output = Replayed> + Send>>;
-
-#[derive(Clone)]
-struct Bytes;
-
-impl Weighter<Key, Arc<World>> for Bytes {
-    fn weight(&self, _: &Key, world: &Arc<World>) -> u64 {
-        world.approximate_bytes() as u64
-    }
+/// Stored rounds that are to be played again.
+pub(super) struct Rounds<'a> {
+    pub(super) id: &'a EpisodeId,
+    pub(super) key: EpisodeKey,
+    /// The round up to which they are played.
+    pub(super) to: u32,
+    /// Whether every state is compared with its stored digest.
+    pub(super) checked: bool,
+    /// The kind of work, as it is counted, and the party for which it is done.
+    pub(super) work: (&'static str, Party),
 }
 
-/// Replays in progress, and the states that they computed lately.
-pub struct Replays {
-    under_way: Mutex<HashMap<Key, WeakShared<Replay>>>,
-    recent: Cache<Key, Arc<World>, Bytes>,
-}
-
-impl Default for Replays {
-    fn default() -> Self {
-        let recent = Cache::with_weighter(RECENT_EXPECTED, RECENT_BYTES_MAX, Bytes);
-        Self { under_way: Mutex::default(), recent }
-    }
-}
-
-impl Replays {
-    fn under_way(&self) -> MutexGuard<'_, HashMap<Key, WeakShared<Replay>>> {
-        self.under_way.lock().expect("nothing panics while it holds this")
-    }
-
-    /// The replay that leads to a state: the one that is under way, or a new one. It ends when nobody waits
-    /// for it any more.
-    fn of(&self, key: Key, begin: impl FnOnce() -> Replay) -> Shared<Replay> {
-        let mut under_way = self.under_way();
-        if let Some(replay) = under_way.get(&key).and_then(WeakShared::upgrade) {
-            return replay;
+impl Rounds<'_> {
+    /// Plays the rounds from `world` on, piece by piece, and yields in between. `see` gets the acts of each
+    /// round and the state after it.
+    pub(super) async fn play<S: Send + 'static>(
+        self,
+        host: &Host,
+        world: Arc<World>,
+        mut seen: S,
+        see: fn(&mut S, &RoundActs, &Arc<World>),
+    ) -> Result<(Arc<World>, S), RecoveryError> {
+        let Self { id, key, to: end, checked, work: (kind, party) } = self;
+        let (at_once, micros) = (rounds_at_once(world.config()), step_micros(world.config()));
+        let mut replayer = Replayer::new(world);
+        while replayer.world().round() < end {
+            let from = replayer.world().round();
+            let to = end.min(from + at_once);
+            let _memory = host.budget.take(acts_bytes(replayer.world().config(), to - from), None);
+            let acts = host.journal.acts(key, from, to).await?;
+            let rounds =
+                if checked { Some(host.journal.rounds(key, from, to).await?) } else { None };
+            let piece = Piece { to, acts, rounds };
+            let play = move |cancelled: &Cancelled<'_>| {
+                let result =
+                    piece.play(&mut replayer, cancelled, |acts, world| see(&mut seen, acts, world));
+                result.map(|()| (replayer, seen))
+            };
+            let is_heavy = heavy::is_long(micros * u64::from(to - from));
+            let share = (party, Rank::Normal);
+            (replayer, seen) = off_thread(&host.workers, kind, share, is_heavy, play)
+                .await?
+                .map_err(|problem| RecoveryError::Broken { episode: id.to_string(), problem })?;
         }
-        under_way.retain(|_, replay| replay.upgrade().is_some());
-        let replay = begin().shared();
-        under_way.extend(replay.downgrade().map(|replay| (key, replay)));
-        replay
+        Ok((replayer.into_world(), seen))
     }
 }
 
-/// The state after `round` rounds, from a kept state before it, or from `near` where that is nearer,
-/// and the stored acts.
+/// Rounds that were read at once.
+struct Piece {
+    to: u32,
+    acts: Vec<(u32, RoundActs)>,
+    rounds: Option<Vec<StoredRound>>,
+}
+
+impl Piece {
+    fn play(
+        self,
+        replayer: &mut Replayer,
+        cancelled: &Cancelled<'_>,
+        mut see: impl FnMut(&RoundActs, &Arc<World>),
+    ) -> Result<(), String> {
+        let mut acts = self.acts.into_iter().peekable();
+        let mut stored = self.rounds.map(|rounds| rounds.into_iter().peekable());
+        for round in replayer.world().round()..self.to {
+            if cancelled.is_cancelled() {
+                return Err("nobody waits for it any more".to_owned());
+            }
+            let digest = match &mut stored {
+                Some(stored) => {
+                    let stored = stored.next_if(|stored| stored.round == round);
+                    let stored = stored.ok_or_else(|| format!("round {round} is missing"))?;
+                    Some(Digest(stored.digest).to_string())
+                }
+                None => None,
+            };
+            let given = acts.next_if(|(number, _)| *number == round);
+            let given = given.map(|(_, acts)| acts).unwrap_or_default();
+            let at = |fault: RoundFault| format!("round {round}: {fault}");
+            let acts = acts_of(replayer.world().config(), given.iter().map(|(_, act)| &act.record));
+            replayer.play(round, &acts.map_err(at)?, digest.as_deref()).map_err(at)?;
+            see(&given, replayer.world());
+        }
+        Ok(())
+    }
+}
+
+/// The state after `round` rounds: from a keyframe before it, or from `near` where that is nearer, and the
+/// stored acts.
 ///
 /// # Errors
-/// Where the journal cannot be read or does not play again, or too much heavy work waits.
+/// Where the journal cannot be read or replayed, or too much heavy work waits.
 pub async fn state_at(
     host: &Host,
     handle: &Handle,
     round: u32,
     near: Option<&Arc<World>>,
 ) -> Result<Arc<World>, RecoveryError> {
-    let kept = handle.keyframe(round);
-    let near = near.filter(|near| (kept.round()..=round).contains(&near.round()));
-    let from = near.unwrap_or(&kept);
+    let keyframe = handle.keyframe(round);
+    let near = near.filter(|near| (keyframe.round()..=round).contains(&near.round()));
+    let from = near.unwrap_or(&keyframe);
     if from.round() == round {
         return Ok(Arc::clone(from));
     }
     let key = (handle.key, round);
-    if let Some(world) = host.replays.recent.get(&key) {
+    if let Some(world) = host.replays.recent(key) {
         return Ok(world);
     }
     let replay = host.replays.of(key, || {
         let (host, handle, from) = (host.clone(), handle.clone(), Arc::clone(from));
         Box::pin(async move {
-            let world = play(&host, &handle, from, round, Party::current()).await?;
-            host.replays.recent.insert(key, Arc::clone(&world));
+            let work = ("replay", Party::current());
+            let rounds =
+                Rounds { id: &handle.id, key: handle.key, to: round, checked: false, work };
+            let (world, ()) = rounds.play(&host, from, (), |(), _, _| {}).await?;
+            host.replays.keep(key, &world);
             Ok(world)
         })
     });
     replay.await
 }
 
-/// Replays rounds, piece by piece, and yields in between.
-async fn play(
-    host: &Host,
-    handle: &Handle,
-    mut world: Arc<World>,
-    round: u32,
-    party: Party,
-) -> Replayed {
-    let at_once = rounds_at_once(world.config());
-    let micros = step_micros(world.config());
-    while world.round() < round {
-        let from = world.round();
-        let to = round.min(from + at_once);
-        let _memory = host.budget.take(acts_bytes(world.config(), to - from), None);
-        let acts = host.journal.acts(handle.key, from, to).await?;
-        let is_heavy = heavy::is_long(micros * u64::from(to - from));
-        let play = move |cancelled: &Cancelled<'_>| steps(&world, &acts, to, cancelled);
-        let share = (party, Rank::Normal);
-        world = off_thread(&host.workers, "replay", share, is_heavy, play)
-            .await?
-            .map_err(|problem| RecoveryError::Broken { episode: handle.id.to_string(), problem })?;
-    }
-    Ok(world)
-}
-
-fn steps(
-    world: &World,
-    acts: &[(u32, RoundActs)],
-    to: u32,
-    cancelled: &Cancelled<'_>,
-) -> Result<Arc<World>, String> {
-    let mut world = world.clone();
-    let mut acts = acts.iter().peekable();
-    while world.round() < to {
-        if cancelled.is_cancelled() {
-            return Err("nobody waits for it any more".to_owned());
-        }
-        let given = acts.next_if(|(round, _)| *round == world.round());
-        let records = given.iter().flat_map(|(_, acts)| acts).map(|(_, act)| &act.record);
-        let acts = acts_of(world.config(), records)?;
-        world.step(&acts);
-    }
-    Ok(Arc::new(world))
-}
-
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicUsize, Ordering};
-
-    use futures::future::join_all;
     use swarmbench_engine::{Config, Settings, TaskName};
-    use tokio::sync::oneshot;
 
     use super::*;
-
-    fn world() -> Arc<World> {
-        let settings = Settings::standard(TaskName::Synchronization, 1);
-        Arc::new(World::new(Arc::new(Config::check(&settings).expect("good settings"))))
-    }
-
-    #[tokio::test]
-    async fn a_state_that_many_ask_for_at_once_is_made_once() {
-        let (replays, begun) = (Replays::default(), Arc::new(AtomicUsize::new(0)));
-        let begin = || -> Replay {
-            let begun = Arc::clone(&begun);
-            Box::pin(async move {
-                begun.fetch_add(1, Ordering::Relaxed);
-                tokio::task::yield_now().await;
-                Ok(world())
-            })
-        };
-        let asked: Vec<_> = (0..20).map(|_| replays.of((EpisodeKey(1), 5), begin)).collect();
-        let other = replays.of((EpisodeKey(1), 6), begin);
-        assert!(join_all(asked).await.iter().all(Result::is_ok));
-        assert_eq!(begun.load(Ordering::Relaxed), 1);
-        assert!(other.await.is_ok());
-        // Nobody holds the first one any more.
-        assert!(replays.of((EpisodeKey(1), 5), begin).await.is_ok());
-        assert_eq!(begun.load(Ordering::Relaxed), 3);
-    }
-
-    #[tokio::test]
-    async fn it_goes_on_while_one_waits_and_ends_with_the_last() {
-        let replays = Replays::default();
-        let (alive, mut ended) = oneshot::channel::<()>();
-        let begin = || -> Replay {
-            Box::pin(async move {
-                let _alive = alive;
-                std::future::pending().await
-            })
-        };
-        let mut first = replays.of((EpisodeKey(1), 5), begin);
-        let mut second = replays.of((EpisodeKey(1), 5), || unreachable!("one is under way"));
-        assert!(futures::poll!(&mut first).is_pending());
-        assert!(futures::poll!(&mut second).is_pending());
-        drop(first);
-        assert!(ended.try_recv() == Err(oneshot::error::TryRecvError::Empty));
-        drop(second);
-        assert!(ended.try_recv() == Err(oneshot::error::TryRecvError::Closed));
-    }
 
     #[test]
     fn rounds_are_played_in_pieces_of_a_tenth_of_a_second() {

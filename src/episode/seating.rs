@@ -1,7 +1,7 @@
 //! Who holds which seat, as a pure machine.
 //!
 //! The creator holds the seats that are not open. Open ones are claimed, in any number of claims, until
-//! none is left; those that nobody wants in time get a built-in player. A seat that has a holder keeps it.
+//! none is left; unclaimed seats get a built-in player in the end. A seat that has a holder keeps it.
 
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
@@ -16,7 +16,7 @@ use crate::journal::{Held, Holder};
 pub enum Wanted {
     /// This one.
     Seat(AgentId),
-    /// So many, whichever they are; at least one.
+    /// This number of open seats, any of them; at least one.
     Any(u16),
 }
 
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_taken_up_where_it_stood() {
+    fn it_continues_from_its_holders() {
         let mut seating = fresh();
         let mut holders = vec![(holder("creator"), vec![AgentId(0)])];
         holders.push(seating.claim(Wanted::Any(2), holder("a")).expect("open"));
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_holds_all_seats_needs_no_seating() {
+    fn a_creator_of_all_seats_needs_no_seating() {
         assert!(Seating::new(&spec(0..0), START, Vec::new()).is_none());
         let hosted = Spec { player: Some("random".to_owned()), ..spec(0..0) };
         let creator = Holder { player: hosted.player.clone(), ..holder("m") };

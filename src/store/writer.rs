@@ -692,7 +692,7 @@ mod tests {
     use swarmbench_engine::AgentId;
 
     use super::*;
-    use crate::journal::record::{ActRecord, RawRecord};
+    use crate::journal::record::{Decision, RawRecord};
     use crate::journal::{Journal, RunKey};
     use crate::store::Store;
 
@@ -703,7 +703,7 @@ mod tests {
             agent: AgentId(0),
             waiting_for: 0,
             at: jiff::Timestamp::UNIX_EPOCH,
-            record: RawRecord::write(&ActRecord::clock_ran_out(AgentId(0), 0)),
+            record: RawRecord::write(&Decision::clock_ran_out().record(AgentId(0), 0)),
         })
     }
 

@@ -11,8 +11,8 @@ use swarmbench::episode::lockstep::{
 };
 use swarmbench::episode::quota::Full;
 use swarmbench::episode::{Ending, Status};
-use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench_engine::AgentId;
+use swarmbench::journal::record::{Decision, Source};
+use swarmbench_engine::{Act, Action, AgentId};
 
 const AGENTS: u16 = 4;
 
@@ -47,8 +47,8 @@ enum Move {
 const FULL: Full = Full::BytesOfEpisode(1);
 
 /// Whether the journal has room for an act: for one agent it takes one of the two actions only.
-fn has_room(agent: AgentId, action: &str) -> bool {
-    agent != AgentId(3) || action == "UP"
+fn has_room(agent: AgentId, action: Action) -> bool {
+    agent != AgentId(3) || action == Action::Up
 }
 
 /// How a game is set up.
@@ -117,14 +117,9 @@ impl Subject {
         self.closes_at.is_some_and(|closes_at| closes_at <= at)
     }
 
-    fn submit(&mut self, agent: AgentId, round: u32, action: &str) {
-        let record = ActRecord {
-            action: Some(action.to_owned()),
-            source: Source::Player,
-            ..ActRecord::clock_ran_out(agent, 0)
-        };
+    fn submit(&mut self, agent: AgentId, round: u32, action: Action) {
         let earlier = self.kept.get(&(round, agent)).filter(|_| round < self.round).cloned();
-        let submission = Submission { round, record };
+        let submission = Submission { round, decision: Decision::of_player(Act::of(action)) };
         let room = if has_room(agent, action) { Ok(()) } else { Err(FULL) };
         self.apply(&Event::Submit { agent, submission, earlier, room });
     }
@@ -143,14 +138,14 @@ impl Subject {
                     assert_eq!(before, None, "one act a seat and round");
                     assert_eq!(recorded.waiting_for as usize, self.missing(), "{recorded:?}");
                     let bank = self.banks[agent.index()];
-                    assert!(Duration::from_millis(recorded.record.bank_spent_ms) <= bank);
+                    assert!(Duration::from_millis(recorded.bank_spent_ms) <= bank);
                     let late = self.setting.round_tenths.is_some_and(|count| {
                         let time = tenths(count.max(1)) + bank;
                         self.machine
                             .opened_at()
                             .is_some_and(|opened| self.now > after(opened, time))
                     });
-                    assert!(!late || recorded.record.source == Source::Clock, "it came too late");
+                    assert!(!late || recorded.decision.source == Source::Clock, "it came too late");
                 }
                 Effect::Answer(answer) => self.check_answer(event, answer.as_ref()),
                 Effect::Resolve => {
@@ -206,8 +201,8 @@ impl Subject {
     ) {
         let Event::Submit { agent, submission, .. } = event else { panic!("an answer to nobody") };
         let kept = self.kept.get(&(submission.round, *agent));
-        let kept = kept.filter(|recorded| recorded.record.source == Source::Player);
-        let same = kept.filter(|recorded| recorded.record.action == submission.record.action);
+        let kept = kept.filter(|recorded| recorded.decision.source == Source::Player);
+        let same = kept.filter(|recorded| recorded.decision.act == submission.decision.act);
         match answer {
             Ok(receipt) => {
                 assert_eq!(receipt.round, submission.round);
@@ -222,14 +217,16 @@ impl Subject {
                         assert!(sent > round || waits);
                     }
                     Refusal::RoundOver { sent, round } => {
-                        let clock =
-                            self.kept.get(&(*sent, *agent)).map(|recorded| recorded.record.source);
+                        let clock = self
+                            .kept
+                            .get(&(*sent, *agent))
+                            .map(|recorded| recorded.decision.source);
                         assert!(sent < round || clock == Some(Source::Clock));
                     }
                     Refusal::NoRoom { full, round } => {
                         assert_eq!((*full, *round), (FULL, submission.round));
                         assert!(!self.kept.contains_key(&(*round, *agent)), "the seat is free");
-                        let action = submission.record.action.as_deref().unwrap_or_default();
+                        let action = submission.decision.act.action.expect("all have one");
                         assert!(!has_room(*agent, action));
                     }
                     Refusal::EpisodeOver { escaped: true, .. } => {
@@ -246,13 +243,13 @@ impl Subject {
     /// Plays the round that was closed.
     fn resolve(&mut self) {
         let living = self.alive.iter().filter(|alive| **alive).count();
-        assert_eq!(self.machine.records().count(), living, "an act of each living seat");
+        assert_eq!(self.machine.recorded().count(), living, "an act of each living seat");
         for (alive, round) in self.alive.iter_mut().zip(self.setting.escapes) {
             *alive &= u32::from(round % 16) != self.round;
         }
         for (bank, agent) in self.banks.iter_mut().zip(0..) {
             let recorded = self.kept.get(&(self.round, AgentId(agent)));
-            let spent = recorded.map_or(0, |recorded| recorded.record.bank_spent_ms);
+            let spent = recorded.map_or(0, |recorded| recorded.bank_spent_ms);
             *bank -= Duration::from_millis(spent);
         }
         let banks = self.banks.clone();
@@ -265,7 +262,7 @@ impl Subject {
             (false, false) => None,
         };
         self.apply(&Event::Resolved { alive: self.alive.clone(), ending });
-        assert_eq!(self.machine.records().count(), 0, "the next round begins without acts");
+        assert_eq!(self.machine.recorded().count(), 0, "the next round begins without acts");
         assert_eq!(self.machine.banks(), banks, "what was overspent is taken from the banks");
     }
 
@@ -273,12 +270,12 @@ impl Subject {
         match step {
             Move::Submit { agent, ahead, action } => {
                 let round = (self.round + u32::from(ahead % 3)).saturating_sub(1);
-                let action = if *action { "UP" } else { "DOWN" };
+                let action = if *action { Action::Up } else { Action::Down };
                 self.submit(AgentId(u16::from(*agent) % AGENTS), round, action);
             }
             Move::SubmitFrom { agent } => {
                 let (first, round) = (u16::from(*agent) % AGENTS, self.round);
-                (first..AGENTS).for_each(|agent| self.submit(AgentId(agent), round, "STAY"));
+                (first..AGENTS).for_each(|agent| self.submit(AgentId(agent), round, Action::Stay));
             }
             Move::Pass { tenths: count, ticks } => {
                 self.now = after(self.now, tenths(*count));

@@ -574,8 +574,7 @@ impl Checker {
             .filter(|(place, acked)| {
                 !rows.get(place).is_some_and(|row| {
                     row.waiting_for == acked.recorded.waiting_for
-                        && row.record.read::<ActRecord>().ok().as_ref()
-                            == Some(&acked.recorded.record)
+                        && row.record == acked.recorded.record
                 })
             })
             .map(|(place, _)| *place)
@@ -611,6 +610,8 @@ impl Checker {
 fn fits(arrived: &Arrived, row: &ActRow) -> bool {
     let mut acts = arrived.acts.iter();
     acts.any(|(agent, act)| {
-        *agent == row.agent && act.round == row.round && act.record.text_bytes() <= ACT_BYTES_ALWAYS
+        *agent == row.agent
+            && act.round == row.round
+            && act.decision.text_bytes() <= ACT_BYTES_ALWAYS
     })
 }

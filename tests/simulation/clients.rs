@@ -18,7 +18,7 @@ use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::ids::{EpisodeId, TokenHash};
-use swarmbench::journal::record::Usage;
+use swarmbench::journal::record::{Decision, Usage};
 use swarmbench::journal::{Holder, JournalError};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
@@ -215,7 +215,7 @@ fn turn(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) -> Submiss
     let (settings, acts) = &*REHEARSED;
     match acts.get(round as usize) {
         Some(acts) if config.settings() == *settings => {
-            submission(round, agent, acts[agent.index()].clone())
+            submission(round, acts[agent.index()].clone())
         }
         _ => act(dice, config, agent, round),
     }
@@ -233,30 +233,30 @@ pub(crate) fn act(dice: &mut Dice, config: &Config, agent: AgentId, round: u32) 
     let message = (dice.below(3) == 0).then(|| Message::new("the block is to the left")).flatten();
     let mut sent = if let Some(response) = response {
         let read = answer::parse(&response, config, agent);
-        let mut sent = submission(round, agent, read.act);
-        sent.record.valid = read.valid;
-        sent.record.response = Some(response);
+        let mut sent = submission(round, read.act);
+        sent.decision.valid = read.valid;
+        sent.decision.response = Some(response);
         sent
     } else {
         let commands = config.control() == Control::Centralized && agent == AgentId::COMMANDER;
         let to = (commands && message.is_some()).then_some(AgentId(config.num_agents() - 1));
         let to = to.filter(|&to| to != agent);
-        submission(round, agent, Act { action: Some(action), message, to })
+        submission(round, Act { action: Some(action), message, to })
     };
-    sent.record.reasoning = (dice.below(8) == 0).then(|| "so it is said ".repeat(200));
+    sent.decision.reasoning = (dice.below(8) == 0).then(|| "so it is said ".repeat(200));
     sent
 }
 
-fn submission(round: u32, agent: AgentId, act: Act) -> Submission {
-    Submission { round, record: game::record(agent, act) }
+fn submission(round: u32, act: Act) -> Submission {
+    Submission { round, decision: Decision::of_player(act) }
 }
 
 /// The same act once more, told with other circumstances.
 pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
     let mut again = sent.clone();
     match dice.below(3) {
-        0 => again.record.usage = Some(Usage { latency_ms: Some(7), ..Usage::default() }),
-        1 => again.record.reasoning = Some("again".to_owned()),
+        0 => again.decision.usage = Some(Usage { latency_ms: Some(7), ..Usage::default() }),
+        1 => again.decision.reasoning = Some("again".to_owned()),
         _ => {}
     }
     again

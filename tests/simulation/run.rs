@@ -493,8 +493,8 @@ impl Run {
     fn host(&mut self) {
         for server in &mut self.servers {
             while let Ok(handle) = server.hosted.try_recv() {
-                let (host, turns) = (server.registry.host().clone(), hosted::turns());
-                let playing = async move { drop(hosted::play(handle, &host, &turns).await) };
+                let (host, permits) = (server.registry.host().clone(), hosted::permits());
+                let playing = async move { drop(hosted::play(handle, &host, &permits).await) };
                 self.executor.spawn(playing.boxed());
             }
         }

@@ -1,11 +1,10 @@
-//! Games and acts for tests that need no server.
+//! Games for tests that need no server.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use swarmbench::episode::spec::{Spec, Visibility};
-use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench_engine::{Act, AgentId, Config};
+use swarmbench_engine::Config;
 
 /// A public game without clocks, holders or hosted players.
 pub(crate) fn spec(config: Config) -> Spec {
@@ -27,21 +26,5 @@ pub(crate) fn spec(config: Config) -> Spec {
         fill_after: None,
         fill_with: None,
         player: None,
-    }
-}
-
-/// What a player sends, without the texts of a language model.
-pub(crate) fn record(agent: AgentId, act: Act) -> ActRecord {
-    ActRecord {
-        agent: agent.to_string(),
-        source: Source::Player,
-        action: act.action.map(|action| action.name().to_owned()),
-        message: act.message.map(|message| message.to_string()),
-        to: act.to.map(|to| to.to_string()),
-        valid: true,
-        response: None,
-        usage: None,
-        reasoning: None,
-        bank_spent_ms: 0,
     }
 }

@@ -1,8 +1,10 @@
 //! The records of a journal and their bytes.
 //!
 //! A record is a JSON object without line breaks; its bytes are what the chain hashes, so they are
-//! kept and never written anew. In a journal file each line is
+//! stored and never written anew. In a journal file each line is
 //! `{"hash":"…","record":{…}}` with the head of the chain after the record.
+
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -13,14 +15,22 @@ use super::chain::Head;
 /// The version of this format.
 pub const FORMAT: u32 = 1;
 
-/// The bytes of a record.
+/// The bytes of a record. Cloning shares them.
 #[derive(Clone, Debug)]
-pub struct RawRecord(Box<RawValue>);
+pub struct RawRecord(Arc<RawValue>);
+
+impl PartialEq for RawRecord {
+    fn eq(&self, other: &Self) -> bool {
+        self.as_str() == other.as_str()
+    }
+}
+
+impl Eq for RawRecord {}
 
 impl RawRecord {
     /// The bytes of a record as it is first written.
     pub fn write<T: Serialize>(record: &T) -> Self {
-        Self(serde_json::value::to_raw_value(record).expect("records have string keys"))
+        Self(serde_json::value::to_raw_value(record).expect("records have string keys").into())
     }
 
     /// Takes bytes that were stored.
@@ -28,7 +38,7 @@ impl RawRecord {
     /// # Errors
     /// Where they are no JSON.
     pub fn from_stored(text: String) -> Result<Self, serde_json::Error> {
-        RawValue::from_string(text).map(Self)
+        RawValue::from_string(text).map(|value| Self(value.into()))
     }
 
     /// The record as text.
@@ -52,7 +62,7 @@ impl RawRecord {
     }
 }
 
-/// A record of any kind, told by its field `kind`.
+/// A record of any kind; its field `kind` says which.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Record {
@@ -80,7 +90,7 @@ pub struct Opening {
     pub created_at: jiff::Timestamp,
     /// All settings.
     pub config: RecordedConfig,
-    /// Who plays: whatever else the creator told.
+    /// Who plays: further fields of the creator.
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     /// The text of the prompt template.
     pub prompt_template: String,
@@ -133,7 +143,7 @@ pub struct RecordedConfig {
     /// Numbers of the agents whose seats were open to claims.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub open_seats: Vec<u16>,
-    /// After so long built-in players take the open seats that nobody claimed.
+    /// After this time built-in players take the open seats that nobody claimed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fill_after_ms: Option<u64>,
     /// Which built-in player takes them.
@@ -217,7 +227,7 @@ pub struct SeatHolder {
     pub holder: u32,
     /// Who plays.
     pub model: String,
-    /// What else the holder told of who plays.
+    /// Who plays: further fields of the holder.
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     /// The public id of the holder's key, where one was needed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -240,11 +250,11 @@ pub struct HeldSeat {
 /// A resolved round.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Round {
+pub struct Round<A = ActRecord> {
     /// Its number, from 0.
     pub round: u32,
     /// What every living agent did.
-    pub acts: Vec<ActRecord>,
+    pub acts: Vec<A>,
     /// The digest of the state after it, in hexadecimal.
     pub digest: String,
     /// The score after it.
@@ -254,7 +264,7 @@ pub struct Round {
 /// The end of an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct End {
+pub struct End<A = ActRecord> {
     /// `finished`, `aborted` or `abandoned`.
     pub status: String,
     /// Why: `task_done`, `rounds_played`, `aborted`, `idle` or `closed`.
@@ -264,7 +274,7 @@ pub struct End {
     /// The final score.
     pub score: f64,
     /// Acts of a round that was not resolved any more.
-    pub open_acts: Vec<ActRecord>,
+    pub open_acts: Vec<A>,
 }
 
 /// Who decided an act.
@@ -290,7 +300,7 @@ pub struct ActRecord {
     /// The message, if any, as it was sent on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
-    /// Whom alone the commander told it.
+    /// The only receiver of a commander's message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
     /// False for an invalid answer of a language model.
@@ -301,7 +311,7 @@ pub struct ActRecord {
     /// What the answer cost.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub usage: Option<Usage>,
-    /// Free text, kept for replays.
+    /// Free text, stored for readers of replays.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
     /// How much of the seat's bank the act took, in milliseconds.
@@ -329,20 +339,51 @@ pub struct Usage {
     pub latency_ms: Option<u64>,
 }
 
-impl ActRecord {
-    /// The record of a seat whose clock ran out.
+/// What a seat decided in a round: the engine's act, and what was said around it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decision {
+    /// Who decided.
+    pub source: Source,
+    /// What the agent does.
+    pub act: Act,
+    /// False for an invalid answer of a language model.
+    pub valid: bool,
+    /// The language model's answer, where it gave one.
+    pub response: Option<String>,
+    /// What the answer cost.
+    pub usage: Option<Usage>,
+    /// Free text, stored for readers of replays.
+    pub reasoning: Option<String>,
+}
+
+impl Decision {
+    /// An act of a player, without an answer of a language model.
     #[must_use]
-    pub fn clock_ran_out(agent: AgentId, bank_spent_ms: u64) -> Self {
-        Self {
+    pub const fn of_player(act: Act) -> Self {
+        let source = Source::Player;
+        Self { source, act, valid: true, response: None, usage: None, reasoning: None }
+    }
+
+    /// The decision of a seat whose clock ran out.
+    #[must_use]
+    pub fn clock_ran_out() -> Self {
+        Self { source: Source::Clock, ..Self::of_player(Act::default()) }
+    }
+
+    /// Its record.
+    #[must_use]
+    pub fn record(&self, agent: AgentId, bank_spent_ms: u64) -> ActRecord {
+        let Self { source, act, valid, response, usage, reasoning } = self.clone();
+        ActRecord {
             agent: agent.to_string(),
-            source: Source::Clock,
-            action: None,
-            message: None,
-            to: None,
-            valid: true,
-            response: None,
-            usage: None,
-            reasoning: None,
+            source,
+            action: act.action.map(|action| action.name().to_owned()),
+            message: act.message.map(|message| message.to_string()),
+            to: act.to.map(|to| to.to_string()),
+            valid,
+            response,
+            usage,
+            reasoning,
             bank_spent_ms,
         }
     }
@@ -350,10 +391,13 @@ impl ActRecord {
     /// Bytes of the texts that a player sent with it.
     #[must_use]
     pub fn text_bytes(&self) -> u64 {
-        let texts = [&self.message, &self.response, &self.reasoning];
+        let message = self.act.message.as_ref().map(Message::as_str);
+        let texts = [message, self.response.as_deref(), self.reasoning.as_deref()];
         texts.into_iter().flatten().map(|text| text.len() as u64).sum()
     }
+}
 
+impl ActRecord {
     /// The act for the engine, if the names in it are known.
     #[must_use]
     pub fn act(&self, config: &Config) -> Option<Act> {
@@ -366,11 +410,19 @@ impl ActRecord {
             None => None,
         };
         let message = match &self.message {
-            // It was normalised before it was kept, and doing so again changes nothing.
+            // It was normalised before it was recorded, and doing so again changes nothing.
             Some(text) => Some(Message::new(text).filter(|message| message.as_str() == text)?),
             None => None,
         };
         Some(Act { action, message, to })
+    }
+
+    /// What was decided, if the names in it are known.
+    #[must_use]
+    pub fn decision(self, config: &Config) -> Option<Decision> {
+        let act = self.act(config)?;
+        let Self { source, valid, response, usage, reasoning, .. } = self;
+        Some(Decision { source, act, valid, response, usage, reasoning })
     }
 }
 
@@ -385,7 +437,15 @@ pub fn first_lines(opening: &RawRecord, seating: Option<&RawRecord>) -> String {
     lines.collect()
 }
 
-/// The bytes of a round's record from those of its acts: the same as writing a [`Round`].
+/// A record that is written around the bytes of its acts: the same as writing a [`Record`].
+#[derive(Serialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+enum AroundActs<'a> {
+    Round(Round<&'a RawValue>),
+    End(End<&'a RawValue>),
+}
+
+/// The record of a round around those of its acts.
 #[must_use]
 pub fn round_record<'a>(
     round: u32,
@@ -393,16 +453,16 @@ pub fn round_record<'a>(
     digest: &str,
     score: f64,
 ) -> RawRecord {
-    #[derive(Serialize)]
-    struct Raw<'a> {
-        kind: &'static str,
-        round: u32,
-        acts: Vec<&'a RawValue>,
-        digest: &'a str,
-        score: f64,
-    }
-    let acts = acts.map(|act| &*act.0).collect();
-    RawRecord::write(&Raw { kind: "round", round, acts, digest, score })
+    let (acts, digest) = (acts.map(|act| &*act.0).collect(), digest.to_owned());
+    RawRecord::write(&AroundActs::Round(Round { round, acts, digest, score }))
+}
+
+/// The record of an end around those of the acts of its open round.
+#[must_use]
+pub fn end_record(end: End<&RawRecord>) -> RawRecord {
+    let End { status, reason, rounds, score, open_acts } = end;
+    let open_acts = open_acts.into_iter().map(|act| &*act.0).collect();
+    RawRecord::write(&AroundActs::End(End { status, reason, rounds, score, open_acts }))
 }
 
 /// The line of a journal file for a record with a list of acts, before the first act and after the last: a
@@ -425,8 +485,9 @@ impl Frame {
     /// The frame of an end, whatever acts it has now.
     #[must_use]
     pub fn of_end(end: End, head: Head) -> Self {
-        let end = End { open_acts: Vec::new(), ..end };
-        Self::of(&RawRecord::write(&Record::End(end)), head)
+        let End { status, reason, rounds, score, .. } = end;
+        let end = End { status, reason, rounds, score, open_acts: Vec::new() };
+        Self::of(&end_record(end), head)
     }
 
     /// Splits the line of a record with an empty list; nothing else in such a record is an empty list.
@@ -479,7 +540,7 @@ mod tests {
                 reasoning: None,
                 bank_spent_ms: 12,
             },
-            ActRecord::clock_ran_out(AgentId(1), 0),
+            Decision::clock_ran_out().record(AgentId(1), 0),
         ]
     }
 
@@ -503,6 +564,10 @@ mod tests {
                 open_acts: acts[..count].to_vec(),
             };
             let whole = RawRecord::write(&Record::End(end.clone())).line(head);
+            let End { status, reason, rounds, score, .. } = end.clone();
+            let open_acts = raw[..count].iter().collect();
+            let from_bytes = end_record(End { status, reason, rounds, score, open_acts });
+            assert_eq!(from_bytes.line(head), whole);
             let end = Frame::of_end(end, head);
             assert_eq!(format!("{}{joined}{}", end.before, end.after), whole);
         }

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::value::RawValue;
-use swarmbench_engine::physics::Solver;
+use swarmbench_engine::physics::{Solver, SolverError};
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, World, answer};
 
 use super::chain::Head;
-use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Seats, Source};
+use super::record::{ActRecord, End, FORMAT, Opening, RawRecord, Record, Round, Seats, Source};
 use crate::Tally;
 
 /// What is wrong with a journal.
@@ -32,6 +32,102 @@ pub enum Fault {
     /// The file as a whole is not the expected one.
     #[error("{0}")]
     Whole(String),
+}
+
+/// Why a round cannot be played again.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RoundFault {
+    /// The episode was over before it.
+    #[error("a round more than the episode has")]
+    TooMany,
+    /// It is not the next one.
+    #[error("the number of the round differs: recorded {recorded}, played again {expected}")]
+    Number {
+        /// The number that it has.
+        recorded: u32,
+        /// The number of the next round.
+        expected: u32,
+    },
+    /// An act is of an agent that the episode does not have.
+    #[error("there is no agent {0:?}")]
+    NoAgent(String),
+    /// An act has names that the episode does not have.
+    #[error("{0} has an unknown act")]
+    UnknownAct(AgentId),
+    /// The solver of the physics gave up.
+    #[error(transparent)]
+    Solver(#[from] SolverError),
+    /// It leads to another state.
+    #[error("the digest of the state differs: recorded {recorded:?}, played again {played:?}")]
+    Digest {
+        /// The digest in the journal.
+        recorded: String,
+        /// The digest of the state.
+        played: String,
+    },
+}
+
+/// Plays an episode again, round by round: the one place where recorded acts become states.
+pub struct Replayer {
+    world: Arc<World>,
+    solver: Solver,
+}
+
+impl Replayer {
+    /// Begins with a state.
+    #[must_use]
+    pub const fn new(world: Arc<World>) -> Self {
+        Self { world, solver: Solver::Flow }
+    }
+
+    /// The state after the last round that was played.
+    #[must_use]
+    pub const fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// The last state.
+    #[must_use]
+    pub fn into_world(self) -> Arc<World> {
+        self.world
+    }
+
+    /// Whether a round may come next.
+    ///
+    /// # Errors
+    /// Where the episode is over, or another round is next.
+    pub fn check(&self, round: u32) -> Result<(), RoundFault> {
+        if self.world.is_over() {
+            return Err(RoundFault::TooMany);
+        }
+        let expected = self.world.round();
+        if round == expected {
+            Ok(())
+        } else {
+            Err(RoundFault::Number { recorded: round, expected })
+        }
+    }
+
+    /// Plays the next round by its acts, and compares the state with the recorded digest, if one is given.
+    /// States are shared, and copied only where others still have them.
+    ///
+    /// # Errors
+    /// Where another round is next, or it leads to another state.
+    pub fn play(
+        &mut self,
+        round: u32,
+        acts: &[Act],
+        digest: Option<&str>,
+    ) -> Result<(), RoundFault> {
+        self.check(round)?;
+        Arc::make_mut(&mut self.world).step_with(acts, self.solver)?;
+        let Some(recorded) = digest else { return Ok(()) };
+        let played = self.world.digest().to_string();
+        if recorded == played {
+            return Ok(());
+        }
+        Err(RoundFault::Digest { recorded: recorded.to_owned(), played })
+    }
 }
 
 /// What a journal proves.
@@ -72,7 +168,7 @@ pub fn verify(
     })
 }
 
-/// The same, for somebody who looks at every state: that of the layout, and that after each round.
+/// The same; `see` gets every state: that of the layout, and that after each round.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -92,7 +188,7 @@ pub fn verify_seen(
         let mut at = String::new();
         let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
-                see(&played.insert(Player::new(*opening)?).world);
+                see(played.insert(Player::new(*opening, solver)?).world());
                 Ok(())
             }
             Record::Opening(_) => Err("a second opening".to_owned()),
@@ -103,8 +199,8 @@ pub fn verify_seen(
             Record::Round(round) => {
                 at = format!(" (round {})", round.round);
                 let player = played.as_mut().ok_or("the first record is not an opening")?;
-                player.play(&round, solver)?;
-                see(&player.world);
+                player.play(&round)?;
+                see(player.world());
                 Ok(())
             }
             Record::End(end) => {
@@ -121,8 +217,8 @@ pub fn verify_seen(
         )));
     }
     Ok(Report {
-        rounds: player.world.round(),
-        score: player.world.score(),
+        rounds: player.world().round(),
+        score: player.world().score(),
         opening: player.opening,
         seats: player.seats,
         end: player.end,
@@ -166,15 +262,14 @@ pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T
 /// An episode as it is played again.
 struct Player {
     opening: Opening,
-    config: Arc<Config>,
-    world: World,
+    replayer: Replayer,
     seats: Option<Seats>,
     end: Option<End>,
     tally: Tally,
 }
 
 impl Player {
-    fn new(opening: Opening) -> Result<Self, String> {
+    fn new(opening: Opening, solver: Solver) -> Result<Self, String> {
         if opening.format != FORMAT {
             return Err(format!("journal format {} is not known, only {FORMAT}", opening.format));
         }
@@ -185,9 +280,14 @@ impl Player {
             ));
         }
         let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
-        let world = World::new(Arc::clone(&config));
+        let world = Arc::new(World::new(config));
         compare("the digest of the layout", &opening.digest, &world.digest().to_string())?;
-        Ok(Self { opening, config, world, seats: None, end: None, tally: Tally::default() })
+        let replayer = Replayer { world, solver };
+        Ok(Self { opening, replayer, seats: None, end: None, tally: Tally::default() })
+    }
+
+    fn world(&self) -> &World {
+        self.replayer.world()
     }
 
     /// Whether a record has to say who holds which seat before the first round.
@@ -197,14 +297,14 @@ impl Player {
     }
 
     fn seat(&mut self, seats: Seats) -> Result<(), String> {
-        if self.seats.is_some() || self.end.is_some() || self.world.round() > 0 {
+        if self.seats.is_some() || self.end.is_some() || self.world().round() > 0 {
             return Err("who holds which seat is told once, before the first round".to_owned());
         }
         if !self.is_seated() {
             return Err("the creator holds all seats of this episode".to_owned());
         }
         let named: Vec<&str> = seats.seats.iter().map(|seat| seat.agent.as_str()).collect();
-        let agents: Vec<String> = self.world.agents().map(|agent| agent.to_string()).collect();
+        let agents: Vec<String> = self.world().agents().map(|agent| agent.to_string()).collect();
         if named != agents {
             return Err(format!("seats of {} are not all, in order", short(&named)));
         }
@@ -236,18 +336,16 @@ impl Player {
         Ok(())
     }
 
-    fn play(&mut self, round: &super::record::Round, solver: Solver) -> Result<(), String> {
+    fn play(&mut self, round: &Round) -> Result<(), String> {
         if self.end.is_some() {
             return Err("a round after the end".to_owned());
         }
         if self.is_seated() && self.seats.is_none() {
             return Err("a round before it is told who holds which seat".to_owned());
         }
-        if self.world.is_over() {
-            return Err("a round more than the episode has".to_owned());
-        }
-        compare("the number of the round", &round.round, &self.world.round())?;
-        let living: Vec<String> = living(&self.world).map(|agent| agent.to_string()).collect();
+        self.replayer.check(round.round).map_err(|fault| fault.to_string())?;
+        let config = Arc::clone(self.world().config());
+        let living: Vec<String> = living(self.world()).map(|agent| agent.to_string()).collect();
         let acting: Vec<&String> = round.acts.iter().map(|act| &act.agent).collect();
         if acting != living.iter().collect::<Vec<_>>() {
             return Err(format!(
@@ -256,30 +354,31 @@ impl Player {
                 short(&living)
             ));
         }
-        for act in &round.acts {
-            check_answer(act, &self.config)?;
-            self.tally.add(act);
+        let mut acts = vec![Act::default(); config.num_agents().into()];
+        for record in &round.acts {
+            let (agent, act) = checked_act(record, &config)?;
+            acts[agent.index()] = act;
+            self.tally.add(record);
         }
-        let acts = acts_of(&self.config, &round.acts)?;
-        self.world.step_with(&acts, solver).map_err(|error| error.to_string())?;
-        compare("the digest of the state", &round.digest, &self.world.digest().to_string())?;
-        compare("the score", &round.score, &self.world.score())
+        let played = self.replayer.play(round.round, &acts, Some(&round.digest));
+        played.map_err(|fault| fault.to_string())?;
+        compare("the score", &round.score, &self.world().score())
     }
 
     fn finish(&mut self, end: End) -> Result<(), String> {
         if self.end.is_some() {
             return Err("a second end".to_owned());
         }
-        compare("the number of rounds", &end.rounds, &self.world.round())?;
-        compare("the final score", &end.score, &self.world.score())?;
+        compare("the number of rounds", &end.rounds, &self.world().round())?;
+        compare("the final score", &end.score, &self.world().score())?;
         // A layout may have solved the task; that counts once the episode is started.
         let may_wait = if self.is_seated() {
             self.seats.is_none()
         } else {
             self.opening.config.start == "manual"
         };
-        let never_started = self.world.round() == 0 && may_wait;
-        let (done, over) = (self.world.is_done(), self.world.is_over());
+        let never_started = self.world().round() == 0 && may_wait;
+        let (done, over) = (self.world().is_done(), self.world().is_over());
         let fits = match (end.status.as_str(), end.reason.as_str()) {
             ("finished", "task_done") => done,
             ("finished", "rounds_played") => over && !done,
@@ -316,16 +415,17 @@ fn short<T: std::fmt::Debug>(names: &[T]) -> String {
     }
 }
 
-/// The act of a language model must be what its answer says.
-fn check_answer(record: &ActRecord, config: &Config) -> Result<(), String> {
+/// The act of a record. That of a language model must be what its answer says.
+fn checked_act(record: &ActRecord, config: &Config) -> Result<(AgentId, Act), String> {
     let agent = AgentId::parse(&record.agent).ok_or("an unknown agent")?;
-    let act = record.act(config).ok_or_else(|| format!("{} has an unknown act", record.agent))?;
-    let Some(response) = &record.response else { return Ok(()) };
-    let read = answer::parse(response, config, agent);
-    if record.source == Source::Player && (read.act != act || read.valid != record.valid) {
-        return Err(format!("the act of {} is not what its answer says", record.agent));
+    let act = record.act(config).ok_or_else(|| RoundFault::UnknownAct(agent).to_string())?;
+    if let Some(response) = record.response.as_ref().filter(|_| record.source == Source::Player) {
+        let read = answer::parse(response, config, agent);
+        if read.act != act || read.valid != record.valid {
+            return Err(format!("the act of {agent} is not what its answer says"));
+        }
     }
-    Ok(())
+    Ok((agent, act))
 }
 
 /// The agents on the map, in order of their numbers.
@@ -341,13 +441,12 @@ pub fn living(world: &World) -> impl Iterator<Item = AgentId> + '_ {
 pub fn acts_of<'a>(
     config: &Config,
     records: impl IntoIterator<Item = &'a ActRecord>,
-) -> Result<Vec<Act>, String> {
+) -> Result<Vec<Act>, RoundFault> {
     let mut acts = vec![Act::default(); config.num_agents().into()];
     for record in records {
         let agent = AgentId::parse(&record.agent).filter(|agent| agent.index() < acts.len());
-        let agent = agent.ok_or_else(|| format!("there is no agent {:?}", record.agent))?;
-        acts[agent.index()] =
-            record.act(config).ok_or_else(|| format!("{agent} has an unknown act"))?;
+        let agent = agent.ok_or_else(|| RoundFault::NoAgent(record.agent.clone()))?;
+        acts[agent.index()] = record.act(config).ok_or(RoundFault::UnknownAct(agent))?;
     }
     Ok(acts)
 }

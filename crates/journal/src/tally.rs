@@ -1,6 +1,6 @@
 //! Acts, counted.
 
-use super::record::{ActRecord, Source};
+use super::record::{ActRecord, Source, Usage};
 
 /// What the acts of an episode were, in numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,14 +20,19 @@ pub struct Tally {
 impl Tally {
     /// Counts one more act.
     pub fn add(&mut self, record: &ActRecord) {
-        match record.source {
+        self.count(record.source, record.valid, record.usage);
+    }
+
+    /// Counts one more act by who decided it, whether it was valid, and what it cost.
+    pub fn count(&mut self, source: Source, valid: bool, usage: Option<Usage>) {
+        match source {
             Source::Clock => self.timeouts += 1,
             Source::Player => {
                 self.acts += 1;
-                self.invalid += u64::from(!record.valid);
+                self.invalid += u64::from(!valid);
             }
         }
-        let usage = record.usage.unwrap_or_default();
+        let usage = usage.unwrap_or_default();
         // Players may report any numbers; a sum that overflows saturates.
         let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
         add(&mut self.prompt_tokens, usage.prompt_tokens);

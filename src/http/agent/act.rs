@@ -4,7 +4,7 @@ use axum::Json as JsonBody;
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use swarmbench_engine::{Action, AgentId, Config, Control, Message, answer};
+use swarmbench_engine::{Act, Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
 use super::super::App;
@@ -16,7 +16,7 @@ use super::look::{Look, observation};
 use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
-use crate::journal::record::{self, ActRecord, Source};
+use crate::journal::record::{self, Decision, Source};
 use crate::wire::act::{ActRequest, ActResponse, Receipt};
 use crate::wire::problem::FieldProblem;
 
@@ -60,7 +60,7 @@ pub(in super::super) async fn post_act(
     // It may be large, and the wait long.
     drop(body);
     let given = outcomes.pop().ok_or_else(|| ApiError::new(Code::Internal, "no outcome"))??;
-    let receipt = receipt(&handle.id, given);
+    let receipt = receipt(&handle.id, agent, given);
     if params.wait.is_none() {
         return Ok(JsonBody(receipt).into_response());
     }
@@ -73,7 +73,7 @@ pub(in super::super) async fn post_act(
         }
         None => Ok(b"null".to_vec()),
     };
-    // So too where nobody has time to write what comes next.
+    // Also if no thread is free to write the next observation.
     let next = next.unwrap_or_else(|_| b"null".to_vec());
     Ok(json(with_field(&receipt, "obs", &next)))
 }
@@ -97,17 +97,22 @@ impl App {
 }
 
 /// A receipt as it is written.
-pub(in super::super) fn receipt(episode: &EpisodeId, receipt: lockstep::Receipt) -> Receipt {
-    let record = receipt.recorded.record;
+pub(in super::super) fn receipt(
+    episode: &EpisodeId,
+    agent: AgentId,
+    receipt: lockstep::Receipt,
+) -> Receipt {
+    let lockstep::Receipt { round, recorded, duplicate } = receipt;
+    let Decision { act, valid, .. } = &*recorded.decision;
     Receipt {
         episode: episode.to_string(),
-        agent: record.agent,
-        round: receipt.round,
-        action: record.action,
-        message: record.message,
-        valid: record.valid,
-        duplicate: receipt.duplicate,
-        waiting_for: receipt.recorded.waiting_for,
+        agent: agent.to_string(),
+        round,
+        action: act.action.map(|action| action.name().to_owned()),
+        message: act.message.as_ref().map(ToString::to_string),
+        valid: *valid,
+        duplicate,
+        waiting_for: recorded.waiting_for,
     }
 }
 
@@ -166,18 +171,15 @@ pub(in super::super) fn submission(
     }
     let message = request.message.as_deref().and_then(Message::new);
     let (act, valid) = match &request.response {
-        None => (swarmbench_engine::Act { action, message, to }, true),
+        None => (Act { action, message, to }, true),
         Some(response) => {
             let answer = answer::parse(response, config, agent);
             (answer.act, answer.valid)
         }
     };
-    let record = ActRecord {
-        agent: agent.to_string(),
+    let decision = Decision {
         source: Source::Player,
-        action: act.action.map(|action| action.name().to_owned()),
-        message: act.message.map(|message| message.to_string()),
-        to: act.to.map(|to| to.to_string()),
+        act,
         valid,
         response: request.response,
         usage: request.usage.map(|usage| record::Usage {
@@ -186,9 +188,8 @@ pub(in super::super) fn submission(
             latency_ms: usage.latency_ms,
         }),
         reasoning: request.reasoning,
-        bank_spent_ms: 0,
     };
-    Ok(Submission { round: request.round, record })
+    Ok(Submission { round: request.round, decision })
 }
 
 #[cfg(test)]
@@ -199,7 +200,7 @@ mod tests {
 
     use super::super::super::extract::{fields, read};
     use super::*;
-    use crate::journal::record::RawRecord;
+    use crate::journal::record::{ActRecord, RawRecord};
     use crate::wire::problem::Problem;
 
     /// What a field of a body may hold.
@@ -309,26 +310,27 @@ mod tests {
                 let is_object = value.is_ok_and(|value| value.is_object());
                 assert!(!is_object || !problem.fields.is_empty(), "it names what: {problem:?}");
             }
-            Ok(Submission { round, record }) => {
+            Ok(Submission { round, decision }) => {
                 let value = value.expect("JSON");
                 assert_eq!(value["round"], *round);
-                assert_eq!(record.agent, agent.to_string());
-                assert_eq!(record.source, Source::Player);
+                assert_eq!(decision.source, Source::Player);
                 assert_ne!(value["action"].is_string(), value["response"].is_string());
-                assert!(record.valid || value["response"].is_string());
-                assert_eq!(record.response.as_deref(), value["response"].as_str());
-                assert_eq!(record.reasoning.as_deref(), value["reasoning"].as_str());
-                // What is kept of it can be played, and reads back as it was taken.
-                let act = record.act(config).expect("an act that the engine knows");
-                if let Some(response) = &record.response {
-                    assert_eq!(answer::parse(response, config, agent).act, act);
+                assert!(decision.valid || value["response"].is_string());
+                assert_eq!(decision.response.as_deref(), value["response"].as_str());
+                assert_eq!(decision.reasoning.as_deref(), value["reasoning"].as_str());
+                let act = &decision.act;
+                if let Some(response) = &decision.response {
+                    assert_eq!(answer::parse(response, config, agent).act, *act);
                 } else {
-                    assert_eq!(record.action.as_deref(), value["action"].as_str());
+                    assert_eq!(act.action.map(Action::name), value["action"].as_str());
                     assert_eq!(act.message, value["message"].as_str().and_then(Message::new));
                 }
                 assert!(act.to.is_none_or(|to| to != agent && to.0 < config.num_agents()));
-                let kept: ActRecord = RawRecord::write(record).read().expect("a record");
-                assert_eq!(kept, *record);
+                // The engine knows what is recorded of it, and it reads back as it was taken.
+                let record = RawRecord::write(&decision.record(agent, 7));
+                let read: ActRecord = record.read().expect("a record");
+                assert_eq!((read.agent.as_str(), read.bank_spent_ms), (&*agent.to_string(), 7));
+                assert_eq!(read.decision(config).as_ref(), Some(decision));
             }
         }
         taken

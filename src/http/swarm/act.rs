@@ -100,7 +100,7 @@ struct Envelope {
     acts: Acts,
 }
 
-/// The acts that are kept; further ones are counted.
+/// Acts that are read at most; further ones are only counted.
 const ACTS_KEPT: usize = 4096;
 
 /// The acts of a body, and how many came.
@@ -189,9 +189,11 @@ async fn submit(group: Group) -> Vec<(usize, SwarmReceipt)> {
     if submissions.is_empty() {
         return Vec::new();
     }
-    let outcomes = handle.submit(submissions).await.into_iter().map(|outcome| match outcome {
-        Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, given)),
+    let agents: Vec<AgentId> = submissions.iter().map(|(agent, _)| *agent).collect();
+    let outcomes = handle.submit(submissions).await.into_iter().zip(agents);
+    let receipts = outcomes.map(|(outcome, agent)| match outcome {
+        Ok(given) => SwarmReceipt::Receipt(receipt(&handle.id, agent, given)),
         Err(error) => SwarmReceipt::Problem(ApiError::from(error).problem()),
     });
-    places.into_iter().zip(outcomes).collect()
+    places.into_iter().zip(receipts).collect()
 }

@@ -15,7 +15,7 @@ use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{EpisodeId, Token, TokenKind};
-use swarmbench::journal::record::ActRecord;
+use swarmbench::journal::record::Decision;
 use swarmbench::journal::{
     Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
 };
@@ -25,7 +25,7 @@ use swarmbench::run::new_id;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::work::Workers;
-use swarmbench_engine::{Act, Action, AgentId, Config, Settings};
+use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 
 use crate::app::TestApp;
 use crate::game;
@@ -378,14 +378,16 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
 /// Acts for all agents; anything but an action is an invalid answer of a language model.
 async fn submit(handle: &Handle, round: u32, actions: &[&str]) {
     let act = |(number, action): (u16, &&str)| {
-        let is_action = ["SWITCH", "STAY"].contains(action);
-        let record = ActRecord {
-            action: is_action.then(|| (*action).to_owned()),
-            valid: is_action,
-            response: (!is_action).then(|| (*action).to_owned()),
-            ..game::record(AgentId(number), Act::of(Action::Stay))
+        let action = Action::parse(TaskName::Synchronization, action).ok_or(*action);
+        let decision = match action {
+            Ok(action) => Decision::of_player(Act::of(action)),
+            Err(answer) => Decision {
+                valid: false,
+                response: Some(answer.to_owned()),
+                ..Decision::of_player(Act::default())
+            },
         };
-        (AgentId(number), Submission { round, record })
+        (AgentId(number), Submission { round, decision })
     };
     let outcomes = handle.submit((0..).zip(actions).map(act).collect()).await;
     for outcome in outcomes {

@@ -2,7 +2,7 @@
 
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{ActError, ClaimError, Claimed, StartError};
-use swarmbench::episode::lockstep::{Receipt, Refusal, Submission};
+use swarmbench::episode::lockstep::{Receipt, RecordedAct, Refusal, Submission};
 use swarmbench::episode::quota::{ACT_BYTES_ALWAYS, Full};
 use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
@@ -187,15 +187,18 @@ impl Checker {
         let name = format!("{}: {agent} in round {}", sent.id, submission.round);
         let acked = self.acked.get(&place);
         let known_before = acked.is_some_and(|acked| acked.moment < sent.moment);
-        let is_same_as_acked =
-            acked.is_some_and(|acked| same(&acked.recorded.record, &submission.record));
+        let is_same = |recorded: &RecordedAct| {
+            let (sent, kept) = (&submission.decision, &recorded.decision);
+            kept.act == sent.act && kept.response == sent.response
+        };
+        let is_same_as_acked = acked.is_some_and(|acked| is_same(&acked.recorded));
         match outcome {
             Ok(receipt) => {
                 let stable = Invariant::StableReceipts;
                 let recorded = &receipt.recorded;
                 let fits = receipt.round == submission.round
-                    && same(&recorded.record, &submission.record)
-                    && recorded.record.source == Source::Player;
+                    && is_same(recorded)
+                    && recorded.decision.source == Source::Player;
                 self.check(stable, fits, || format!("{name} got the receipt of another act"));
                 let acked = self.acked.get(&place);
                 let is_stable = acked.is_none_or(|acked| {
@@ -205,7 +208,7 @@ impl Checker {
                 self.check(stable, is_stable, || format!("{name} got another receipt"));
                 let kept = self.episodes.get(&key).and_then(|e| e.act(place.1, agent));
                 let is_kept = kept.is_some_and(|kept| {
-                    kept.record == recorded.record && kept.waiting_for == recorded.waiting_for
+                    kept.raw == recorded.record && kept.waiting_for == recorded.waiting_for
                 });
                 self.check(Invariant::Durable, is_kept, || {
                     format!("{name} got a receipt for nothing")
@@ -257,7 +260,7 @@ impl Checker {
             Refusal::RoundAhead { sent, round } => ("refused: round_ahead", sent >= round),
             Refusal::AlreadyActed { .. } => (
                 "refused: already_acted",
-                kept.is_some_and(|kept| !same(&kept.record, &submission.record)),
+                kept.is_some_and(|kept| !same(&kept.record, &submission.decision.record(agent, 0))),
             ),
             Refusal::EpisodeOver { escaped: false, .. } => {
                 ("refused: episode_over", episode.end.is_some() && !had_acted)
@@ -270,7 +273,7 @@ impl Checker {
                 ("refused: round_over", (episode.round() > sent || ran_out) && !had_acted)
             }
             Refusal::NoRoom { .. } => {
-                ("refused: no_room", submission.record.text_bytes() > ACT_BYTES_ALWAYS)
+                ("refused: no_room", submission.decision.text_bytes() > ACT_BYTES_ALWAYS)
             }
         };
         self.stats.count(what, 1);

@@ -38,7 +38,7 @@ pub(super) fn asked(request: &Request) -> String {
         Request::Create(spec, owner) => format!("create {:?} of {owner:?}", spec.config.settings()),
         Request::Send(acts) => {
             let brief = |(agent, act): &(AgentId, swarmbench::episode::lockstep::Submission)| {
-                format!("{agent} round {} {:?}", act.round, act.record.action)
+                format!("{agent} round {} {:?}", act.round, act.decision.act.action)
             };
             format!("send {:?}", acts.iter().map(brief).collect::<Vec<_>>())
         }

@@ -1,0 +1,256 @@
+//! An episode as the rest of the server uses it.
+
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+
+use jiff::Timestamp;
+use swarmbench_engine::{AgentId, World};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
+
+use super::super::in_flight::InFlightLimit;
+use super::super::keyframes::Keyframes;
+use super::super::lockstep::{RecordedAct, Submission};
+use super::super::snapshot::Snapshot;
+use super::super::spec::Spec;
+use super::mailbox::{
+    ActError, Batch, Claim, ClaimError, Claimed, Earlier, Envelope, Message, Outcomes, Reply, Sent,
+    StartError,
+};
+use super::times::Times;
+use crate::budget::Reservation;
+use crate::clock::Clock;
+use crate::fair::{Group, Party};
+use crate::ids::EpisodeId;
+use crate::journal::{Entry, EpisodeKey, Journal, JournalError, RunKey};
+use crate::keys::OwnerKey;
+
+/// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
+pub(super) const COMMANDS_WAITING_MAX: usize = 64;
+
+/// An episode as others see it. Cloning shares it.
+#[derive(Clone)]
+pub struct Handle(pub(super) Arc<Running>);
+
+/// See [`Handle`].
+pub struct Running {
+    /// Its public id.
+    pub id: EpisodeId,
+    /// Its number in the journal.
+    pub key: EpisodeKey,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, if any.
+    pub run: Option<RunKey>,
+    /// For whom its work is done.
+    pub party: Party,
+    /// What it is.
+    pub spec: Arc<Spec>,
+    /// When it was created.
+    pub created_at: Timestamp,
+    pub(super) clock: Arc<dyn Clock>,
+    pub(super) journal: Arc<dyn Journal>,
+    pub(super) mailbox: mpsc::UnboundedSender<Envelope>,
+    /// Bounds the acts in the mailbox.
+    pub(super) in_flight: Arc<InFlightLimit>,
+    /// Bounds everything else in it.
+    pub(super) commands: Semaphore,
+    /// Serializes the lookups of acts of rounds that are over, so that one episode does not occupy all
+    /// connections to the database.
+    pub(super) lookups: tokio::sync::Mutex<()>,
+    pub(super) hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
+    pub(super) published: watch::Receiver<Arc<Snapshot>>,
+    pub(super) keyframes: Arc<Mutex<Keyframes>>,
+    pub(super) ends_at: Arc<AtomicI64>,
+    pub(super) times: Arc<Times>,
+    /// The memory that it takes; free again with the last handle.
+    pub(super) memory: Arc<Reservation>,
+    pub(super) gone: CancellationToken,
+}
+
+impl std::ops::Deref for Handle {
+    type Target = Running;
+
+    fn deref(&self) -> &Running {
+        &self.0
+    }
+}
+
+impl Handle {
+    /// The state that is published now.
+    #[must_use]
+    pub fn snapshot(&self) -> Arc<Snapshot> {
+        Arc::clone(&self.published.borrow())
+    }
+
+    /// Follows what is published.
+    #[must_use]
+    pub fn follow(&self) -> watch::Receiver<Arc<Snapshot>> {
+        self.published.clone()
+    }
+
+    /// Acts for several seats; the outcomes come in the same order, once they are durable.
+    pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
+        let at = self.clock.now();
+        let round = self.snapshot().world.round();
+        let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
+        let (mut permits, refused) = self.in_flight.take(acts.iter().map(|(agent, _)| *agent));
+        let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
+            .filter(|(_, (agent, _))| !refused.contains(agent))
+            .map(|(place, (agent, submission))| Sent {
+                place,
+                agent,
+                submission,
+                earlier: Earlier::Unknown,
+            })
+            .partition(|sent| sent.submission.round >= round);
+        let permits_of_now = permits.split(now.iter().map(|sent| sent.agent));
+        // What may decide a round does not wait for anything.
+        let late =
+            self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
+        if !late.is_empty()
+            && let Err(error) = self.journal.keep(Vec::new()).await
+        {
+            // Their rounds were on the way to the disk: what is found must include them.
+            for sent in &late {
+                outcomes[sent.place] = Err(error.clone().into());
+            }
+            return outcomes;
+        }
+        let mut batch = Batch { acts: Vec::new(), permits };
+        for mut sent in past.into_iter().chain(late) {
+            match self.earlier(&sent).await {
+                Ok(earlier) => {
+                    sent.earlier = Earlier::Found(earlier);
+                    batch.acts.push(sent);
+                }
+                Err(error) => outcomes[sent.place] = Err(error.into()),
+            }
+        }
+        self.send_batch(at, batch, &mut outcomes).await;
+        outcomes
+    }
+
+    /// Hands acts to the actor and notes their outcomes; returns those that came too late for that.
+    async fn send_batch(&self, at: Timestamp, batch: Batch, outcomes: &mut Outcomes) -> Vec<Sent> {
+        if batch.acts.is_empty() {
+            return Vec::new();
+        }
+        let places: Vec<usize> = batch.acts.iter().map(|sent| sent.place).collect();
+        let (reply, replies) = oneshot::channel();
+        // Without an actor the reply is dropped.
+        drop(self.mailbox.send((at, Message::Submit { batch, reply })));
+        let Ok(replies) = replies.await else {
+            for place in places {
+                outcomes[place] = Err(gone().into());
+            }
+            return Vec::new();
+        };
+        let mut late = Vec::new();
+        for (place, reply) in replies {
+            match reply {
+                Reply::Outcome(outcome) => outcomes[place] = outcome,
+                Reply::Late(sent) => late.push(sent),
+            }
+        }
+        late
+    }
+
+    /// What a seat did in a round that is over and durable.
+    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, JournalError> {
+        let _lookup = self.lookups.lock().await;
+        let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
+        let recorded = act.map(|act| RecordedAct::stored(act, &self.spec.config)).transpose();
+        recorded.map_err(|problem| JournalError(problem.into()))
+    }
+
+    /// Claims open seats; they are durable when this returns. With the last open seat the episode
+    /// starts, unless its creator wants to start it.
+    ///
+    /// # Errors
+    /// Where they have holders, the episode has ended, or that could not be stored.
+    pub async fn claim(&self, claim: Claim) -> Result<Claimed, ClaimError> {
+        self.command(|reply| Message::Claim { claim: Box::new(claim), reply }).await
+    }
+
+    /// Starts a waiting episode; one that has started is left as it is.
+    ///
+    /// # Errors
+    /// Where seats are open, or that could not be stored.
+    pub async fn start(&self) -> Result<(), StartError> {
+        self.command(|reply| Message::Start { reply }).await
+    }
+
+    /// Aborts the episode; one that has ended is left as it is.
+    ///
+    /// # Errors
+    /// Where that could not be stored.
+    pub async fn abort(&self) -> Result<(), JournalError> {
+        self.abort_with(Vec::new()).await
+    }
+
+    /// Aborts the episode and stores audit entries in the same transaction; nothing where it has ended.
+    ///
+    /// # Errors
+    /// Where that could not be stored.
+    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
+        self.command(|reply| Message::Abort { audit_entries, reply }).await
+    }
+
+    async fn command<T, E: From<JournalError>>(
+        &self,
+        message: impl FnOnce(oneshot::Sender<Result<T, E>>) -> Message,
+    ) -> Result<T, E> {
+        let _permit = self.commands.acquire().await;
+        let (reply, done) = oneshot::channel();
+        drop(self.mailbox.send((self.clock.now(), message(reply))));
+        done.await.unwrap_or_else(|_| Err(gone().into()))
+    }
+
+    /// The seats that the server plays, with the names of the players; none before the start.
+    #[must_use]
+    pub fn hosted(&self) -> &[(AgentId, String)] {
+        self.hosted.get().map_or(&[], Vec::as_slice)
+    }
+
+    /// The latest keyframe of round `round` or before.
+    #[must_use]
+    pub fn keyframe(&self, round: u32) -> Arc<World> {
+        self.keyframes.lock().expect("nothing panics while it holds this").before(round)
+    }
+
+    /// When the episode ends unless there is a request.
+    pub(in super::super) fn ends_at(&self) -> Timestamp {
+        Timestamp::from_millisecond(self.ends_at.load(Ordering::Acquire)).unwrap_or(Timestamp::MAX)
+    }
+
+    /// Its times, which outlive it in the registry.
+    pub(in super::super) fn times(&self) -> Arc<Times> {
+        Arc::clone(&self.times)
+    }
+
+    /// The group to whose share its memory belongs, if to any.
+    pub(in super::super) fn memory_group(&self) -> Option<Group> {
+        self.memory.group()
+    }
+
+    /// Cancelled when the actor has ended and hands nothing more to the journal.
+    pub(in super::super) fn gone(&self) -> CancellationToken {
+        self.gone.clone()
+    }
+
+    /// Whether its actor has ended though the episode has not: after an entry was refused, or a fault.
+    pub(crate) fn is_dead(&self) -> bool {
+        self.gone.is_cancelled() && !self.snapshot().status.is_over()
+    }
+
+    /// Whether there are other handles.
+    pub(in super::super) fn is_shared(&self) -> bool {
+        Arc::strong_count(&self.0) > 1
+    }
+}
+
+/// The error of a request that the actor no longer answers.
+pub(super) fn gone() -> JournalError {
+    JournalError("the episode has stopped".into())
+}

@@ -1,0 +1,704 @@
+//! One task an episode: it performs the effects of [`lockstep`](super::lockstep).
+//!
+//! Only the actor steps the engine. What an event leads to goes to the journal in one piece: an act,
+//! and with the last act of a round the resolved round and perhaps the end. The commit that holds it
+//! publishes the new state and then sends the receipts, so a client with a receipt finds the state that
+//! goes with it, and nothing is shown or acknowledged that could be lost.
+
+mod commit;
+mod handle;
+mod host;
+mod mailbox;
+mod times;
+
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::time::Duration;
+
+use futures::future::BoxFuture;
+use jiff::Timestamp;
+use swarmbench_engine::{AgentId, World};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
+use tokio_util::sync::{CancellationToken, DropGuard};
+
+use super::heavy::{self, off_thread, step_micros};
+use super::in_flight::InFlightLimit;
+use super::keyframes::Keyframes;
+use super::lockstep::{Effect, Event, Lockstep, RecordedAct};
+use super::memory;
+use super::seating::{SeatTaken, Seating, Wanted};
+use super::snapshot::Snapshot;
+use super::spec::{Spec, Visibility};
+use super::status::{Ending, Status};
+use crate::budget::Reservation;
+use crate::clock::{Clock, after};
+use crate::fair::{Party, Rank};
+use crate::ids::EpisodeId;
+use crate::journal::chain::Head;
+use crate::journal::record::{End, RawRecord, Source, end_record, round_record};
+use crate::journal::{
+    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, JournalError, RoundRow, RunKey,
+    SeatingRow, Tally, TokenRow,
+};
+use crate::keys::OwnerKey;
+use crate::work::Cancelled;
+use commit::AfterCommit;
+use handle::{COMMANDS_WAITING_MAX, gone};
+pub use handle::{Handle, Running};
+pub use host::{Host, Spawn};
+pub use mailbox::{ActError, Claim, ClaimError, Claimed, Outcomes, StartError};
+use mailbox::{Batch, Earlier, Envelope, Message, Reply, Sent};
+pub(super) use times::Times;
+
+/// Bytes of text that are written to a round's record, and hashed, in a microsecond.
+const TEXT_BYTES_PER_MICRO: u64 = 100;
+
+/// Bytes of texts whose records an actor writes in one piece, before others have their turn on its thread.
+const PIECE_BYTES: u64 = 256 * 1024;
+
+/// After how long an actor looks at the time of day again, where something waits for it.
+const LOOKS_AGAIN_AFTER: Duration = Duration::from_secs(10);
+
+/// An episode that is about to run.
+pub(super) struct EpisodeInit {
+    pub(super) id: EpisodeId,
+    pub(super) key: EpisodeKey,
+    pub(super) owner: Option<OwnerKey>,
+    pub(super) run: Option<RunKey>,
+    pub(super) party: Party,
+    pub(super) spec: Arc<Spec>,
+    pub(super) created_at: Timestamp,
+    pub(super) times: Arc<Times>,
+    pub(super) world: Arc<World>,
+    pub(super) head: Head,
+    pub(super) lockstep: Lockstep,
+    pub(super) keyframes: Keyframes,
+    /// When its newest record came.
+    pub(super) newest_at: Timestamp,
+    /// Bytes that its acts take in the journal.
+    pub(super) bytes: u64,
+    /// What its acts were.
+    pub(super) tally: Tally,
+    /// Who holds which seat, where that is not simply the creator.
+    pub(super) seating: Option<Seating>,
+}
+
+/// Starts the actor of an episode.
+pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> Handle {
+    note_time_of_day(&mut init.lockstep, &init.spec, &*host.clock);
+    let (mailbox, messages) = mpsc::unbounded_channel();
+    match init.lockstep.outcome() {
+        None => host.quotas.note(init.key, Party::of_key(init.owner)),
+        // It may have been counted from a list that was older than its end.
+        Some(_) => host.quotas.release(init.key),
+    }
+    let memory = Arc::new(memory);
+    let weight = Arc::downgrade(&memory);
+    let keyframe_bytes = init.keyframes.bytes();
+    let keyframes = Arc::new(Mutex::new(init.keyframes));
+    let ends_at = ends_at(&init.lockstep, &*host.clock).as_millisecond();
+    let ends_at = Arc::new(AtomicI64::new(ends_at));
+    let snapshot = Snapshot::new(&init.lockstep, &init.world, init.head);
+    snapshot.set_opened(init.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
+    let latest = Arc::clone(&snapshot);
+    let (publish, published) = watch::channel(snapshot);
+    let gone = CancellationToken::new();
+    let hosted = Arc::new(OnceLock::new());
+    if let Some(seating) = init.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
+        hosted.get_or_init(|| seating.hosted());
+    }
+    memory.resize(memory::of_episode(&init.world, keyframe_bytes, hosted_max(&hosted, &init.spec)));
+    let handle = Handle(Arc::new(Running {
+        id: init.id.clone(),
+        key: init.key,
+        owner: init.owner,
+        run: init.run,
+        party: init.party,
+        spec: Arc::clone(&init.spec),
+        created_at: init.created_at,
+        clock: Arc::clone(&host.clock),
+        journal: Arc::clone(&host.journal),
+        mailbox,
+        in_flight: InFlightLimit::new(init.spec.config.num_agents()),
+        commands: Semaphore::new(COMMANDS_WAITING_MAX),
+        lookups: tokio::sync::Mutex::new(()),
+        published,
+        keyframes: Arc::clone(&keyframes),
+        ends_at: Arc::clone(&ends_at),
+        times: Arc::clone(&init.times),
+        hosted: Arc::clone(&hosted),
+        memory,
+        gone: gone.clone(),
+    }));
+    if init.spec.may_be_hosted() && !latest.status.is_over() {
+        // The receiver is gone if hosted seats are not played.
+        _ = host.hosted.send(handle.clone());
+    }
+    let has_clients = !init.spec.is_all_hosted();
+    let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
+    let actor = Actor {
+        host,
+        id: init.id,
+        key: init.key,
+        run: init.run,
+        party: init.party,
+        spec: init.spec,
+        world: init.world,
+        head: init.head,
+        lockstep: init.lockstep,
+        newest_at: init.newest_at,
+        newest_running: Timestamp::MIN,
+        bytes: init.bytes,
+        tally: init.tally,
+        seating: init.seating,
+        ahead: Vec::new(),
+        hosted,
+        keyframes,
+        memory: weight,
+        ends_at,
+        times: init.times,
+        publish,
+        latest,
+        failed: CancellationToken::new(),
+        _gone: gone.drop_guard(),
+    };
+    let actor: BoxFuture<'static, ()> = Box::pin(actor.run(messages));
+    if has_clients {
+        spawn(actor);
+    } else {
+        workers.spawn_in_background(actor).unwrap_or_else(|actor| spawn(actor));
+    }
+    handle
+}
+
+/// How many seats the server plays: before the start, how many it may.
+fn hosted_max(hosted: &OnceLock<Vec<(AgentId, String)>>, spec: &Spec) -> usize {
+    hosted.get().map_or_else(|| spec.hosted_max(), Vec::len)
+}
+
+/// Passes the time of day to the barrier, which goes by the running time: while it is in doubt nothing is
+/// closed or abandoned.
+fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
+    let is_in_doubt = clock.doubt().is_some();
+    let closes_at = spec.closes_at.filter(|_| !is_in_doubt).map(|at| clock.running_at(at));
+    lockstep.note_time_of_day(closes_at, is_in_doubt);
+}
+
+/// When the episode ends unless there is a request, or when that has to be checked again.
+fn ends_at(lockstep: &Lockstep, clock: &dyn Clock) -> Timestamp {
+    if lockstep.is_held() { after(clock.now(), LOOKS_AGAIN_AFTER) } else { lockstep.ends_at() }
+}
+
+struct Actor {
+    host: Host,
+    id: EpisodeId,
+    key: EpisodeKey,
+    run: Option<RunKey>,
+    party: Party,
+    spec: Arc<Spec>,
+    world: Arc<World>,
+    head: Head,
+    lockstep: Lockstep,
+    /// When its newest record came, by the time of day, which may be set back; records never go back.
+    newest_at: Timestamp,
+    /// The same by the running time, of the records of this actor.
+    newest_running: Timestamp,
+    bytes: u64,
+    tally: Tally,
+    seating: Option<Seating>,
+    /// Entries to be recorded before those of the next effects.
+    ahead: Vec<Entry>,
+    hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
+    keyframes: Arc<Mutex<Keyframes>>,
+    /// The memory that the episode takes, as long as there are handles to it.
+    memory: Weak<Reservation>,
+    ends_at: Arc<AtomicI64>,
+    times: Arc<Times>,
+    publish: watch::Sender<Arc<Snapshot>>,
+    /// The state that is published, or will be once it is durable.
+    latest: Arc<Snapshot>,
+    /// Cancelled once a commit failed: the state in memory is then ahead of the disk for ever.
+    failed: CancellationToken,
+    _gone: DropGuard,
+}
+
+impl Actor {
+    async fn run(mut self, mut messages: mpsc::UnboundedReceiver<Envelope>) {
+        let mut published = self.publish.subscribe();
+        let failed = self.failed.clone();
+        self.resume().await;
+        loop {
+            note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
+            let wake = self.wakes_at();
+            let clock = Arc::clone(&self.host.clock);
+            let tick = async {
+                match wake {
+                    Some(at) => clock.sleep_until(at).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                biased;
+                () = failed.cancelled() => return,
+                message = messages.recv() => match message {
+                    Some((at, message)) => self.take(at, message).await,
+                    None => return,
+                },
+                // A round was opened: its clock runs.
+                _ = published.changed() => self.note_opening(),
+                () = tick => {
+                    let now = self.host.clock.now();
+                    self.note_opening();
+                    let effects = self.tick(now);
+                    if !effects.is_empty() || !self.ahead.is_empty() {
+                        self.perform(now, effects, |_| {}).await;
+                    }
+                }
+            }
+        }
+    }
+
+    /// When the next timer of the episode expires.
+    fn wakes_at(&self) -> Option<Timestamp> {
+        let fills_at = self.seating.as_ref().and_then(Seating::fills_at);
+        let fills_at = fills_at.filter(|_| self.lockstep.status() == Status::Waiting);
+        [self.lockstep.wakes_at(), fills_at, self.looks_again_at()].into_iter().flatten().min()
+    }
+
+    /// When to look at the time of day again, where something waits for it: it may be in doubt, and set.
+    fn looks_again_at(&self) -> Option<Timestamp> {
+        let rests_on_it = match self.lockstep.status() {
+            Status::Waiting => self.lockstep.is_held() || self.spec.closes_at.is_some(),
+            Status::Running => self.lockstep.is_held(),
+            Status::Finished | Status::Aborted | Status::Abandoned => false,
+        };
+        rests_on_it.then(|| after(self.host.clock.now(), LOOKS_AGAIN_AFTER))
+    }
+
+    /// What is due now: clocks run out, open seats are filled.
+    fn tick(&mut self, now: Timestamp) -> Vec<Effect> {
+        let mut effects = self.apply(now, Event::Tick);
+        if self.lockstep.status() == Status::Waiting
+            && let Some((holder, agents)) =
+                self.seating.as_mut().and_then(|seating| seating.fill(now))
+        {
+            let entry = self.claim_entry(holder, agents, Vec::new(), None);
+            self.ahead.push(entry);
+            effects.extend(self.start_if_seated(now));
+        }
+        effects
+    }
+
+    /// Starts an episode that waited for nothing but its last seat.
+    fn start_if_seated(&mut self, at: Timestamp) -> Vec<Effect> {
+        let is_seated = self.seating.as_ref().is_none_or(|seating| seating.count_open() == 0);
+        if !is_seated || self.spec.manual_start {
+            return Vec::new();
+        }
+        let mut effects = self.apply(at, Event::Start);
+        effects.extend(self.end_if_solved(at));
+        effects
+    }
+
+    /// Notes in the barrier when the open round was published.
+    fn note_opening(&mut self) {
+        let snapshot = Arc::clone(&self.publish.borrow());
+        if let Some(at) = snapshot.opened_at()
+            && snapshot.world.round() == self.lockstep.round()
+            && snapshot.status == self.lockstep.status()
+        {
+            self.apply(at, Event::Opened { at });
+        }
+    }
+
+    /// Passes an event with its time to the barrier.
+    fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
+        note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
+        let effects = self.lockstep.apply(at, event);
+        self.note_end();
+        effects
+    }
+
+    /// Publishes when the episode ends unless there is a request.
+    fn note_end(&self) {
+        let ends_at = ends_at(&self.lockstep, &*self.host.clock);
+        self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
+    }
+
+    /// Resumes before the first event: ends a layout that is solved already, or resolves a round whose
+    /// acts were all stored before a restart.
+    async fn resume(&mut self) {
+        let now = self.host.clock.now();
+        let mut effects = self.lockstep.close();
+        effects.extend(self.end_if_solved(now));
+        if !effects.is_empty() {
+            self.perform(now, effects, |_| {}).await;
+        }
+    }
+
+    /// A layout can be solved before the first round; nobody can act in it.
+    fn end_if_solved(&mut self, at: Timestamp) -> Vec<Effect> {
+        if self.lockstep.status() == Status::Running && self.world.is_over() {
+            return self.apply(at, Event::Done);
+        }
+        Vec::new()
+    }
+
+    async fn take(&mut self, at: Timestamp, message: Message) {
+        match message {
+            Message::Submit { batch, reply } => self.submit(at, batch, reply).await,
+            Message::Start { reply } => {
+                let open = self.seating.as_ref().map_or(0, Seating::count_open);
+                if self.lockstep.status() == Status::Waiting && open > 0 {
+                    let refused = move |result: Result<(), JournalError>| {
+                        drop(reply.send(Err(
+                            result.err().map_or(StartError::SeatsOpen(open), Into::into),
+                        )));
+                    };
+                    return self.perform(at, Vec::new(), refused).await;
+                }
+                let mut effects = self.apply(at, Event::Start);
+                effects.extend(self.end_if_solved(at));
+                self.perform_for(at, effects, (), reply).await;
+            }
+            Message::Abort { audit_entries, reply } => {
+                let effects = self.apply(at, Event::Abort);
+                if !effects.is_empty() {
+                    self.ahead.extend(audit_entries);
+                }
+                self.perform_for(at, effects, (), reply).await;
+            }
+            Message::Claim { claim, reply } => {
+                let mut effects = self.tick(at);
+                match self.claim(at, *claim) {
+                    Ok(claimed) => {
+                        effects.extend(self.start_if_seated(at));
+                        self.perform_for(at, effects, claimed, reply).await;
+                    }
+                    Err(refused) => {
+                        // The claim that has the seats may still be on its way to the disk.
+                        let refuse = |result: Result<(), JournalError>| {
+                            drop(reply.send(Err(result.err().map_or(refused, Into::into))));
+                        };
+                        self.perform(at, effects, refuse).await;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Performs effects and sends the result to the caller, who may be gone.
+    async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
+        &mut self,
+        at: Timestamp,
+        effects: Vec<Effect>,
+        outcome: T,
+        reply: oneshot::Sender<Result<T, E>>,
+    ) {
+        let answer = |result: Result<(), JournalError>| {
+            drop(reply.send(result.map(|()| outcome).map_err(E::from)));
+        };
+        self.perform(at, effects, answer).await;
+    }
+
+    /// Assigns open seats to a claim.
+    fn claim(&mut self, at: Timestamp, claim: Claim) -> Result<Claimed, ClaimError> {
+        let Claim { holder, wanted, seats, swarm, idempotency } = claim;
+        if self.lockstep.outcome().is_some() {
+            return Err(ClaimError::Over);
+        }
+        let none_open = match wanted {
+            Wanted::Seat(agent) => SeatTaken::Seat(agent),
+            Wanted::Any(wanted) => SeatTaken::Few { open: 0, wanted },
+        };
+        let seating = self.seating.as_mut().ok_or(none_open)?;
+        let (holder, agents) = seating.claim(wanted, Holder { at, ..holder })?;
+        let number = holder.number;
+        let of = |agent, hash| TokenRow { hash, agent, holder: Some(number) };
+        let seats = agents.iter().zip(seats).map(|(agent, hash)| of(Some(*agent), hash));
+        let tokens = seats.chain([of(None, swarm)]).collect();
+        let entry = self.claim_entry(holder, agents.clone(), tokens, idempotency);
+        self.ahead.push(entry);
+        Ok(Claimed { number, agents })
+    }
+
+    fn claim_entry(
+        &mut self,
+        holder: Holder,
+        agents: Vec<AgentId>,
+        tokens: Vec<TokenRow>,
+        idempotency: Option<(String, [u8; 32])>,
+    ) -> Entry {
+        let episode = self.key;
+        let holder = Holder { at: self.stamp(holder.at), ..holder };
+        Entry::Claim(Box::new(ClaimRow { episode, holder, agents, tokens, idempotency }))
+    }
+
+    async fn submit(
+        &mut self,
+        at: Timestamp,
+        batch: Batch,
+        reply: oneshot::Sender<Vec<(usize, Reply)>>,
+    ) {
+        self.note_opening();
+        let mut effects = Vec::new();
+        let mut replies: Vec<(usize, Reply)> = Vec::with_capacity(batch.acts.len());
+        let mut used = self.bytes;
+        let mut piece_bytes = 0;
+        let Batch { acts, permits } = batch;
+        for sent in acts {
+            if sent.submission.round < self.world.round()
+                && matches!(sent.earlier, Earlier::Unknown)
+            {
+                replies.push((sent.place, Reply::Late(sent)));
+                continue;
+            }
+            let Sent { place, agent, submission, earlier } = sent;
+            let earlier = match earlier {
+                Earlier::Found(earlier) => earlier,
+                Earlier::Unknown => None,
+            };
+            let text_bytes = submission.decision.text_bytes();
+            let room = self.host.quotas.check_act(self.key, used, text_bytes, at);
+            for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
+                match effect {
+                    Effect::Answer(answer) => {
+                        replies.push((place, Reply::Outcome(answer.map_err(ActError::from))));
+                    }
+                    other => {
+                        used +=
+                            if matches!(other, Effect::KeepAct { .. }) { text_bytes } else { 0 };
+                        effects.push(other);
+                    }
+                }
+            }
+            piece_bytes += text_bytes;
+            if piece_bytes > PIECE_BYTES {
+                piece_bytes = 0;
+                tokio::task::yield_now().await;
+            }
+        }
+        self.perform(at, effects, |result| {
+            // Nothing is acknowledged that may be lost, not even for the second time; and nothing
+            // is refused because of something that may be lost.
+            if let Err(error) = result {
+                for (_, reply) in &mut replies {
+                    *reply = Reply::Outcome(Err(error.clone().into()));
+                }
+            }
+            drop(reply.send(replies));
+            drop(permits);
+        })
+        .await;
+    }
+
+    /// Performs effects of an event at `at`: queues all entries as one job; `then` is called once it, and all
+    /// that was queued before, is durable and published.
+    async fn perform(
+        &mut self,
+        at: Timestamp,
+        effects: Vec<Effect>,
+        then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
+    ) {
+        // The acts belong to the latest state, which may still be on its way to be published.
+        let open = Arc::clone(&self.latest);
+        let mut entries = std::mem::take(&mut self.ahead);
+        let mut acted = Vec::new();
+        let mut opens = false;
+        let bytes_before = self.bytes;
+        for effect in effects {
+            match effect {
+                Effect::KeepStart => {
+                    entries.extend(self.seating_entry());
+                    let at = self.stamp(at);
+                    entries.push(Entry::Start { episode: self.key, at });
+                }
+                Effect::KeepAct { agent, recorded } => {
+                    acted.push((agent, kind(&recorded)));
+                    entries.push(self.act_entry(at, agent, recorded));
+                }
+                Effect::Resolve => {
+                    if let Err(error) = self.resolve(&mut entries).await {
+                        tracing::error!(episode = %self.id, %error, "a round was not resolved");
+                        self.host.quotas.release_bytes(self.key, self.bytes - bytes_before);
+                        self.failed.cancel();
+                        then(Err(error));
+                        return;
+                    }
+                    opens = true;
+                }
+                Effect::End(ending) => {
+                    entries.push(self.end_entry(ending));
+                    opens = true;
+                }
+                Effect::Publish => opens = true,
+                Effect::Answer(_) => unreachable!("answers are taken where the event is made"),
+            }
+        }
+        let next = opens.then(|| Snapshot::new(&self.lockstep, &self.world, self.head));
+        if let Some(next) = &next {
+            self.latest = Arc::clone(next);
+        }
+        let after_commit = AfterCommit {
+            open,
+            acted,
+            next,
+            times: Arc::clone(&self.times),
+            last_act_at: self.lockstep.last_act_at(),
+            episode: self.id.clone(),
+            key: self.key,
+            run: self.run,
+            is_sealed: self.spec.visibility == Visibility::Sealed,
+        };
+        let (host, publish) = (self.host.clone(), self.publish.clone());
+        let (key, bytes) = (self.key, self.bytes - bytes_before);
+        let failed = self.failed.clone();
+        let is_barrier = entries.is_empty();
+        let committed = move |result: Result<(), JournalError>| {
+            // Earlier entries may have been rejected although there is nothing to reject here.
+            let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
+            if result.is_ok() {
+                after_commit.publish(&host, &publish);
+            } else {
+                host.quotas.release_bytes(key, bytes);
+                failed.cancel();
+            }
+            then(result);
+        };
+        self.host.journal.append(entries, Box::new(committed));
+    }
+
+    /// Writes the record of who holds which seat; from now on the server plays its own.
+    fn seating_entry(&mut self) -> Option<Entry> {
+        let seating = self.seating.as_ref()?;
+        let (record, head) = seated(seating, self.head);
+        self.head = head;
+        self.hosted.get_or_init(|| seating.hosted());
+        Some(Entry::Seat(SeatingRow { episode: self.key, record, head }))
+    }
+
+    /// The time of day at a moment of the running time, as it is written down.
+    fn stamp(&mut self, at: Timestamp) -> Timestamp {
+        self.newest_running = self.newest_running.max(at);
+        self.newest_at = self.newest_at.max(self.host.clock.to_wall(at));
+        self.newest_at
+    }
+
+    fn act_entry(&mut self, at: Timestamp, agent: AgentId, recorded: RecordedAct) -> Entry {
+        let RecordedAct { decision, record, waiting_for, .. } = recorded;
+        let bytes = record.as_str().len() as u64;
+        self.bytes += bytes;
+        self.tally.count(decision.source, decision.valid, decision.usage);
+        self.host.quotas.add_bytes(self.key, bytes, at);
+        let at = self.stamp(at);
+        if decision.source == Source::Player {
+            self.lockstep.note_act(self.newest_running);
+            self.note_end();
+        }
+        let (episode, round) = (self.key, self.world.round());
+        Entry::Act(ActRow { episode, round, agent, waiting_for, at, record })
+    }
+
+    /// Steps the engine by the acts of the open round and writes the round's record, and the end
+    /// where it was the last.
+    async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), JournalError> {
+        let round = self.world.round();
+        let acts = self.lockstep.acts();
+        let before = Arc::clone(&self.world);
+        let text: u64 = self.lockstep.recorded().map(|act| act.decision.text_bytes()).sum();
+        let records: Vec<RawRecord> =
+            self.lockstep.recorded().map(|act| act.record.clone()).collect();
+        let head = self.head;
+        let step = move |_: &Cancelled<'_>| {
+            let mut world = World::clone(&before);
+            world.step(&acts);
+            let digest = world.digest();
+            let record = round_record(round, records.iter(), &digest.to_string(), world.score());
+            (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
+        };
+        let micros = step_micros(self.world.config()) + text / TEXT_BYTES_PER_MICRO;
+        let urgent = (self.party, Rank::Urgent);
+        let is_heavy = heavy::is_long(micros);
+        let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
+        let (world, digest, head) =
+            stepped.map_err(|error| JournalError(error.to_string().into()))?;
+        self.head = head;
+        self.world = world;
+        self.offer_keyframe();
+        let now = self.host.clock.now();
+        entries.push(Entry::Round(RoundRow {
+            episode: self.key,
+            round,
+            digest: digest.0,
+            score: self.world.score(),
+            head: self.head,
+            at: self.stamp(now),
+        }));
+        let ending = if self.world.is_done() {
+            Some(Ending::TaskDone)
+        } else {
+            self.world.is_over().then_some(Ending::RoundsPlayed)
+        };
+        let alive = self.world.agents().map(|agent| self.world.is_alive(agent)).collect();
+        for effect in self.apply(now, Event::Resolved { alive, ending }) {
+            // The next round is published with the other entries of this commit.
+            if let Effect::End(ending) = effect {
+                entries.push(self.end_entry(ending));
+            }
+        }
+        Ok(())
+    }
+
+    /// Offers the new state to the keyframes, and counts the memory that the episode takes now.
+    fn offer_keyframe(&self) {
+        let mut keyframes = self.keyframes.lock().expect("nothing panics while it holds this");
+        keyframes.offer(&self.world);
+        if let Some(reservation) = self.memory.upgrade() {
+            let hosted = hosted_max(&self.hosted, &self.spec);
+            reservation.resize(memory::of_episode(&self.world, keyframes.bytes(), hosted));
+        }
+    }
+
+    /// Writes the record of the end.
+    fn end_entry(&mut self, ending: Ending) -> Entry {
+        let status = ending.status().name();
+        let record = end_record(End {
+            status: status.to_owned(),
+            reason: ending.name().to_owned(),
+            rounds: self.world.round(),
+            score: self.world.score(),
+            open_acts: self.lockstep.recorded().map(|act| &act.record).collect(),
+        });
+        self.head = self.head.link(record.as_str().as_bytes());
+        let at = self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at);
+        Entry::End(EndRow {
+            episode: self.key,
+            status,
+            reason: ending.name(),
+            record,
+            head: self.head,
+            bytes: self.bytes,
+            score: self.world.score(),
+            rounds: self.world.round(),
+            tally: self.tally,
+            counts: self.spec.counts(),
+            at: self.stamp(at),
+        })
+    }
+}
+
+/// The record of who holds which seat, and the head of a chain with it.
+pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
+    let record = RawRecord::write(&seating.record());
+    let head = head.link(record.as_str().as_bytes());
+    (record, head)
+}
+
+/// How an act is counted.
+fn kind(recorded: &RecordedAct) -> &'static str {
+    match (recorded.decision.source, recorded.decision.valid) {
+        (Source::Clock, _) => "clock",
+        (Source::Player, true) => "valid",
+        (Source::Player, false) => "invalid",
+    }
+}

@@ -1,0 +1,60 @@
+//! The status of an episode, and how it ended.
+
+use jiff::Timestamp;
+pub use swarmbench_protocol::status::Status;
+
+/// Why an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// The task was done.
+    TaskDone,
+    /// All rounds were played.
+    RoundsPlayed,
+    /// Its creator ended it.
+    Aborted,
+    /// Nobody acted for too long.
+    Idle,
+    /// Its competition closed.
+    Closed,
+}
+
+impl Ending {
+    /// Its name on the wire and in the journal.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TaskDone => "task_done",
+            Self::RoundsPlayed => "rounds_played",
+            Self::Aborted => "aborted",
+            Self::Idle => "idle",
+            Self::Closed => "closed",
+        }
+    }
+
+    /// The ending with this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        [Self::TaskDone, Self::RoundsPlayed, Self::Aborted, Self::Idle, Self::Closed]
+            .into_iter()
+            .find(|ending| ending.name() == name)
+    }
+
+    /// The status of an episode that ended so.
+    #[must_use]
+    pub const fn status(self) -> Status {
+        match self {
+            Self::TaskDone | Self::RoundsPlayed => Status::Finished,
+            Self::Aborted | Self::Closed => Status::Aborted,
+            Self::Idle => Status::Abandoned,
+        }
+    }
+}
+
+/// How an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Why.
+    pub ending: Ending,
+    /// When.
+    pub at: Timestamp,
+}
