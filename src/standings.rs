@@ -13,7 +13,7 @@ use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
 use crate::journal::record::{Record, RecordedConfig};
 use crate::journal::{EpisodeKey, ImportedGame, JournalError, RunKey};
 use crate::run::definition::Definition;
-use crate::run::suite::{Game as SuiteGame, Suite, SuiteSettings};
+use crate::run::suite::{Suite, SuiteSettings};
 use crate::store::Store;
 use crate::store::results::{BoardMixed, BoardRun, Change};
 
@@ -170,10 +170,7 @@ fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
         Suite::BUILT_IN.iter().filter_map(move |name| Suite::built_in(name, rules))
     });
     suites.map(|built_in| {
-        let plan = built_in.plan();
-        let slot =
-            |game: &SuiteGame| Some(Slot { task: TaskName::parse(&game.task)?, seed: game.seed });
-        let shown = suite(&built_in, plan.iter().filter_map(slot).collect());
+        let shown = suite(&built_in, Slot::plan(&built_in).unwrap_or_default());
         (BoardId { digest: built_in.digest(), suite: built_in.name, rules: built_in.rules }, shown)
     })
 }

@@ -2,7 +2,6 @@
 
 pub mod definition;
 pub mod manager;
-pub mod score;
 
 use jiff::Timestamp;
 pub use swarmbench_protocol::status::RunStatus;

@@ -8,6 +8,7 @@ use sqlx::{QueryBuilder, Row, Sqlite};
 
 use super::episodes::{Readable, time};
 use super::{Store, failure};
+use crate::board::{Game, Slot};
 use crate::ids::{EpisodeId, TokenHash};
 use crate::journal::{CompetitionKey, EntryKey, EpisodeKey, JournalError, RunKey, RunRow, Tally};
 use crate::keys::OwnerKey;
@@ -67,6 +68,19 @@ pub struct StoredGame {
 }
 
 impl StoredGame {
+    /// The game as boards take it, in the plan of its run; none if the plan is shorter.
+    #[must_use]
+    pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
+        Some(Game {
+            slot: *plan.get(self.slot as usize)?,
+            score: self.score,
+            answers: self.tally.acts,
+            invalid: self.tally.invalid,
+            timeouts: self.tally.timeouts,
+            voided: !self.counts(),
+        })
+    }
+
     /// Whether it counts: it was not voided.
     #[must_use]
     pub const fn counts(&self) -> bool {

@@ -16,12 +16,11 @@ pub(super) mod void;
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use swarmbench_engine::TaskName;
 
 use super::App;
 use super::auth::Caller;
 use super::error::{ApiError, Code};
-use crate::board::{Game, Slot};
+use crate::board::Slot;
 use crate::competition::entrant::Entrant;
 use crate::competition::shown::{self, Revealed};
 use crate::competition::standings::{self, Attempt, standings};
@@ -132,23 +131,9 @@ impl Field {
     ) -> Result<Attempt, ApiError> {
         let StoredCompetition { id, definition, sealed, .. } = &self.competition;
         let seeds = sealed.of_attempt(attempt.number, definition.seeds);
-        let slot = |game: crate::run::suite::Game| {
-            Some(Slot { task: TaskName::parse(&game.task)?, seed: game.seed })
-        };
-        let plan = definition.suite(id, seeds).plan().into_iter().map(slot);
-        let plan: Option<Vec<Slot>> = plan.collect();
+        let plan = Slot::plan(&definition.suite(id, seeds));
         let plan = plan.ok_or_else(|| ApiError::new(Code::Internal, "an unknown task"))?;
         let ended = games.iter().filter(|game| game.is_over());
-        let game = |game: &StoredGame| {
-            Some(Game {
-                slot: *plan.get(game.slot as usize)?,
-                score: game.score,
-                answers: game.tally.acts,
-                invalid: game.tally.invalid,
-                timeouts: game.tally.timeouts,
-                voided: !game.counts(),
-            })
-        };
         Ok(Attempt {
             entrant: self.entrant_of(attempt)?.entrant.id.clone(),
             number: attempt.number,
@@ -158,7 +143,7 @@ impl Field {
             voided: attempt.void_reason.is_some(),
             created_at: attempt.created_at,
             ended_at: attempt.ended_at,
-            games: ended.filter_map(game).collect(),
+            games: ended.filter_map(|game| game.in_plan(&plan)).collect(),
             plan,
         })
     }

@@ -13,10 +13,11 @@ use std::collections::VecDeque;
 use super::App;
 use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
+use crate::board::Slot;
+use crate::board::result::task_results;
 use crate::episode::spec::Visibility;
 use crate::journal::Tally;
 use crate::run::definition::{self, Definition};
-use crate::run::score::{task_scores, total};
 use crate::run::suite::Suite;
 use crate::store::runs::{StoredGame, StoredRun};
 use crate::wire::Seconds;
@@ -26,16 +27,18 @@ use crate::wire::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, Task
 struct Known {
     stored: StoredRun,
     definition: Definition,
+    plan: Vec<Slot>,
     visibility: Visibility,
 }
 
 impl Known {
     fn of(stored: StoredRun) -> Result<Self, ApiError> {
         let definition = definition::read(&stored)?;
-        let visibility = Visibility::parse(&definition.visibility).ok_or_else(|| {
+        let known = Visibility::parse(&definition.visibility).zip(Slot::plan(&definition.suite));
+        let (visibility, plan) = known.ok_or_else(|| {
             ApiError::new(Code::Internal, "what is stored of this run cannot be read")
         })?;
-        Ok(Self { stored, definition, visibility })
+        Ok(Self { stored, definition, plan, visibility })
     }
 
     /// What its permissions depend on.
@@ -67,18 +70,16 @@ impl Known {
     fn summary(&self, app: &App, caller: &Caller, games: &[StoredGame]) -> RunSummary {
         let Self { stored, definition, .. } = self;
         let reads = caller.may_read(&app.access, self.subject());
-        let scores = task_scores(&definition.suite, games, stored.ended_at.is_some());
-        let sum = |of: fn(&crate::run::score::TaskScore) -> u32| scores.iter().map(of).sum();
-        let (played, planned) = (sum(|task| task.games), sum(|task| task.planned));
+        let results = self.results(games);
+        let sum = |of: fn(&TaskResult) -> u32| results.iter().map(of).sum();
+        let (played, planned) = (sum(|task| task.played), sum(|task| task.planned));
         let voided = sum(|task| task.voided);
-        let total = total(&scores).filter(|_| reads);
-        let tasks = scores.into_iter().map(|score| TaskResult {
-            task: score.task,
-            mean: score.mean.filter(|_| reads),
-            deviation: score.deviation.filter(|_| reads),
-            played: score.games,
-            planned: score.planned,
-            voided: score.voided,
+        let means: Vec<f64> = results.iter().filter_map(|task| task.mean).collect();
+        let total = (reads && !means.is_empty()).then(|| means.iter().sum());
+        let tasks = results.into_iter().map(|result| TaskResult {
+            mean: result.mean.filter(|_| reads),
+            deviation: result.deviation.filter(|_| reads),
+            ..result
         });
         RunSummary {
             id: stored.id.clone(),
@@ -108,6 +109,27 @@ impl Known {
             acts: tally(games),
             waits_for: app.runs.waits_for(stored.run).map(Into::into),
         }
+    }
+
+    /// What it came to, in the order of its suite.
+    fn results(&self, games: &[StoredGame]) -> Vec<TaskResult> {
+        let counting = games.iter().filter(|game| game.counts());
+        let is_over = self.stored.ended_at.is_some() && counting.clone().all(StoredGame::is_over);
+        let ended = games.iter().filter(|game| game.is_over());
+        let ended: Vec<_> = ended.filter_map(|game| game.in_plan(&self.plan)).collect();
+        let results = task_results(&self.plan, &ended, is_over);
+        let of = |name: &String| results.iter().find(|result| result.task.name() == name);
+        let shown = self.definition.suite.tasks.iter().filter_map(of);
+        shown
+            .map(|result| TaskResult {
+                task: result.task.name().to_owned(),
+                mean: result.mean(),
+                deviation: result.mean_and_deviation.map(|(_, deviation)| deviation),
+                played: result.games,
+                planned: result.planned,
+                voided: result.voided,
+            })
+            .collect()
     }
 
     /// Its games as they are shown to `caller`: those that were opened, and those that were not.
