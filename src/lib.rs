@@ -15,6 +15,13 @@
 //! - [`fair`], [`work`]: who gets the next share of something scarce, and heavy work done by it.
 //! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
 
+#![expect(
+    missing_docs,
+    reason = "an application: names and types say what is there, comments say why"
+)]
+#![expect(clippy::missing_errors_doc, reason = "error types say what can fail")]
+#![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
+
 pub use swarmbench_boards as board;
 pub use swarmbench_client as players;
 pub use swarmbench_client::{eval, llm};

@@ -29,7 +29,6 @@ const LIGHT_MICROS: u64 = 2000;
 /// | Flocking | 256 | 256² | 5 | no | 770 | 0.06 | 664 |
 ///
 /// So two things are dear: messages that are delivered, and Flocking, with the fourth power of its agents.
-#[must_use]
 pub fn step_micros(config: &Config) -> u64 {
     let agents = u64::from(config.num_agents());
     let settings = config.settings();
@@ -54,22 +53,17 @@ fn deliveries(config: &Config) -> u64 {
 }
 
 /// Whether work of this many microseconds has to leave the async threads.
-#[must_use]
 pub const fn is_long(micros: u64) -> bool {
     micros > LIGHT_MICROS
 }
 
 /// Whether a step can take more than a few milliseconds and has to leave the async threads.
-#[must_use]
 pub fn is_heavy(config: &Config) -> bool {
     is_long(step_micros(config))
 }
 
 /// Does work for a party, off the async threads where it is heavy. Work that a running game waits for is
 /// done however much else waits: a game has one round at a time.
-///
-/// # Errors
-/// Where too much waits, or the work panicked.
 pub(crate) async fn off_thread<T: Send + 'static>(
     workers: &Workers,
     kind: &'static str,

@@ -22,7 +22,6 @@ use crate::journal::record::{Decision, RawRecord, Source};
 pub struct Submission {
     /// The round that it answers.
     pub round: u32,
-    /// The decision.
     pub decision: Decision,
 }
 
@@ -71,7 +70,6 @@ pub enum Effect {
     KeepStart,
     /// Record what a seat did in the open round.
     KeepAct {
-        /// The seat.
         agent: AgentId,
         /// What it did.
         recorded: RecordedAct,
@@ -105,9 +103,6 @@ impl RecordedAct {
     }
 
     /// An act from the journal.
-    ///
-    /// # Errors
-    /// Where its record has names that the configuration does not have.
     pub fn stored(act: StoredAct, config: &Config) -> Result<Self, String> {
         let StoredAct { record: act, waiting_for, .. } = act;
         let (record, bank_spent_ms) = (RawRecord::write(&act), act.bank_spent_ms);
@@ -120,9 +115,7 @@ impl RecordedAct {
 /// The receipt of an accepted act.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Receipt {
-    /// The round.
     pub round: u32,
-    /// What was recorded.
     pub recorded: RecordedAct,
     /// Whether it had been sent before.
     pub duplicate: bool,
@@ -240,7 +233,6 @@ pub struct ResumeState {
 
 impl Lockstep {
     /// Continues an episode from a state. An open round gets its full clock (again), from `now` on.
-    #[must_use]
     pub fn new(clocks: Clocks, resume: ResumeState, now: Timestamp) -> Self {
         let phase = match resume.outcome {
             Some(outcome) => Phase::Over(outcome),
@@ -275,14 +267,12 @@ impl Lockstep {
     }
 
     /// The acts of the open round for the engine: one for each agent, the default for the escaped.
-    #[must_use]
     pub fn acts(&self) -> Vec<Act> {
         let act = |recorded: &RecordedAct| recorded.decision.act.clone();
         self.seats.iter().map(|seat| seat.recorded.as_ref().map(act).unwrap_or_default()).collect()
     }
 
     /// By agent, what is left of its bank at the opening of the round.
-    #[must_use]
     pub fn banks(&self) -> Vec<Duration> {
         self.seats.iter().map(|seat| seat.bank).collect()
     }
@@ -293,13 +283,11 @@ impl Lockstep {
     }
 
     /// When the open round was published, if it was.
-    #[must_use]
     pub const fn opened_at(&self) -> Option<Timestamp> {
         self.opened_at
     }
 
     /// The open round.
-    #[must_use]
     pub const fn round(&self) -> u32 {
         self.round
     }
@@ -312,13 +300,11 @@ impl Lockstep {
     }
 
     /// Whether it is not abandoned for now.
-    #[must_use]
     pub const fn is_held(&self) -> bool {
         self.is_held
     }
 
     /// When the episode is abandoned unless somebody acts.
-    #[must_use]
     pub fn idle_at(&self) -> Timestamp {
         if self.is_held {
             return Timestamp::MAX;
@@ -328,7 +314,6 @@ impl Lockstep {
 
     /// When the episode ends unless there is a request: one that waits for its start ends when it
     /// closes, too.
-    #[must_use]
     pub fn ends_at(&self) -> Timestamp {
         let idle = self.idle_at();
         match (self.phase, self.clocks.closes_at) {
@@ -338,7 +323,6 @@ impl Lockstep {
     }
 
     /// When the last act of a player came, or else the start or the creation.
-    #[must_use]
     pub const fn last_act_at(&self) -> Timestamp {
         self.last_act_at
     }
@@ -355,7 +339,6 @@ impl Lockstep {
     }
 
     /// The status of the episode.
-    #[must_use]
     pub const fn status(&self) -> Status {
         match self.phase {
             Phase::Waiting => Status::Waiting,
@@ -365,7 +348,6 @@ impl Lockstep {
     }
 
     /// How the episode ended, if it has.
-    #[must_use]
     pub const fn outcome(&self) -> Option<Outcome> {
         match self.phase {
             Phase::Over(outcome) => Some(outcome),
@@ -374,7 +356,6 @@ impl Lockstep {
     }
 
     /// When the next [`Event::Tick`] is due.
-    #[must_use]
     pub fn wakes_at(&self) -> Option<Timestamp> {
         let idle = self.idle_at();
         match self.phase {

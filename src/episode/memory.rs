@@ -20,7 +20,6 @@ const PLAYER: usize = 16 * 1024;
 
 /// Bytes of an episode in the state `world`, with keyframes of `keyframes` bytes and `hosted` players of the
 /// server.
-#[must_use]
 pub fn of_episode(world: &World, keyframes: usize, hosted: usize) -> usize {
     let players = of_players(world.config(), hosted);
     beside_states(world.config()) + players + world.approximate_bytes().saturating_add(keyframes)
@@ -28,7 +27,6 @@ pub fn of_episode(world: &World, keyframes: usize, hosted: usize) -> usize {
 
 /// Bytes that an episode takes at most before it is known what it takes: in round `round`, without other states
 /// that it keeps.
-#[must_use]
 pub fn expected(config: &Config, round: u32, hosted: usize) -> usize {
     beside_states(config) + of_players(config, hosted) + of_world(config, round)
 }
@@ -41,7 +39,6 @@ fn of_players(config: &Config, hosted: usize) -> usize {
 }
 
 /// Bytes of the state after `round` rounds, at most.
-#[must_use]
 pub fn of_world(config: &Config, round: u32) -> usize {
     let settings = config.settings();
     let size = |cells: i64| usize::try_from(cells).unwrap_or(usize::MAX);

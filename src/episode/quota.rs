@@ -51,21 +51,18 @@ const FORGOTTEN: u64 = 100;
 impl Party {
     /// The party that plays with this key, if any, outside of competitions. Callers without a key and a known address
     /// are one group.
-    #[must_use]
     pub fn of_key(owner: Option<OwnerKey>) -> Self {
         let unknown = Group::Address(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
         Self::of(owner.map_or(unknown, Group::Owner))
     }
 
     /// The party that plays with this key in a competition, or else outside.
-    #[must_use]
     pub fn within(competition: Option<CompetitionKey>, owner: Option<OwnerKey>) -> Self {
         let entrant = |key| Self { group: Group::Competition(key), member: owner };
         competition.map_or_else(|| Self::of_key(owner), entrant)
     }
 
     /// The key with which it plays, if any.
-    #[must_use]
     pub const fn owner(self) -> Option<OwnerKey> {
         match self.group {
             Group::Owner(owner) => Some(owner),
@@ -141,11 +138,9 @@ pub enum Full {
 /// Who reached a cap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whose {
-    /// A competition.
     Competition,
     /// An entrant of a competition.
     Entrant,
-    /// A key.
     Key,
     /// A network without keys.
     Network,
@@ -164,7 +159,6 @@ impl std::fmt::Display for Whose {
 
 impl Full {
     /// The name of the cap and its value.
-    #[must_use]
     pub const fn limit(self) -> (&'static str, u64) {
         match self {
             Self::Episodes(most) => ("episodes_unfinished_max", most as u64),
@@ -224,7 +218,6 @@ struct Share {
 
 impl Quotas {
     /// Nothing is used yet.
-    #[must_use]
     pub fn new(caps: Caps) -> Self {
         Self { caps, usage: Mutex::default() }
     }
@@ -234,9 +227,6 @@ impl Quotas {
     }
 
     /// Counts a new episode.
-    ///
-    /// # Errors
-    /// The cap that was reached.
     pub fn admit(&self, episode: EpisodeKey, party: Party, purpose: Purpose) -> Result<(), Full> {
         let mut usage = self.usage();
         usage.check(&self.caps, party, purpose)?;
@@ -245,9 +235,6 @@ impl Quotas {
     }
 
     /// Whether a new episode is admitted now.
-    ///
-    /// # Errors
-    /// The cap that was reached.
     pub fn check(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
         self.usage().check(&self.caps, party, purpose)
     }
@@ -263,15 +250,11 @@ impl Quotas {
     }
 
     /// How many episodes have not ended.
-    #[must_use]
     pub fn unfinished(&self) -> usize {
         self.usage().unfinished.len()
     }
 
     /// Whether an act with `more` bytes of text may be recorded now for an episode whose acts take `used`.
-    ///
-    /// # Errors
-    /// The cap that was reached.
     pub fn check_act(
         &self,
         episode: EpisodeKey,

@@ -70,7 +70,6 @@ fn recoveries() -> FairLimit {
 
 /// What belongs to a new episode beside its description.
 pub struct Creation {
-    /// Its public id.
     pub id: EpisodeId,
     /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
@@ -78,9 +77,7 @@ pub struct Creation {
     pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
-    /// What it is.
     pub spec: Spec,
-    /// Its tokens.
     pub tokens: Vec<TokenRow>,
     /// The key by which a repeated creation finds it, and the hash of the body.
     pub idempotency: Option<(String, [u8; 32])>,
@@ -89,7 +86,6 @@ pub struct Creation {
 /// Where an episode is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
-    /// In memory.
     Memory,
     /// In the journal, and it has not ended: its recovery continues although the caller is gone.
     Unfinished,
@@ -150,7 +146,6 @@ pub struct Registry {
 
 impl Registry {
     /// The registry over a journal whose newest episode has the number `last_key`.
-    #[must_use]
     pub fn new(
         journal: Arc<dyn Journal>,
         clock: Arc<dyn Clock>,
@@ -183,23 +178,18 @@ impl Registry {
     }
 
     /// With a budget of memory; without one there is no bound.
-    #[must_use]
     pub fn with_budget(mut self, budget: Arc<Budget>) -> Self {
         self.host.budget = budget;
         self
     }
 
     /// The memory that worlds and answers may take together.
-    #[must_use]
     pub fn budget(&self) -> &Arc<Budget> {
         &self.host.budget
     }
 
     /// Reserves memory for an answer. Where none is free, idle episodes leave it first; what is small always
     /// passes.
-    ///
-    /// # Errors
-    /// Where none gets free.
     pub fn room(&self, bytes: usize) -> Result<Reservation, NoMemory> {
         self.room_of(bytes, None)
     }
@@ -267,38 +257,31 @@ impl Registry {
     }
 
     /// Receives the run of every episode that has ended, durably. The first caller gets the receiver.
-    #[must_use]
     pub fn take_ended(&self) -> Option<mpsc::UnboundedReceiver<RunKey>> {
         self.ended.lock().expect("nothing panics while it holds this").take()
     }
 
     /// Receives every recovered episode of which the server may play seats. The first caller gets the
     /// receiver; until then they are queued.
-    #[must_use]
     pub fn take_hosted(&self) -> Option<mpsc::UnboundedReceiver<Handle>> {
         self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
-    /// The journal.
-    #[must_use]
     pub fn journal(&self) -> &Arc<dyn Journal> {
         &self.host.journal
     }
 
     /// What all actors share: states of earlier rounds are recomputed with it.
-    #[must_use]
     pub const fn host(&self) -> &Host {
         &self.host
     }
 
     /// How many episodes have not ended.
-    #[must_use]
     pub fn unfinished(&self) -> usize {
         self.host.quotas.unfinished()
     }
 
     /// How many episodes are in memory.
-    #[must_use]
     pub fn in_memory(&self) -> usize {
         self.slots().values().filter(|slot| slot.handle.initialized()).count()
     }
@@ -308,17 +291,11 @@ impl Registry {
     }
 
     /// Whether a new episode is admitted now.
-    ///
-    /// # Errors
-    /// The cap that was reached.
     pub fn check_room(&self, party: Party, purpose: Purpose) -> Result<(), Full> {
         self.host.quotas.check(party, purpose)
     }
 
     /// Creates an episode; it is durable when this returns.
-    ///
-    /// # Errors
-    /// Where there are too many, or it could not be stored.
     pub async fn create(&self, creation: Creation) -> Result<Handle, CreateError> {
         // In a task of its own: the caller may be dropped half-way, and the creation has to complete.
         let (done, created) = oneshot::channel();
@@ -477,7 +454,6 @@ impl Registry {
     }
 
     /// Where an episode is; there may be none of that id.
-    #[must_use]
     pub fn location(&self, id: &EpisodeId) -> Location {
         match self.slots().get(id) {
             Some(slot) if slot.handle.initialized() => Location::Memory,
@@ -487,9 +463,6 @@ impl Registry {
     }
 
     /// Finds an episode, and recovers it from the journal if it is not in memory.
-    ///
-    /// # Errors
-    /// Where its journal cannot be read or played again, or no memory is free for it.
     pub async fn find(&self, id: &EpisodeId) -> Result<Option<Handle>, FindError> {
         let now = self.host.clock.now();
         let known = self.slots().get_mut(id).map(|slot| {
@@ -605,9 +578,6 @@ impl Registry {
     /// After a start: recovers the unfinished episodes that advance by themselves, and gives all others
     /// a slot. Returns how many there are, once all are recovered that do not take long; the
     /// others follow, the fastest first.
-    ///
-    /// # Errors
-    /// Where the list of them cannot be read; an episode that cannot be recovered is logged.
     pub async fn recover_unfinished(&self) -> Result<usize, JournalError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();

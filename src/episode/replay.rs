@@ -127,9 +127,6 @@ impl Piece {
 
 /// The state after `round` rounds: from a keyframe before it, or from `near` where that is nearer, and the
 /// stored acts.
-///
-/// # Errors
-/// Where the journal cannot be read or replayed, or too much heavy work waits.
 pub async fn state_at(
     host: &Host,
     handle: &Handle,

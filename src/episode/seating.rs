@@ -14,7 +14,6 @@ use crate::journal::{Held, Holder};
 /// What is wanted of the open seats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
-    /// This one.
     Seat(AgentId),
     /// This number of open seats, any of them; at least one.
     Any(u16),
@@ -50,7 +49,6 @@ pub struct Seating {
 impl Seating {
     /// Continues a seating; none where the creator simply holds all seats. `holders` are
     /// all holders with their seats, from the creator on.
-    #[must_use]
     pub fn new(spec: &Spec, created_at: Timestamp, holders: Vec<Held>) -> Option<Self> {
         if !spec.is_seated() {
             return None;
@@ -75,22 +73,17 @@ impl Seating {
     }
 
     /// How many seats nobody holds.
-    #[must_use]
     pub fn count_open(&self) -> u16 {
         u16::try_from(self.open().count()).expect("at most 1,024 agents")
     }
 
     /// When built-in players take what is open.
-    #[must_use]
     pub fn fills_at(&self) -> Option<Timestamp> {
         let (at, _) = self.fill.as_ref()?;
         self.open().next().map(|_| *at)
     }
 
     /// Gives open seats to a new holder, who gets the next number; all that are wanted, or none.
-    ///
-    /// # Errors
-    /// Where they have holders.
     pub fn claim(
         &mut self,
         wanted: Wanted,
@@ -140,7 +133,6 @@ impl Seating {
     }
 
     /// The seats that the server plays, with the name of the player.
-    #[must_use]
     pub fn hosted(&self) -> Vec<(AgentId, String)> {
         let player = |holder: u32| self.holders.get(holder as usize)?.player.clone();
         let seats = (0..).map(AgentId).zip(&self.seats);
@@ -151,7 +143,6 @@ impl Seating {
     ///
     /// # Panics
     /// Where a seat has none.
-    #[must_use]
     pub fn record(&self) -> Record {
         let holds = |number: u32| self.seats.contains(&Some(number));
         let holders = self.holders.iter().filter(|holder| holds(holder.number));

@@ -18,7 +18,6 @@ use crate::journal::chain::Head;
 pub struct Snapshot {
     /// The status of the episode.
     pub status: Status,
-    /// The state.
     pub world: Arc<World>,
     /// The head of the journal's chain.
     pub head: Head,
@@ -55,7 +54,6 @@ impl Snapshot {
     }
 
     /// Whether the agent acted in the open round.
-    #[must_use]
     pub fn has_acted(&self, agent: AgentId) -> bool {
         self.acted[agent.index()].load(Ordering::Acquire)
     }
@@ -66,7 +64,6 @@ impl Snapshot {
     }
 
     /// When this was published, if it was.
-    #[must_use]
     pub fn opened_at(&self) -> Option<Timestamp> {
         self.opened_at.get().copied()
     }
@@ -78,19 +75,16 @@ impl Snapshot {
 
     /// The place of the open round among all rounds that were seen. The first look sets
     /// it: so an unseen round never comes before a seen one.
-    #[must_use]
     pub fn place(&self, next: impl FnOnce() -> u64) -> u64 {
         *self.place.get_or_init(next)
     }
 
     /// Whether the open round waits for this agent.
-    #[must_use]
     pub fn waits_for(&self, agent: AgentId) -> bool {
         self.status == Status::Running && self.world.is_alive(agent) && !self.has_acted(agent)
     }
 
     /// When the agent's clock runs out in the open round: its deadline, and its bank after that.
-    #[must_use]
     pub fn deadline(&self, spec: &Spec, agent: AgentId) -> Option<Timestamp> {
         let round = spec.round_deadline.filter(|_| self.status == Status::Running)?;
         let opened_at = self.opened_at()?;

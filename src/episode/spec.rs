@@ -52,42 +52,35 @@ pub struct Spec {
 
 impl Spec {
     /// Whether boards count the episode: it belongs to a run, or several holders play it.
-    #[must_use]
     pub fn counts(&self) -> bool {
         self.run.is_some() || self.is_mixed()
     }
 
-    /// All agents.
     pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
         (0..self.config.num_agents()).map(AgentId)
     }
 
     /// Whether its creator plays for this agent: its seat was not open, and the server does not play it.
-    #[must_use]
     pub fn is_creators(&self, agent: AgentId) -> bool {
         self.player.is_none() && !self.open_seats.contains(&agent)
     }
 
     /// Whether its seats belong to several holders.
-    #[must_use]
     pub fn is_mixed(&self) -> bool {
         !self.open_seats.is_empty()
     }
 
     /// Whether the server may play seats of it.
-    #[must_use]
     pub fn may_be_hosted(&self) -> bool {
         self.player.is_some() || self.fill_after.is_some()
     }
 
     /// Whether the server plays all seats: no client waits for its rounds.
-    #[must_use]
     pub fn is_all_hosted(&self) -> bool {
         self.player.is_some() && !self.is_mixed()
     }
 
     /// How many seats the server plays at most.
-    #[must_use]
     pub fn hosted_max(&self) -> usize {
         let open = self.open_seats.len();
         let own = usize::from(self.config.num_agents()) - open;
@@ -96,25 +89,21 @@ impl Spec {
     }
 
     /// Whether its journal says who holds which seat.
-    #[must_use]
     pub fn is_seated(&self) -> bool {
         self.is_mixed() || self.player.is_some()
     }
 
     /// Whether it waits for something before its first round.
-    #[must_use]
     pub fn begins_waiting(&self) -> bool {
         self.manual_start || self.is_mixed()
     }
 
     /// Whether it advances without requests: a clock runs, or the server plays.
-    #[must_use]
     pub fn advances_by_itself(&self) -> bool {
         self.round_deadline.is_some() || self.may_be_hosted()
     }
 
     /// All settings, as the opening record has them.
-    #[must_use]
     pub fn recorded(&self) -> RecordedConfig {
         RecordedConfig {
             round_deadline_ms: self.round_deadline.map(millis),
@@ -134,7 +123,6 @@ impl Spec {
     }
 
     /// The opening record of an episode that is laid out as `world`.
-    #[must_use]
     pub fn opening(&self, id: &EpisodeId, created_at: Timestamp, world: &World) -> record::Record {
         record::Record::Opening(Box::new(Opening {
             format: FORMAT,
@@ -151,9 +139,6 @@ impl Spec {
     }
 
     /// Reads an episode's description back from its opening record.
-    ///
-    /// # Errors
-    /// What in the record this program does not know or does not allow.
     pub fn from_opening(opening: &Opening) -> Result<Self, String> {
         if opening.rules_revision != RULES_REVISION {
             return Err(format!("rules revision {} is not played here", opening.rules_revision));
@@ -166,9 +151,6 @@ impl Spec {
     }
 
     /// An episode of its own by these settings.
-    ///
-    /// # Errors
-    /// What this program does not know or does not allow.
     pub fn of(
         config: &RecordedConfig,
         agent_meta: &serde_json::Map<String, serde_json::Value>,

@@ -6,7 +6,6 @@ pub use swarmbench_protocol::status::Status;
 /// Why an episode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// The task was done.
     TaskDone,
     /// All rounds were played.
     RoundsPlayed,
@@ -20,7 +19,6 @@ pub enum Ending {
 
 impl Ending {
     /// Its name on the wire and in the journal.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::TaskDone => "task_done",
@@ -31,8 +29,6 @@ impl Ending {
         }
     }
 
-    /// The ending with this name.
-    #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         [Self::TaskDone, Self::RoundsPlayed, Self::Aborted, Self::Idle, Self::Closed]
             .into_iter()
@@ -40,7 +36,6 @@ impl Ending {
     }
 
     /// The status of an episode that ended so.
-    #[must_use]
     pub const fn status(self) -> Status {
         match self {
             Self::TaskDone | Self::RoundsPlayed => Status::Finished,
@@ -53,8 +48,6 @@ impl Ending {
 /// How an episode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
-    /// Why.
     pub ending: Ending,
-    /// When.
     pub at: Timestamp,
 }

@@ -58,11 +58,9 @@ pub struct Access {
 
 /// What a server is put together from.
 pub struct Foundation {
-    /// The store.
     pub store: Store,
     /// All episodes.
     pub registry: Registry,
-    /// All runs.
     pub runs: Runs,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
@@ -123,7 +121,6 @@ pub struct Shared {
 
 impl App {
     /// What handlers share.
-    #[must_use]
     pub fn new(foundation: Foundation) -> Self {
         let Foundation { store, registry, runs, clock, entropy, disk, .. } = foundation;
         let Foundation { workers, limits, access, has_keys, stop, .. } = foundation;

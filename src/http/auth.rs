@@ -29,7 +29,6 @@ pub(super) enum Caller {
         /// Whether the server has no keys and lets this caller create episodes.
         may_create: bool,
     },
-    /// One agent of one episode.
     Seat(EpisodeId, AgentId),
     /// Several seats of an episode.
     Swarm(EpisodeId, Seats),

@@ -108,7 +108,6 @@ impl Code {
     }
 
     /// Its name on the wire.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         self.row().0
     }
@@ -139,19 +138,16 @@ impl ApiError {
     }
 
     /// Something that does not exist, or may not be known to.
-    #[must_use]
     pub fn not_found(what: &str) -> Self {
         Self::new(Code::NotFound, format!("{what} is not known here"))
     }
 
     /// One field that is not allowed.
-    #[must_use]
     pub fn field(field: &str, problem: impl Into<String>) -> Self {
         Self::fields(vec![FieldProblem { field: field.to_owned(), problem: problem.into() }])
     }
 
     /// Fields that are not allowed.
-    #[must_use]
     pub fn fields(fields: Vec<FieldProblem>) -> Self {
         let named: Vec<String> =
             fields.iter().map(|field| format!("{} {}", field.field, field.problem)).collect();
@@ -159,7 +155,6 @@ impl ApiError {
     }
 
     /// Settings that are refused; `prefix` says where they stand in the body.
-    #[must_use]
     pub fn settings(errors: SettingErrors, prefix: &str) -> Self {
         let named = errors.0.into_iter().map(|error| FieldProblem {
             field: format!("{prefix}{}", error.field),
@@ -169,21 +164,18 @@ impl ApiError {
     }
 
     /// A limit that was reached.
-    #[must_use]
     pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
         let limit = Limit { name: name.to_owned(), value: value as u64 };
         Self { limit: Some(limit), ..Self::new(code, detail) }
     }
 
     /// No permit was free in time, or too many requests wait for one.
-    #[must_use]
     pub fn no_permit(busy: Busy, detail: &str) -> Self {
         Self::limit(Code::Overloaded, busy.name, busy.slots, detail)
             .retry_after(Duration::from_secs(1))
     }
 
     /// So little of the disk is free that nothing new is created.
-    #[must_use]
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
             "less than {least} % of the server's disk is free: what is running continues, nothing new is created"
@@ -193,7 +185,6 @@ impl ApiError {
     }
 
     /// A creation was repeated by its name, and is another one.
-    #[must_use]
     pub fn other_body() -> Self {
         Self::new(
             Code::Invalid,
@@ -207,25 +198,21 @@ impl ApiError {
     }
 
     /// With the current round of the episode.
-    #[must_use]
     pub fn at_round(self, round: u32) -> Self {
         Self { round: Some(round), ..self }
     }
 
     /// With the time after which it is worth trying again.
-    #[must_use]
     pub fn retry_after(self, after: Duration) -> Self {
         Self { retry_after: Some(after), ..self }
     }
 
     /// The kind of error.
-    #[must_use]
     pub const fn code(&self) -> Code {
         self.code
     }
 
     /// The error as it is written.
-    #[must_use]
     pub fn problem(&self) -> Problem {
         let (code, status, title) = self.code.row();
         Problem {

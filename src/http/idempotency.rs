@@ -20,13 +20,11 @@ impl Creations {
         Self(std::array::from_fn(|_| Mutex::new(())))
     }
 
-    /// Locks a name.
     pub(super) async fn lock(&self, name: &str) -> MutexGuard<'_, ()> {
         let lock = crc32fast::hash(name.as_bytes()) as usize % CREATION_LOCKS;
         self.0[lock].lock().await
     }
 
-    /// Locks the key of a creation, if it has one.
     pub(super) async fn lock_key(&self, named: Option<&Idempotency>) -> Option<MutexGuard<'_, ()>> {
         match named {
             Some((key, _)) => Some(self.lock(key).await),

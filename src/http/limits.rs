@@ -37,7 +37,6 @@ macro_rules! limits {
 
         impl Limits {
             /// All limits by their names: those that can be set, and those that cannot.
-            #[must_use]
             pub fn table(&self) -> Vec<(&'static str, u64)> {
                 vec![
                     $((stringify!($first), self.$first as u64),)*
@@ -207,7 +206,6 @@ limits! {
 
 impl Limits {
     /// The caps of the per-owner quotas.
-    #[must_use]
     pub const fn caps(&self) -> Caps {
         Caps {
             episodes_unfinished_max: self.episodes_unfinished_max,

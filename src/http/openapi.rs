@@ -4,7 +4,6 @@
 ///
 /// # Panics
 /// Never: the document has string keys.
-#[must_use]
 pub fn document() -> String {
     let mut text = super::router::routes().to_openapi().to_pretty_json().expect("string keys");
     text.push('\n');

@@ -95,7 +95,6 @@ impl<K: Hash + Eq + Clone> Rate<K> {
     }
 }
 
-/// All rates.
 pub(super) struct Rates {
     by_address: Rate<IpAddr>,
     by_key: Rate<OwnerKey>,

@@ -11,7 +11,6 @@ use crate::journal::EpisodeKey;
 /// Bytes of a sight (the larger part of an observation) that is cached.
 const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;
 
-/// Bytes of all cached sights.
 const SIGHTS_CACHED_BYTES_MAX: u64 = 64 * 1024 * 1024;
 
 /// Bytes of a usual sight; the cache makes room for as many as fit.

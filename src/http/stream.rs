@@ -76,7 +76,6 @@ impl StreamLimit {
         Self { limit, what, of_a_party }
     }
 
-    /// A permit for the party.
     pub(super) async fn take(&self, party: Party) -> Result<Permit, ApiError> {
         let permit = self.limit.acquire(party, Rank::Normal).await;
         permit.map_err(|busy| {

@@ -34,7 +34,6 @@ pub struct Handle(pub(super) Arc<Running>);
 
 /// See [`Handle`].
 pub struct Running {
-    /// Its public id.
     pub id: EpisodeId,
     /// Its number in the journal.
     pub key: EpisodeKey,
@@ -44,9 +43,7 @@ pub struct Running {
     pub run: Option<RunKey>,
     /// For whom its work is done.
     pub party: Party,
-    /// What it is.
     pub spec: Arc<Spec>,
-    /// When it was created.
     pub created_at: Timestamp,
     pub(super) clock: Arc<dyn Clock>,
     pub(super) journal: Arc<dyn Journal>,
@@ -78,13 +75,11 @@ impl std::ops::Deref for Handle {
 
 impl Handle {
     /// The state that is published now.
-    #[must_use]
     pub fn snapshot(&self) -> Arc<Snapshot> {
         Arc::clone(&self.published.borrow())
     }
 
     /// Follows what is published.
-    #[must_use]
     pub fn follow(&self) -> watch::Receiver<Arc<Snapshot>> {
         self.published.clone()
     }
@@ -166,33 +161,21 @@ impl Handle {
 
     /// Claims open seats; they are durable when this returns. With the last open seat the episode
     /// starts, unless its creator wants to start it.
-    ///
-    /// # Errors
-    /// Where they have holders, the episode has ended, or that could not be stored.
     pub async fn claim(&self, claim: Claim) -> Result<Claimed, ClaimError> {
         self.command(|reply| Message::Claim { claim: Box::new(claim), reply }).await
     }
 
     /// Starts a waiting episode; one that has started is left as it is.
-    ///
-    /// # Errors
-    /// Where seats are open, or that could not be stored.
     pub async fn start(&self) -> Result<(), StartError> {
         self.command(|reply| Message::Start { reply }).await
     }
 
     /// Aborts the episode; one that has ended is left as it is.
-    ///
-    /// # Errors
-    /// Where that could not be stored.
     pub async fn abort(&self) -> Result<(), JournalError> {
         self.abort_with(Vec::new()).await
     }
 
     /// Aborts the episode and stores audit entries in the same transaction; nothing where it has ended.
-    ///
-    /// # Errors
-    /// Where that could not be stored.
     pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
         self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
@@ -208,13 +191,11 @@ impl Handle {
     }
 
     /// The seats that the server plays, with the names of the players; none before the start.
-    #[must_use]
     pub fn hosted(&self) -> &[(AgentId, String)] {
         self.hosted.get().map_or(&[], Vec::as_slice)
     }
 
     /// The latest keyframe of round `round` or before.
-    #[must_use]
     pub fn keyframe(&self, round: u32) -> Arc<World> {
         self.keyframes.lock().expect("nothing panics while it holds this").before(round)
     }

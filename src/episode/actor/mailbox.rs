@@ -47,7 +47,6 @@ pub struct Claim {
     pub wanted: Wanted,
     /// The hashes of as many seat tokens as there are seats wanted.
     pub seats: Vec<TokenHash>,
-    /// The hash of the token for all of them.
     pub swarm: TokenHash,
     /// The key by which a repeated claim finds it, and the hash of the body.
     pub idempotency: Option<(String, [u8; 32])>,

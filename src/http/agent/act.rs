@@ -20,7 +20,6 @@ use crate::journal::record::{self, Decision, Source};
 use crate::wire::act::{ActRequest, ActResponse, Receipt};
 use crate::wire::problem::FieldProblem;
 
-/// How to act.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

@@ -15,7 +15,6 @@ use crate::board::collection::Question;
 use crate::board::page::{self, read_cursor};
 use crate::wire::board::Leaderboard;
 
-/// Which board, and how.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

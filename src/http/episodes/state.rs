@@ -11,7 +11,6 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use crate::wire::episode::State as StateBody;
 
-/// Which state.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
