@@ -20,6 +20,7 @@ pub mod budget;
 pub mod cli;
 pub mod clock;
 pub mod competition;
+pub mod competitions;
 pub mod dataset;
 pub mod episode;
 pub mod eval;

@@ -1,4 +1,4 @@
-//! Competitions: runs on seeds that nobody knows before the end. All but [`closing`] is pure: no storage, no clock, no
+//! Competitions: runs on seeds that nobody knows before the end. All of it is pure: no storage, no clock, no
 //! network.
 //!
 //! - [`definition`]: what an organizer decides, and what is wrong with it.
@@ -7,7 +7,6 @@
 //! - [`standings`]: which attempt of each entrant counts, and who is ahead.
 //! - [`export`]: a whole competition in one file; [`verify`]: whether such a file is true.
 
-pub mod closing;
 pub mod definition;
 pub mod entrant;
 pub mod export;

@@ -9,8 +9,9 @@ use swarmbench_engine::{Action, AgentId, AgentState, Config, Observation, RuleSe
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
 use crate::journal::record::{ActRecord, Opening, Record};
 use crate::journal::replay::acts_of;
-use crate::journal::{LoggedRound, StoredEpisode};
 use crate::prompt::{self, tasks};
+use crate::store::exports::LoggedRound;
+use crate::store::port::StoredEpisode;
 use crate::wire::episode::StatusName;
 use crate::wire::observation::Sight;
 

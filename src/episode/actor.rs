@@ -27,15 +27,17 @@ use super::{Ending, Snapshot, Status};
 use crate::budget::{Budget, Reservation};
 use crate::clock::{Clock, after};
 use crate::fair::{Group, Party, Rank};
-use crate::ids::{EpisodeId, TokenHash};
+use crate::ids::{EpisodeId, EpisodeKey, RunKey, TokenHash};
+use crate::journal::Tally;
 use crate::journal::chain::Head;
 use crate::journal::record::{ActRecord, End, RawRecord, Record, Source, round_record};
 use crate::journal::replay::acts_of;
-use crate::journal::{
-    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, Journal, JournalError, RoundRow, RunKey,
-    SeatingRow, StoredEpisode, Tally, TokenRow,
-};
 use crate::keys::OwnerKey;
+use crate::store::entries::{
+    ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow,
+};
+use crate::store::port::{EpisodeStore, StoredEpisode};
+use crate::store::{Stopped, StoreError};
 use crate::work::{Cancelled, Workers};
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
@@ -61,7 +63,7 @@ pub enum ActError {
     Busy,
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// What each of several acts came to, in their order.
@@ -75,7 +77,7 @@ pub enum StartError {
     SeatsOpen(u16),
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// A claim of seats.
@@ -113,13 +115,13 @@ pub enum ClaimError {
     Over,
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 enum Message {
     Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Reply)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
-    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), StoreError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
 }
 
@@ -166,7 +168,7 @@ pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 #[derive(Clone)]
 pub struct Host {
     /// Where entries are stored.
-    pub journal: Arc<dyn Journal>,
+    pub journal: Arc<dyn EpisodeStore>,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// What runs the actors.
@@ -193,7 +195,7 @@ impl Host {
         owner: Option<OwnerKey>,
         run: Option<RunKey>,
         spec: &Spec,
-    ) -> Result<Party, JournalError> {
+    ) -> Result<Party, StoreError> {
         // The games of competitions, and no others, are sealed.
         if let Some(run) = run.filter(|_| spec.visibility == Visibility::Sealed)
             && let Some((competition, owner)) = self.journal.entrant(run).await?
@@ -225,7 +227,7 @@ pub struct Running {
     /// When it was created.
     pub created_at: Timestamp,
     clock: Arc<dyn Clock>,
-    journal: Arc<dyn Journal>,
+    journal: Arc<dyn EpisodeStore>,
     mailbox: mpsc::UnboundedSender<Envelope>,
     /// Bounds the acts in the mailbox.
     in_flight: Arc<InFlightLimit>,
@@ -333,7 +335,7 @@ impl Handle {
     }
 
     /// What a seat did in a round that is over and durable.
-    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, JournalError> {
+    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, StoreError> {
         let _turn = self.lookups.lock().await;
         let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
         Ok(act.map(|act| RecordedAct { record: act.record, waiting_for: act.waiting_for }))
@@ -360,7 +362,7 @@ impl Handle {
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn abort(&self) -> Result<(), JournalError> {
+    pub async fn abort(&self) -> Result<(), StoreError> {
         self.abort_with(Vec::new()).await
     }
 
@@ -368,11 +370,11 @@ impl Handle {
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
+    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), StoreError> {
         self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
 
-    async fn command<T, E: From<JournalError>>(
+    async fn command<T, E: From<StoreError>>(
         &self,
         message: impl FnOnce(oneshot::Sender<Result<T, E>>) -> Message,
     ) -> Result<T, E> {
@@ -458,8 +460,8 @@ impl Times {
     }
 }
 
-fn gone() -> JournalError {
-    JournalError("the episode has stopped".into())
+fn gone() -> StoreError {
+    StoreError::Stopped(Stopped::Episode)
 }
 
 /// States kept on the way, so that one of any round comes quickly. When there are too many, or they are too
@@ -824,7 +826,7 @@ impl Actor {
             Message::Start { reply } => {
                 let open = self.seating.as_ref().map_or(0, Seating::count_open);
                 if self.lockstep.status() == Status::Waiting && open > 0 {
-                    let refused = move |result: Result<(), JournalError>| {
+                    let refused = move |result: Result<(), StoreError>| {
                         drop(reply.send(Err(
                             result.err().map_or(StartError::SeatsOpen(open), Into::into),
                         )));
@@ -851,7 +853,7 @@ impl Actor {
                     }
                     Err(refused) => {
                         // It is refused for the sake of a claim that may still be on its way to the disk.
-                        let told = |result: Result<(), JournalError>| {
+                        let told = |result: Result<(), StoreError>| {
                             drop(reply.send(Err(result.err().map_or(refused, Into::into))));
                         };
                         self.perform(at, effects, told).await;
@@ -862,14 +864,14 @@ impl Actor {
     }
 
     /// Performs effects and sends the result to the caller, who may be gone.
-    async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
+    async fn perform_for<T: Send + 'static, E: From<StoreError> + Send + 'static>(
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
         outcome: T,
         reply: oneshot::Sender<Result<T, E>>,
     ) {
-        let told = |result: Result<(), JournalError>| {
+        let told = |result: Result<(), StoreError>| {
             drop(reply.send(result.map(|()| outcome).map_err(E::from)));
         };
         self.perform(at, effects, told).await;
@@ -966,7 +968,7 @@ impl Actor {
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
-        then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
+        then: impl FnOnce(Result<(), StoreError>) + Send + 'static,
     ) {
         // The acts belong to the latest state, which may still be on its way to be published.
         let open = Arc::clone(&self.latest);
@@ -1027,7 +1029,7 @@ impl Actor {
         let (key, bytes) = (self.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
-        let committed = move |result: Result<(), JournalError>| {
+        let committed = move |result: Result<(), StoreError>| {
             // Earlier entries may have been rejected although there is nothing to reject here.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
@@ -1080,11 +1082,10 @@ impl Actor {
 
     /// Steps the engine by the acts of the open round and writes the round's record, and the end
     /// where it was the last.
-    async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), JournalError> {
+    async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), StoreError> {
         let round = self.world.round();
         let config = Arc::clone(self.world.config());
-        let acts = acts_of(&config, self.lockstep.records())
-            .map_err(|problem| JournalError(problem.into()))?;
+        let acts = acts_of(&config, self.lockstep.records()).map_err(StoreError::broken)?;
         let before = Arc::clone(&self.world);
         let recorded: Vec<ActRecord> = self.lockstep.records().cloned().collect();
         let text: u64 = recorded.iter().map(ActRecord::text_bytes).sum();
@@ -1101,7 +1102,7 @@ impl Actor {
         let urgent = (self.party, Rank::Urgent);
         let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
         let (world, digest, head) =
-            stepped.map_err(|error| JournalError(error.to_string().into()))?;
+            stepped.map_err(|error| StoreError::broken(error.to_string()))?;
         self.head = head;
         self.world = world;
         self.keep_state();

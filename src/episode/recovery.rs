@@ -14,9 +14,11 @@ use super::seating::Seating;
 use super::spec::Spec;
 use super::{Ending, Outcome};
 use crate::fair::{Party, Rank};
+use crate::journal::Tally;
 use crate::journal::record::{End, Record};
 use crate::journal::replay::acts_of;
-use crate::journal::{JournalError, RoundActs, StoredEpisode, StoredRound, Tally};
+use crate::store::StoreError;
+use crate::store::port::{RoundActs, StoredEpisode, StoredRound};
 use crate::work::{Cancelled, WorkError};
 
 /// Why an episode cannot be recovered.
@@ -24,7 +26,7 @@ use crate::work::{Cancelled, WorkError};
 pub enum RecoveryError {
     /// Its journal cannot be read.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
     /// Too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),

@@ -14,8 +14,9 @@ use super::actor::{Handle, Host};
 use super::heavy::{self, off_thread, step_micros};
 use super::recovery::RecoveryError;
 use crate::fair::{Party, Rank};
+use crate::ids::EpisodeKey;
 use crate::journal::replay::acts_of;
-use crate::journal::{EpisodeKey, RoundActs};
+use crate::store::port::RoundActs;
 use crate::work::Cancelled;
 
 /// Bytes of cached states.

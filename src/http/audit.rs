@@ -11,8 +11,8 @@ use super::error::ApiError;
 use super::extract::{Params, page_limit, read_cursor};
 use super::page::{Page, ROWS_MAX};
 use super::refusals::{QueryRefusals, TokenRefusals};
-use crate::journal::{AuditRow, Entry};
 use crate::store::audit::StoredAuditEntry;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::competition::{AuditEntry, AuditLog};
 use crate::wire::problem::Problem;
 

@@ -10,8 +10,8 @@ use super::auth::Organizer;
 use super::error::ApiError;
 use super::extract::{Nothing, Params};
 use super::refusals::{QueryRefusals, TokenRefusals};
-use crate::journal::{AuditRow, Entry, Journal};
 use crate::store::clock::CONFIRMED;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::clock::ConfirmedClock;
 use crate::wire::problem::Problem;
 

@@ -8,6 +8,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
+use axum::BoxError;
 use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
 use axum::http::Method;
@@ -22,9 +23,8 @@ use super::error::{ApiError, Code};
 use super::limits::{Limits, STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
-use crate::journal::JournalError;
 use crate::store;
-use crate::work::WorkError;
+use crate::store::StoreError;
 
 /// How long a request waits for a permit.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -38,7 +38,7 @@ pub(super) trait Parts: Send + 'static {
     fn next(
         &mut self,
         bytes_max: usize,
-    ) -> impl Future<Output = Result<Option<Vec<u8>>, JournalError>> + Send;
+    ) -> impl Future<Output = Result<Option<Vec<u8>>, StoreError>> + Send;
 }
 
 /// What streams share.
@@ -169,10 +169,9 @@ impl App {
                 let next = async move {
                     let turn = patiently(&app.streams.journals, party).await;
                     let part = store::patiently(app.part((party, turn), &mut parts)).await?;
-                    Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
+                    Ok::<_, BoxError>(part.map(|part| (part, (parts, None))))
                 };
-                let stopped = |error: WorkError| JournalError(error.to_string().into());
-                workers.in_background(next).await.map_err(stopped)?
+                workers.in_background(next).await?
             }
         });
         Ok(Body::from_stream(rest))
@@ -183,7 +182,7 @@ impl App {
         &self,
         (party, _turn): (Party, Permit),
         parts: &mut impl Parts,
-    ) -> Result<Option<Bytes>, JournalError> {
+    ) -> Result<Option<Bytes>, StoreError> {
         let most = self.limits.stream_part_bytes_max;
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);

@@ -9,10 +9,10 @@ use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::Config;
 
+use super::RunError;
 use super::suite::{Game, Suite};
 use crate::episode::spec::{Spec, Visibility};
 use crate::hosted;
-use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
 
@@ -30,13 +30,13 @@ pub struct Definition {
     /// The nucleus of sampling, as declared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
-    /// What else was told of who plays.
+    /// Further declarations about the player.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub meta: Map<String, Value>,
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// The built-in player that the server hosts on all seats, where nobody else plays;
+    /// The built-in player that the server hosts on all seats, if the server plays;
     /// `default` for the one that each task has of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
@@ -56,9 +56,10 @@ impl Definition {
     ///
     /// # Errors
     /// Where this program cannot read it.
-    pub fn of(stored: &StoredRun) -> Result<Self, JournalError> {
-        serde_json::from_str(&stored.definition).map_err(|error| {
-            JournalError(format!("the definition of {} cannot be read: {error}", stored.id).into())
+    pub fn of(stored: &StoredRun) -> Result<Self, RunError> {
+        serde_json::from_str(&stored.definition).map_err(|error| RunError::Definition {
+            run: stored.id.clone(),
+            problem: error.to_string(),
         })
     }
 

@@ -76,8 +76,8 @@ pub fn total(tasks: &[TaskScore]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ids::EpisodeId;
-    use crate::journal::{EpisodeKey, Tally};
+    use crate::ids::{EpisodeId, EpisodeKey};
+    use crate::journal::Tally;
 
     fn game(slot: u32, score: f64, is_over: bool, voided: bool) -> StoredGame {
         StoredGame {

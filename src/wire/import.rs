@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::journal::StoredImport;
+use crate::store::imports::StoredImport;
 
 /// An imported game. Nobody vouches for it: what it tells is what its files told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]

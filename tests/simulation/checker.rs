@@ -17,14 +17,15 @@ use swarmbench::episode::seating::SeatTaken;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
 use swarmbench::hosted;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{EpisodeId, EpisodeKey};
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, RawRecord, Record, Source, round_record};
 use swarmbench::journal::replay::{acts_of, living, verify};
-use swarmbench::journal::{
-    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, SeatingRow,
-};
 use swarmbench::keys::OwnerKey;
+use swarmbench::store::StoreError;
+use swarmbench::store::entries::{
+    ActRow, ClaimRow, EndRow, Entry, OpeningRow, RoundRow, SeatingRow,
+};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 
@@ -978,7 +979,7 @@ impl Checker {
     }
 
     /// The server could not keep something: that must be so.
-    fn failure(&mut self, id: &EpisodeId, failed: bool, error: &JournalError) {
+    fn failure(&mut self, id: &EpisodeId, failed: bool, error: &StoreError) {
         self.stats.count("refused: unavailable", 1);
         let is_true = failed || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));

@@ -13,7 +13,7 @@ use crate::clock::{millis, until};
 use crate::episode::actor::Handle;
 use crate::episode::{Snapshot, Status};
 use crate::fair::Permit;
-use crate::journal::EpisodeKey;
+use crate::ids::EpisodeKey;
 use crate::prompt::{self, tasks};
 use crate::wire::episode::EpisodeResult;
 use crate::wire::observation::{Moment, Sight};

@@ -8,6 +8,7 @@ use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, PageParams, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
+use crate::competitions;
 use crate::store::competitions::Declared;
 use crate::wire::competition::{AttemptList, AttemptSummary};
 use crate::wire::problem::Problem;
@@ -45,7 +46,9 @@ pub(in super::super) async fn list_attempts(
         return app.cached_answer(question, Box::pin(make)).await;
     }
     let own = match number {
-        Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,
+        Some(_) => {
+            competitions::entrants(&app.store, competition.key, number, Declared::Short).await?
+        }
         None => Vec::new(),
     };
     page(&app, &params, app.part_of_field(competition, own).await?.summaries()?).await

@@ -16,7 +16,8 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params, page_limit};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::phase::{BoardView, board_view};
-use crate::store::competitions::{Declared, StoredCompetition};
+use crate::competitions::StoredCompetition;
+use crate::store::competitions::Declared;
 use crate::wire::board::{Table, text as safe_cell};
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
 

@@ -10,7 +10,8 @@ use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::competition::EntrantStatus;
-use crate::journal::{Entry, Journal};
+use crate::competitions;
+use crate::store::entries::Entry;
 use crate::wire::competition::{EntrantChange, EntrantSummary};
 use crate::wire::problem::Problem;
 
@@ -68,7 +69,7 @@ pub(in super::super) async fn change_entrant(
         _ => {}
     }
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
+        let stored = competitions::find(&app.store, &id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
         // What two organizers decide at once is decided one after the other.
         let _lock = app.idempotency_lock(&format!("entrant {entrant}")).await;

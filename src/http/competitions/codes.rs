@@ -11,10 +11,11 @@ use super::super::auth::Organizer;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
+use crate::competitions;
 use crate::ids::{Token, TokenKind};
-use crate::journal::{Entry, Journal};
 use crate::keys::NAME_CHARS_MAX;
 use crate::names;
+use crate::store::entries::Entry;
 use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
 use crate::wire::problem::Problem;
 
@@ -49,7 +50,7 @@ pub(in super::super) async fn create_codes(
     _: Params<Nothing>,
     Json(request, _): Json<CodesRequest>,
 ) -> Result<Response, ApiError> {
-    let stored = app.store.find_competition(&id).await?;
+    let stored = competitions::find(&app.store, &id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     let labels = request.labels;
     if !(1..=CODES_MAX).contains(&labels.len()) {

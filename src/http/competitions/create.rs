@@ -19,8 +19,9 @@ use crate::competition::definition::{
 };
 use crate::competition::new_id;
 use crate::competition::sealed::Sealed;
-use crate::journal::{CompetitionRow, Entry, Journal, Secret};
+use crate::competitions;
 use crate::run::suite::SuiteSettings;
+use crate::store::entries::{CompetitionRow, Entry, Secret};
 use crate::wire::competition::{
     AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };
@@ -70,7 +71,7 @@ pub(in super::super) async fn create_competition(
     let audit_entry = organizer.audit_entry(&app, "competition.create", &id, detail);
     app.store.keep(vec![Entry::AddCompetition(Box::new(row)), audit_entry]).await?;
     tracing::info!(competition = %id, commitment, "created");
-    let stored = app.store.find_competition(&id).await?;
+    let stored = competitions::find(&app.store, &id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     Ok(answer::created(&format!("/api/v1/competitions/{id}"), shown(&stored, now)))
 }

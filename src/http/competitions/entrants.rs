@@ -10,7 +10,8 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Ids, Nothing, PageParams, Params};
 use super::super::page::ROWS_MAX;
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::EntryKey;
+use crate::competitions;
+use crate::ids::EntryKey;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 use crate::wire::problem::Problem;
 
@@ -44,7 +45,8 @@ pub(in super::super) async fn list_entrants(
         let mut page = params.page(&app).await?;
         while let Some(rows) = page.wants(ROWS_MAX) {
             let after = page.place().map(EntryKey);
-            let entrants = app.store.list_entrants(competition.key, after, rows).await?;
+            let entrants =
+                competitions::list_entrants(&app.store, competition.key, after, rows).await?;
             page.add(rows, entrants, |stored| {
                 Ok((stored.key.0, EntrantSummary::from(&stored.entrant)))
             })?;

@@ -12,7 +12,8 @@ use super::super::extract::{Params, page_limit, read_cursor};
 use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::shown;
-use crate::journal::CompetitionKey;
+use crate::competitions;
+use crate::ids::CompetitionKey;
 use crate::wire::competition::CompetitionList;
 
 /// Which page is to be shown.
@@ -51,7 +52,7 @@ pub(in super::super) async fn list_competitions(
     let mut page = Page::new(&app, read_cursor(params.cursor.as_deref())?, limit).await?;
     let now = app.clock.wall();
     while let Some(rows) = page.wants(ROWS_MAX) {
-        let stored = app.store.list_competitions(page.place().map(CompetitionKey), rows).await?;
+        let stored = competitions::list(&app.store, page.place().map(CompetitionKey), rows).await?;
         page.add(rows, stored, |stored| Ok((stored.key.0, shown(&stored, now))))?;
     }
     Ok(page.answer())

@@ -24,8 +24,9 @@ use super::error::{ApiError, Code};
 use crate::board::{Game, Slot};
 use crate::competition::entrant::Entrant;
 use crate::competition::standings::{self, Attempt, standings};
+use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::run::RunStatus;
-use crate::store::competitions::{Declared, StoredAttempt, StoredCompetition, StoredEntrant};
+use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::runs::StoredGame;
 use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow, Revealed};
 
@@ -33,7 +34,7 @@ impl App {
     /// A competition of which the caller may know.
     async fn competition(&self, caller: &Caller, id: &str) -> Result<StoredCompetition, ApiError> {
         caller.may_look_around(&self.access)?;
-        let found = self.store.find_competition(id).await?;
+        let found = competitions::find(&self.store, id).await?;
         found.ok_or_else(|| ApiError::not_found("the competition"))
     }
 
@@ -43,7 +44,7 @@ impl App {
         competition: &StoredCompetition,
         id: &str,
     ) -> Result<StoredEntrant, ApiError> {
-        let found = self.store.find_entrant(competition.key, id).await?;
+        let found = competitions::find_entrant(&self.store, competition.key, id).await?;
         found.ok_or_else(|| ApiError::not_found("the entrant"))
     }
 
@@ -55,7 +56,7 @@ impl App {
     ) -> Result<Field, ApiError> {
         // In this order each attempt has its entrant, also where somebody enters meanwhile.
         let attempts = self.store.attempts(competition.key, None).await?;
-        let entrants = self.store.entrants(competition.key, None, declared).await?;
+        let entrants = competitions::entrants(&self.store, competition.key, None, declared).await?;
         self.field_of(competition, entrants, attempts).await
     }
 

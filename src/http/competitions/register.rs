@@ -18,10 +18,10 @@ use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefus
 use crate::competition::definition::Admission;
 use crate::competition::entrant::Declaration;
 use crate::competition::new_entrant_id;
+use crate::competitions::{self, StoredCompetition};
 use crate::ids::{Token, TokenHash, TokenKind};
-use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::store::competitions::StoredCompetition;
+use crate::store::entries::{EntrantRow, Entry};
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
 use crate::wire::problem::Problem;
 
@@ -66,7 +66,7 @@ pub(in super::super) async fn register_entrant(
         }
     };
     // A competition that somebody was told of may be entered, also where strangers look at nothing.
-    let stored = app.store.find_competition(&id).await?;
+    let stored = competitions::find(&app.store, &id).await?;
     let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
     check(&request, &app)?;
     // Concurrent entries are counted, and a code is valid once.

@@ -9,9 +9,10 @@ use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::{Entry, Journal};
+use crate::competitions;
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
+use crate::store::entries::Entry;
 use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
 use crate::wire::problem::Problem;
@@ -50,7 +51,7 @@ pub(in super::super) async fn void_attempt(
     problems.text("reason", &reason, app.limits.reason_chars_max);
     let reason = problems.none_or(Some(reason))?;
     App::run_detached(async move {
-        let stored = app.store.find_competition(&id).await?;
+        let stored = competitions::find(&app.store, &id).await?;
         let competition = stored.ok_or_else(|| ApiError::not_found("the competition"))?;
         let _lock = app.idempotency_lock(&format!("void {run}")).await;
         let attempts = app.store.attempts(competition.key, None).await?;

@@ -13,7 +13,7 @@ use super::super::extract::{Params, one_of, page_limit, read_cursor};
 use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use crate::episode::Status;
-use crate::journal::EpisodeKey;
+use crate::ids::EpisodeKey;
 use crate::store::episodes::Filter;
 use crate::wire::episode::EpisodeList;
 

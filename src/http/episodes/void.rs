@@ -11,8 +11,8 @@ use super::super::error::ApiError;
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, IdRefusals, QueryRefusals, TokenRefusals};
 use crate::ids::EpisodeId;
-use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::Key;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::episode::{EpisodeSummary, VoidRequest};
 use crate::wire::problem::Problem;
 

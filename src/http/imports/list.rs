@@ -12,7 +12,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Params, one_of, page_limit, read_cursor};
 use super::super::page::{Page, ROWS_MAX};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
-use crate::journal::ImportKey;
+use crate::ids::ImportKey;
 use crate::store::imports::ImportFilter;
 use crate::wire::import::{ImportList, ImportSummary};
 

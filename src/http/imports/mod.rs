@@ -7,7 +7,7 @@ pub(super) mod state;
 use super::App;
 use super::auth::Caller;
 use super::error::ApiError;
-use crate::journal::StoredImport;
+use crate::store::imports::StoredImport;
 
 impl App {
     /// An imported game. They are public like episodes that have ended.

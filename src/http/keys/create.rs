@@ -11,8 +11,8 @@ use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
 use super::super::refusals::{BodyRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::{Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
+use crate::store::entries::Entry;
 use crate::wire::key::{CreatedKey, KeyRequest, KeySummary};
 use crate::wire::problem::Problem;
 

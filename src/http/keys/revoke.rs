@@ -9,7 +9,7 @@ use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::refusals::{IdRefusals, QueryRefusals, TokenRefusals};
-use crate::journal::{Entry, Journal};
+use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use crate::wire::key::KeySummary;
 use crate::wire::problem::Problem;

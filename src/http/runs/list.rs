@@ -12,7 +12,7 @@ use super::super::extract::{Params, one_of, page_limit, read_cursor};
 use super::super::page::{LARGE_ROWS_MAX, Page};
 use super::super::refusals::{QueryRefusals, TokenRefusals};
 use super::Known;
-use crate::journal::RunKey;
+use crate::ids::RunKey;
 use crate::run::RunStatus;
 use crate::store::runs::RunFilter;
 use crate::wire::run::RunList;
