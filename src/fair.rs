@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use crate::journal::CompetitionKey;
+use crate::ids::CompetitionKey;
 use crate::keys::OwnerKey;
 
 /// Between whom shares are equal first.

@@ -25,8 +25,8 @@ use crate::episode::recovery::RecoveryError;
 use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
 use crate::fair::{FairLimit, Party, Rank, Shares};
-use crate::journal::JournalError;
 use crate::journal::record::Decision;
+use crate::store::StoreError;
 use crate::work::{Cancelled, WorkError};
 
 /// Rounds of hosted games that are decided, or on their way to the disk, at once. Hosted games would play as
@@ -108,14 +108,16 @@ pub enum HostedError {
     Work(#[from] WorkError),
     /// An act could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 impl HostedError {
     /// Whether the same will work later: too many others read or wanted heavy work at the moment.
     fn is_temporary(&self) -> bool {
         match self {
-            Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
+            Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => {
+                matches!(error, StoreError::Busy)
+            }
             Self::Recovery(RecoveryError::Work(error)) | Self::Work(error) => {
                 *error == WorkError::Busy
             }

@@ -5,6 +5,28 @@ use sha2::{Digest, Sha256};
 
 use crate::clock::Entropy;
 
+/// Numbers of rows in the database; short, and never shown.
+macro_rules! row_keys {
+    ($($(#[doc = $doc:literal])* $name:ident;)*) => {$(
+        $(#[doc = $doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub struct $name(pub i64);
+    )*};
+}
+
+row_keys! {
+    /// The number of an episode in the database.
+    EpisodeKey;
+    /// The number of a run in the database.
+    RunKey;
+    /// The number of a competition in the database.
+    CompetitionKey;
+    /// The number of an entrant of a competition in the database.
+    EntryKey;
+    /// The number of an imported game in the database.
+    ImportKey;
+}
+
 /// The public id of an episode: `ep_` and 32 hexadecimal digits that grow with time.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EpisodeId(String);

@@ -23,9 +23,11 @@
 #![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
 
 pub use swarmbench_boards as board;
+pub use swarmbench_boards::competition;
 pub use swarmbench_client as players;
 pub use swarmbench_client::{eval, llm};
 pub use swarmbench_clock as clock;
+pub use swarmbench_journal as journal;
 pub use swarmbench_loadtest as loadtest;
 pub use swarmbench_prompt as prompt;
 pub use swarmbench_protocol as wire;
@@ -33,7 +35,7 @@ pub use swarmbench_protocol::names;
 
 pub mod budget;
 pub mod cli;
-pub mod competition;
+pub mod competitions;
 pub mod dataset;
 pub mod episode;
 pub mod fair;
@@ -41,7 +43,6 @@ pub mod host;
 pub mod hosted;
 pub mod http;
 pub mod ids;
-pub mod journal;
 pub mod keys;
 mod migrations;
 pub mod run;

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::budget::Budget;
 use crate::clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
-use crate::competition::closing;
+use crate::competitions::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
 use crate::episode::registry::Registry;
@@ -23,9 +23,10 @@ use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
 use crate::http::{Access, App, Foundation, router, serve::serve};
-use crate::journal::{Journal, JournalError};
+use crate::run::RunError;
 use crate::run::manager::{self, Runs};
-use crate::store::{OpenError, Store};
+use crate::store::port::EpisodeStore;
+use crate::store::{OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
 
@@ -120,7 +121,7 @@ pub enum StartError {
     Open(#[from] OpenError),
     /// Its database could not be read.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// A server over an open database.
@@ -153,7 +154,7 @@ impl Server {
         for (episode, owner, competition) in store.accounts().await? {
             quotas.note(episode, Party::within(competition, owner));
         }
-        let journal: Arc<dyn Journal> = Arc::new(store.clone());
+        let journal: Arc<dyn EpisodeStore> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
         // Episodes run on these threads, also where a request of low priority takes them up.
         let threads = Handle::current();
@@ -280,7 +281,7 @@ async fn recover_with_retries(app: App) {
     app.read_boards().await;
 }
 
-async fn recover_all(app: &App) -> Result<(), JournalError> {
+async fn recover_all(app: &App) -> Result<(), RunError> {
     let episodes = app.registry.recover_unfinished().await?;
     let runs = app.runs.advance_all().await?;
     if episodes + runs > 0 {

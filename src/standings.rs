@@ -10,12 +10,13 @@ use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Importe
 use crate::board::cross_play::{MixedGame, Model, Setting};
 use crate::board::result::RunResult;
 use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
+use crate::ids::{EpisodeKey, RunKey};
 use crate::journal::record::{Record, RecordedConfig};
-use crate::journal::{EpisodeKey, ImportedGame, JournalError, RunKey};
 use crate::run::definition::Definition;
 use crate::run::suite::{Suite, SuiteSettings};
-use crate::store::Store;
+use crate::store::imports::ImportedGame;
 use crate::store::results::{BoardMixed, BoardRun, Change};
+use crate::store::{Store, StoreError};
 
 /// The rules by which every built-in suite can be played.
 const RULES: [&str; 2] = ["paper", "reference"];
@@ -51,7 +52,7 @@ impl Standings {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn boards(&self) -> Result<Arc<Boards>, JournalError> {
+    pub async fn boards(&self) -> Result<Arc<Boards>, StoreError> {
         let mut cached = self.cached.lock().await;
         self.catch_up(&mut cached).await?;
         if let Some(boards) = &cached.boards {
@@ -77,7 +78,7 @@ impl Standings {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn mixed(&self) -> Result<Arc<MixedGames>, JournalError> {
+    pub async fn mixed(&self) -> Result<Arc<MixedGames>, StoreError> {
         let mut cached = self.cached.lock().await;
         self.catch_up(&mut cached).await?;
         if let Some(mixed) = &cached.mixed {
@@ -102,7 +103,7 @@ impl Standings {
 
     /// Reads again what has changed. The caller may be dropped at any moment: a change is forgotten only once
     /// it is seen to.
-    async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), JournalError> {
+    async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), StoreError> {
         match self.store.writer().changes().take() {
             Some(changes) => cached.changes.extend(changes),
             None => *cached = CachedBoards::default(),
@@ -133,11 +134,11 @@ impl Standings {
         Ok(())
     }
 
-    async fn imported(&self) -> Result<Vec<Imported>, JournalError> {
+    async fn imported(&self) -> Result<Vec<Imported>, StoreError> {
         Ok(self.store.imported_games().await?.into_iter().filter_map(imported).collect())
     }
 
-    async fn read_run(&self, cached: &mut CachedBoards, run: RunKey) -> Result<(), JournalError> {
+    async fn read_run(&self, cached: &mut CachedBoards, run: RunKey) -> Result<(), StoreError> {
         let Some(boards) = &mut cached.boards else { return Ok(()) };
         let found = self.store.run_on_boards(run).await?.map(over).transpose()?;
         let boards = Arc::make_mut(boards);
@@ -152,7 +153,7 @@ impl Standings {
         &self,
         cached: &mut CachedBoards,
         episode: EpisodeKey,
-    ) -> Result<(), JournalError> {
+    ) -> Result<(), StoreError> {
         let Some(mixed) = &mut cached.mixed else { return Ok(()) };
         let found = self.store.mixed_game(episode).await?.map(mixed_game).transpose()?;
         let mixed = Arc::make_mut(mixed);
@@ -219,9 +220,9 @@ fn imported(game: ImportedGame) -> Option<Imported> {
 }
 
 /// A stored run as a board takes it.
-fn over(stored: BoardRun) -> Result<FinishedRun, JournalError> {
+fn over(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let broken = |problem: String| {
-        JournalError(format!("the run {} cannot be read: {problem}", stored.id).into())
+        StoreError::broken(format!("the run {} cannot be read: {problem}", stored.id))
     };
     let definition: Definition =
         serde_json::from_str(&stored.definition).map_err(|error| broken(error.to_string()))?;
@@ -230,7 +231,7 @@ fn over(stored: BoardRun) -> Result<FinishedRun, JournalError> {
     };
     let plan = (definition.suite.plan().iter())
         .map(|game| Ok(Slot { task: task(&game.task)?, seed: game.seed }))
-        .collect::<Result<Vec<_>, JournalError>>()?;
+        .collect::<Result<Vec<_>, StoreError>>()?;
     let games = (stored.games.iter())
         .map(|game| {
             Ok(Game {
@@ -242,7 +243,7 @@ fn over(stored: BoardRun) -> Result<FinishedRun, JournalError> {
                 voided: game.voided,
             })
         })
-        .collect::<Result<Vec<_>, JournalError>>()?;
+        .collect::<Result<Vec<_>, StoreError>>()?;
     let is_hosted = definition.player.is_some();
     // That a built-in player plays is certain; that it is what its creator calls it is not, unless that is its name.
     let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
@@ -274,12 +275,12 @@ fn over(stored: BoardRun) -> Result<FinishedRun, JournalError> {
 }
 
 /// A stored game of several holders as cross-play takes it.
-fn mixed_game(stored: BoardMixed) -> Result<MixedGame, JournalError> {
+fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     let broken = |problem: String| {
         let number = stored.episode.0;
-        JournalError(
-            format!("the opening of episode number {number} cannot be read: {problem}").into(),
-        )
+        StoreError::broken(format!(
+            "the opening of episode number {number} cannot be read: {problem}"
+        ))
     };
     let config = match stored.opening.read() {
         Ok(Record::Opening(opening)) => opening.config,

@@ -18,14 +18,14 @@ use swarmbench::episode::registry::{CreateError, Creation, Registry};
 use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use swarmbench::journal::record::{ActRecord, Decision, RawRecord, Usage};
-use swarmbench::journal::{
-    ActRow, Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs,
-    RunKey, StoredAct, StoredEpisode, StoredRound, Unfinished,
-};
 use swarmbench::keys::OwnerKey;
-use swarmbench::store::Store;
+use swarmbench::store::entries::{ActRow, Entry, Held};
+use swarmbench::store::port::{
+    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
+use swarmbench::store::{Store, StoreError};
 use swarmbench::work::Workers;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 use tempfile::TempDir;
@@ -40,40 +40,40 @@ struct Faulty {
     stuck: Mutex<Option<EpisodeId>>,
 }
 
-impl Journal for Faulty {
+impl EpisodeStore for Faulty {
     fn append(&self, entries: Vec<Entry>, committed: Committed) {
         let acts = entries.iter().any(|entry| matches!(entry, Entry::Act(_)));
         assert!(!acts || !self.panics.swap(false, Ordering::Relaxed), "a fault, made by a test");
-        Journal::append(&self.store, entries, committed);
+        self.store.append(entries, committed);
     }
 
     fn recovered(&self, episode: EpisodeKey) {
         self.store.recovered(episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
         if self.stuck.lock().expect("no panic").as_ref() == Some(&id) {
             return Box::pin(std::future::pending());
         }
         self.store.episode(id)
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
         self.store.unfinished()
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
         self.store.holders(episode)
     }
 
     fn entrant(
         &self,
         run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
         self.store.entrant(run)
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
         self.store.key_id(owner)
     }
 
@@ -82,7 +82,7 @@ impl Journal for Faulty {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
         self.store.acts(episode, from, to)
     }
 
@@ -90,7 +90,7 @@ impl Journal for Faulty {
         &self,
         episode: EpisodeKey,
         round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, JournalError>> {
+    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
         self.store.round_acts(episode, round)
     }
 
@@ -99,7 +99,7 @@ impl Journal for Faulty {
         episode: EpisodeKey,
         round: u32,
         agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
         self.store.act(episode, round, agent)
     }
 
@@ -108,7 +108,7 @@ impl Journal for Faulty {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
         self.store.rounds(episode, from, to)
     }
 }

@@ -8,7 +8,8 @@ use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use crate::clock::{Clock, SystemClock};
 use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Taker, read};
-use crate::journal::{Entry, ImportRow, Journal};
+use crate::store::entries::Entry;
+use crate::store::imports::ImportRow;
 use crate::store::{OpenError, Store};
 
 #[derive(Debug, clap::Args)]

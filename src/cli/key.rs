@@ -8,9 +8,9 @@ use serde_json::json;
 
 use super::play::table;
 use crate::clock::{Clock, SystemClock, SystemEntropy};
-use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
 use crate::players::client::Client;
+use crate::store::entries::{AuditRow, Entry};
 use crate::store::{OpenError, Store};
 use crate::wire::key::KeyRequest;
 

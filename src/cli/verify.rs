@@ -9,6 +9,7 @@ use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use swarmbench_engine::physics::Solver;
 
 use crate::competition::verify::{self as competition, Expected};
+use crate::competitions;
 use crate::journal::chain::Head;
 use crate::journal::replay::verify;
 use crate::store::check::{Damage, check};
@@ -65,7 +66,7 @@ async fn run_database(db: &Path) -> anyhow::Result<()> {
     let bar = ProgressBar::new(0)
         .with_style(ProgressStyle::with_template(style).expect("a valid template"))
         .with_message("pages");
-    let checked = check(db, |done, of| {
+    let checked = check(db, &competitions::FORMATS, |done, of| {
         bar.set_length(of);
         bar.set_position(done);
     })

@@ -18,14 +18,12 @@ use super::format::{self, AgentRow, GameRow, META, Meta};
 use super::game::{Game, GameAct, Turn};
 use super::imported;
 use super::tables::{self, Cell, Column, Named};
-use crate::ids::EpisodeId;
-use crate::journal::{
-    EpisodeKey, ImportKey, ImportedRound, JournalError, StoredEpisode, StoredImport,
-};
-use crate::store::Store;
+use crate::ids::{EpisodeId, EpisodeKey, ImportKey};
 use crate::store::episodes::{Filter, Readable};
-use crate::store::imports::ImportFilter;
+use crate::store::imports::{ImportFilter, ImportedRound, StoredImport};
+use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
+use crate::store::{Store, StoreError};
 
 /// Rounds that are read at once.
 const CHUNK: u32 = 8;
@@ -44,7 +42,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub enum ExportError {
     /// The store cannot be read.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
     /// What was made cannot be written.
     #[error("it cannot be written: {0}")]
     Io(#[from] io::Error),
@@ -458,7 +456,7 @@ impl<'a> ImportedGames<'a> {
 }
 
 fn unreadable(problem: String) -> ExportError {
-    ExportError::Journal(JournalError(problem.into()))
+    ExportError::Journal(StoreError::broken(problem))
 }
 
 /// Why an episode was not played to its end.
@@ -486,7 +484,7 @@ fn lay_out(stored: &StoredEpisode) -> Result<Game, ExportError> {
 
 /// Stored episodes do not change, so this does not happen.
 fn changed(stored: &StoredEpisode, problem: &str) -> ExportError {
-    ExportError::Journal(JournalError(format!("episode {}: {problem}", stored.id).into()))
+    ExportError::Journal(StoreError::broken(format!("episode {}: {problem}", stored.id)))
 }
 
 /// A JSON array, written element by element.

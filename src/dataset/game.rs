@@ -11,8 +11,9 @@ use swarmbench_engine::{
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
 use crate::journal::record::{ActRecord, Opening, Record};
 use crate::journal::replay::{Replayer, RoundFault, acts_of};
-use crate::journal::{LoggedRound, StoredEpisode};
 use crate::prompt::{self, tasks};
+use crate::store::exports::LoggedRound;
+use crate::store::port::StoredEpisode;
 use crate::wire::observation::Sight;
 use crate::wire::status::Status;
 

@@ -10,7 +10,7 @@ use serde_json::Value;
 use swarmbench_engine::TaskName;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
-use crate::journal::{ImportHash, ImportRow, ImportSettings, ImportedRound};
+use crate::store::imports::{ImportHash, ImportRow, ImportSettings, ImportedRound};
 use crate::wire::Position;
 use crate::wire::episode::{State, StateAgent};
 

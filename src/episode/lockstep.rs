@@ -14,8 +14,8 @@ use swarmbench_engine::{Act, AgentId, Config};
 use super::quota::Full;
 use super::status::{Ending, Outcome, Status};
 use crate::clock::{after, millis};
-use crate::journal::StoredAct;
 use crate::journal::record::{Decision, RawRecord, Source};
+use crate::store::port::StoredAct;
 
 /// What a player sent for a round.
 #[derive(Clone, Debug, PartialEq, Eq)]

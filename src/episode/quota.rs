@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use jiff::Timestamp;
 
 use crate::fair::{Group, Party};
-use crate::journal::{CompetitionKey, EpisodeKey};
+use crate::ids::{CompetitionKey, EpisodeKey};
 use crate::keys::OwnerKey;
 
 /// The caps. What exceeds them is refused; running episodes continue.

@@ -16,8 +16,9 @@ use super::seating::Seating;
 use super::spec::Spec;
 use super::status::{Ending, Outcome};
 use crate::fair::{Party, Rank};
+use crate::journal::Tally;
 use crate::journal::record::{End, RawRecord, Record};
-use crate::journal::{RoundActs, StoredEpisode, Tally};
+use crate::store::port::{RoundActs, StoredEpisode};
 use crate::work::Cancelled;
 
 /// Recovers a stored episode. Its open round begins when that is done, however long it took.

@@ -26,14 +26,14 @@ use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
 use crate::clock::{Clock, after};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
-use crate::ids::EpisodeId;
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::journal::Tally;
 use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
-use crate::journal::{
-    ClaimRow, Entry, EpisodeKey, Holder, Journal, JournalError, OpeningRow, RunKey, SeatingRow,
-    StoredEpisode, Tally, TokenRow, Unfinished,
-};
 use crate::keys::OwnerKey;
+use crate::store::entries::{ClaimRow, Entry, Holder, OpeningRow, SeatingRow, TokenRow};
+use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
+use crate::store::{Stopped, StoreError};
 use crate::work::{Cancelled, WorkError, Workers};
 
 /// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
@@ -110,7 +110,7 @@ pub enum CreateError {
     Work(#[from] WorkError),
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// Why an episode was neither found in memory nor recovered.
@@ -124,8 +124,8 @@ pub enum FindError {
     Recovery(#[from] RecoveryError),
 }
 
-impl From<JournalError> for FindError {
-    fn from(error: JournalError) -> Self {
+impl From<StoreError> for FindError {
+    fn from(error: StoreError) -> Self {
         Self::Recovery(error.into())
     }
 }
@@ -147,7 +147,7 @@ pub struct Registry {
 impl Registry {
     /// The registry over a journal whose newest episode has the number `last_key`.
     pub fn new(
-        journal: Arc<dyn Journal>,
+        journal: Arc<dyn EpisodeStore>,
         clock: Arc<dyn Clock>,
         quotas: Arc<Quotas>,
         workers: Workers,
@@ -267,7 +267,7 @@ impl Registry {
         self.hosted.lock().expect("nothing panics while it holds this").take()
     }
 
-    pub fn journal(&self) -> &Arc<dyn Journal> {
+    pub fn journal(&self) -> &Arc<dyn EpisodeStore> {
         &self.host.journal
     }
 
@@ -303,7 +303,7 @@ impl Registry {
         let creating = async move { drop(done.send(registry.create_now(creation).await)) };
         let creating = fair::inherit(creating);
         (self.host.spawn)(Box::pin(creating.in_current_span()));
-        let stopping = || Err(JournalError("the server is stopping".into()).into());
+        let stopping = || Err(StoreError::Stopped(Stopped::Server).into());
         created.await.unwrap_or_else(|_| stopping())
     }
 
@@ -424,7 +424,7 @@ impl Registry {
         owner: Option<OwnerKey>,
         spec: &Spec,
         now: Timestamp,
-    ) -> Result<(Option<Seating>, Option<Entry>), JournalError> {
+    ) -> Result<(Option<Seating>, Option<Entry>), StoreError> {
         if !spec.is_seated() {
             return Ok((None, None));
         }
@@ -496,8 +496,7 @@ impl Registry {
         (self.host.spawn)(Box::pin(fair::inherit(async move {
             drop(done.send(registry.fill(&cell, &id).await));
         })));
-        let stopping =
-            || Err(RecoveryError::from(JournalError("the server is stopping".into())).into());
+        let stopping = || Err(RecoveryError::from(StoreError::Stopped(Stopped::Server)).into());
         recovered.await.unwrap_or_else(|_| stopping())
     }
 
@@ -578,7 +577,7 @@ impl Registry {
     /// After a start: recovers the unfinished episodes that advance by themselves, and gives all others
     /// a slot. Returns how many there are, once all are recovered that do not take long; the
     /// others follow, the fastest first.
-    pub async fn recover_unfinished(&self) -> Result<usize, JournalError> {
+    pub async fn recover_unfinished(&self) -> Result<usize, StoreError> {
         let all = self.host.journal.unfinished().await?;
         let now = self.host.clock.now();
         for Unfinished { episode, id, owner, clocked, .. } in &all {

@@ -8,9 +8,9 @@ use super::actor::{Handle, Host};
 use super::heavy::{self, off_thread, step_micros};
 use super::replays::RecoveryError;
 use crate::fair::{Party, Rank};
-use crate::ids::EpisodeId;
+use crate::ids::{EpisodeId, EpisodeKey};
 use crate::journal::replay::{Replayer, RoundFault, acts_of};
-use crate::journal::{EpisodeKey, RoundActs, StoredRound};
+use crate::store::port::{RoundActs, StoredRound};
 use crate::work::Cancelled;
 
 /// Rounds that are read and played at once.

@@ -10,7 +10,8 @@ use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use swarmbench_engine::World;
 
-use crate::journal::{EpisodeKey, JournalError};
+use crate::ids::EpisodeKey;
+use crate::store::StoreError;
 use crate::work::WorkError;
 
 /// Bytes of cached states.
@@ -24,7 +25,7 @@ const RECENT_EXPECTED: usize = 256;
 pub enum RecoveryError {
     /// Its journal cannot be read.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
     /// Too much heavy work waits.
     #[error(transparent)]
     Work(#[from] WorkError),

@@ -9,7 +9,7 @@ use swarmbench_engine::AgentId;
 use super::spec::Spec;
 use crate::clock::after;
 use crate::journal::record::{HeldSeat, Record, SeatHolder, Seats};
-use crate::journal::{Held, Holder};
+use crate::store::entries::{Held, Holder};
 
 /// What is wanted of the open seats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,8 +8,8 @@ use super::auth::{Caller, Organizer};
 use super::error::ApiError;
 use super::extract::Params;
 use super::page::{NewestParams, ROWS_MAX};
-use crate::journal::{AuditRow, Entry};
 use crate::store::audit::StoredAuditEntry;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::competition::{AuditEntry, AuditLog};
 
 /// List what organizers did, newest first.

@@ -15,9 +15,9 @@ use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;
 use crate::episode::spec::Visibility;
 use crate::fair::{Group, Party};
-use crate::ids::{EpisodeId, Token};
-use crate::journal::{AuditRow, Entry, RunKey};
+use crate::ids::{EpisodeId, RunKey, Token};
 use crate::keys::{Key, OwnerKey, Role};
+use crate::store::entries::{AuditRow, Entry};
 use crate::store::episodes::Readable;
 use crate::store::tokens::{Grant, Seats};
 

@@ -9,8 +9,8 @@ use super::App;
 use super::auth::Organizer;
 use super::error::ApiError;
 use super::extract::{Nothing, Params};
-use crate::journal::{AuditRow, Entry, Journal};
 use crate::store::clock::CONFIRMED;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::clock::ConfirmedClock;
 
 /// Confirm that the clock of the server's host is right.

@@ -23,10 +23,9 @@ use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
 use crate::fair::Busy;
-use crate::journal::JournalError;
 use crate::prompt::TemplateError;
-use crate::run::manager;
-use crate::store::READERS_MAX;
+use crate::run::{RunError, manager};
+use crate::store::{READERS_MAX, StoreError};
 use crate::wire::problem::{FieldProblem, Limit, Problem};
 use crate::work::{JOBS_WAITING_MAX, WorkError};
 
@@ -175,6 +174,13 @@ impl ApiError {
             .retry_after(Duration::from_secs(1))
     }
 
+    /// The journal cannot be used, which is logged.
+    fn no_journal(error: &dyn std::fmt::Display) -> Self {
+        tracing::error!(%error, "a request failed");
+        let detail = "the journal cannot be used; the operator has to look at the log";
+        Self::new(Code::Unavailable, detail).retry_after(Duration::from_secs(5))
+    }
+
     /// So little of the disk is free that nothing new is created.
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
@@ -261,19 +267,23 @@ impl From<Unknown> for ApiError {
     }
 }
 
-impl From<JournalError> for ApiError {
-    fn from(error: JournalError) -> Self {
-        if error.is_busy() {
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        if matches!(error, StoreError::Busy) {
             let detail = "too many requests read the database; try again later";
             return Self::limit(Code::Overloaded, "readers_max", READERS_MAX, detail)
                 .retry_after(Duration::from_secs(1));
         }
-        tracing::error!(%error, "a request failed");
-        Self::new(
-            Code::Unavailable,
-            "the journal cannot be used; the operator has to look at the log",
-        )
-        .retry_after(Duration::from_secs(5))
+        Self::no_journal(&error)
+    }
+}
+
+impl From<RunError> for ApiError {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Store(error) => error.into(),
+            error => Self::no_journal(&error),
+        }
     }
 }
 
@@ -437,7 +447,7 @@ impl From<manager::CreateError> for ApiError {
             manager::CreateError::Full(full) => full.into(),
             manager::CreateError::DiskFull(least) => Self::disk_full(least),
             manager::CreateError::Definition(problem) => Self::new(Code::Invalid, problem),
-            manager::CreateError::Journal(error) => error.into(),
+            manager::CreateError::Run(error) => error.into(),
         }
     }
 }

@@ -6,8 +6,8 @@ use tokio::sync::{Mutex, MutexGuard};
 
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::journal::JournalError;
 use crate::keys::OwnerKey;
+use crate::store::StoreError;
 
 /// Locks of creations; those with the same name have the same lock.
 const CREATION_LOCKS: usize = 64;
@@ -60,7 +60,7 @@ pub(super) async fn created_before<'a, T, B: AsRef<[u8]>, F>(
     find: impl FnOnce(&'a str) -> F,
 ) -> Result<Option<T>, ApiError>
 where
-    F: Future<Output = Result<Option<(T, B)>, JournalError>>,
+    F: Future<Output = Result<Option<(T, B)>, StoreError>>,
 {
     let Some((key, body)) = named else { return Ok(None) };
     match find(key).await? {

@@ -7,7 +7,7 @@ use super::App;
 use super::answer::json;
 use super::error::{ApiError, Code};
 use crate::fair::Permit;
-use crate::journal::JournalError;
+use crate::store::StoreError;
 
 /// Rows that are read at once: as much work as an async thread does in one piece.
 pub(super) const ROWS_MAX: u32 = 16;
@@ -62,7 +62,7 @@ impl Page {
         mut show: impl FnMut(R) -> Result<(i64, T), ApiError>,
     ) -> Result<Response, ApiError>
     where
-        F: Future<Output = Result<Vec<R>, JournalError>>,
+        F: Future<Output = Result<Vec<R>, StoreError>>,
     {
         while let Some(wanted) = self.wants(rows_max) {
             let rows = read(self.place, wanted).await?;

@@ -6,7 +6,7 @@ use quick_cache::sync::Cache;
 use swarmbench_engine::AgentId;
 
 use crate::episode::Status;
-use crate::journal::EpisodeKey;
+use crate::ids::EpisodeKey;
 
 /// Bytes of a sight (the larger part of an observation) that is cached.
 const SIGHT_CACHED_BYTES_MAX: usize = 16 * 1024;

@@ -7,6 +7,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::BoxError;
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Request, State};
 use axum::http::Method;
@@ -20,9 +21,9 @@ use super::limits::{Limits, STREAMS_WAITING_MAX, STREAMS_WAITING_PER_GROUP_MAX};
 use crate::budget::{Reservation, SMALL_BYTES};
 use crate::episode::registry::Registry;
 use crate::fair::{Busy, FairLimit, Party, Permit, Rank, Shares};
-use crate::journal::JournalError;
 use crate::store;
-use crate::work::{WorkError, Workers};
+use crate::store::StoreError;
+use crate::work::Workers;
 
 /// How long a request waits for a permit.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -36,7 +37,7 @@ pub(super) trait Parts: Send + 'static {
     fn next(
         &mut self,
         bytes_max: usize,
-    ) -> impl Future<Output = Result<Option<Vec<u8>>, JournalError>> + Send;
+    ) -> impl Future<Output = Result<Option<Vec<u8>>, StoreError>> + Send;
 }
 
 /// What streams share.
@@ -175,10 +176,9 @@ impl Streams {
                     let permit = patiently(&streams.journals, party).await;
                     let part = streams.part((party, permit), &mut parts);
                     let part = store::patiently(part).await?;
-                    Ok::<_, JournalError>(part.map(|part| (part, (parts, None))))
+                    Ok::<_, BoxError>(part.map(|part| (part, (parts, None))))
                 };
-                let stopped = |error: WorkError| JournalError(error.to_string().into());
-                workers.in_background(next).await.map_err(stopped)?
+                workers.in_background(next).await?
             }
         });
         Ok(Body::from_stream(rest))
@@ -189,7 +189,7 @@ impl Streams {
         &self,
         (party, _permit): (Party, Permit),
         parts: &mut impl Parts,
-    ) -> Result<Option<Bytes>, JournalError> {
+    ) -> Result<Option<Bytes>, StoreError> {
         let most = self.part_bytes_max;
         let small = |_| self.registry.budget().take(most.min(SMALL_BYTES), None);
         let room = self.registry.room(most).unwrap_or_else(small);

@@ -6,8 +6,7 @@ use quick_cache::sync::Cache;
 
 use super::error::ApiError;
 use crate::fair::Party;
-use crate::ids::{Token, TokenHash, TokenKind};
-use crate::journal::CompetitionKey;
+use crate::ids::{CompetitionKey, Token, TokenHash, TokenKind};
 use crate::keys::{OwnerKey, Role};
 use crate::store::Store;
 use crate::store::tokens::Grant;

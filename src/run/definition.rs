@@ -3,9 +3,9 @@
 pub use swarmbench_boards::run::Definition;
 use swarmbench_protocol::suite::Game;
 
+use super::RunError;
 use crate::episode::spec::Spec;
 use crate::hosted;
-use crate::journal::JournalError;
 use crate::prompt;
 use crate::store::runs::StoredRun;
 
@@ -13,9 +13,10 @@ use crate::store::runs::StoredRun;
 ///
 /// # Errors
 /// Where this program cannot read it.
-pub fn read(stored: &StoredRun) -> Result<Definition, JournalError> {
-    serde_json::from_str(&stored.definition).map_err(|error| {
-        JournalError(format!("the definition of {} cannot be read: {error}", stored.id).into())
+pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
+    serde_json::from_str(&stored.definition).map_err(|error| RunError::Definition {
+        run: stored.id.clone(),
+        problem: error.to_string(),
     })
 }
 

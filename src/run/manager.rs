@@ -17,7 +17,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::definition::{self, Definition};
 use super::suite::Game;
-use super::{RunStatus, new_id};
+use super::{RunError, RunStatus, new_id};
 use crate::clock::{Clock, Entropy};
 use crate::episode::quota::{Full, Purpose};
 use crate::episode::registry::{self, Creation, Registry};
@@ -25,9 +25,9 @@ use crate::episode::spec::Visibility;
 use crate::episode::{Ending, Status};
 use crate::fair::Party;
 use crate::host::Disk;
-use crate::ids::{EpisodeId, Token, TokenKind};
-use crate::journal::{Entry, EntryKey, Journal, JournalError, RunKey, RunRow};
+use crate::ids::{EntryKey, EpisodeId, RunKey, Token, TokenKind};
 use crate::store::Store;
+use crate::store::entries::{Entry, RunRow};
 use crate::store::runs::{StoredGame, StoredRun};
 
 /// Runs with the same lock are advanced one after the other.
@@ -42,16 +42,16 @@ const SALT_BYTES: usize = 16;
 /// A run that is to be created.
 #[derive(Clone, Debug)]
 pub struct NewRun {
-    /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
+    /// The party whose quotas it uses, with the key that creates it, if any.
     pub party: Party,
-    /// The purpose for which its first game counts.
+    /// The purpose by which its first game is admitted.
     pub purpose: Purpose,
     /// What is played, and by whom.
     pub definition: Definition,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
     /// The key by which a repeated creation finds it, and the hash of the body. A client that sends one has
-    /// made sure that no run has it, and that nobody else creates one with it meanwhile.
+    /// made sure that no run has it, and that no other request creates one with it meanwhile.
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
@@ -69,7 +69,7 @@ pub enum CreateError {
     /// There are as many episodes as there may be.
     #[error(transparent)]
     Full(#[from] Full),
-    /// So many percent of the disk are not free any more.
+    /// Less than this share of the disk is free, in percent.
     #[error("less than {0} % of the server's disk is free")]
     DiskFull(u32),
     /// Its definition is not one that can be played.
@@ -77,15 +77,15 @@ pub enum CreateError {
     Definition(String),
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Run(#[from] RunError),
 }
 
-/// What a client that plays a run has to know of it.
+/// The open games of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenGames {
     /// Its games that have not ended, the oldest first.
     pub open: Arc<[EpisodeId]>,
-    /// Whether nothing happens any more: it has ended, and so have all its games.
+    /// Whether it has ended, and all its games.
     pub is_over: bool,
 }
 
@@ -117,11 +117,11 @@ struct Shared {
     parts: Parts,
     next_key: AtomicI64,
     locks: [tokio::sync::Mutex<()>; LOCKS],
-    /// Held by many who enter competitions, and by one who reveals them.
+    /// Read by those that enter competitions, written by the one that reveals them.
     entering: tokio::sync::RwLock<()>,
-    /// Of runs at which somebody looks.
+    /// Of runs that have subscribers.
     open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
-    /// Of runs without a key that were created since the start and have not ended: with whom they share.
+    /// The parties of unfinished runs without a key that were created since the start.
     keyless: Mutex<HashMap<RunKey, Party>>,
     /// Of runs that wait to open a game: the cap that was reached.
     waiting: Mutex<HashMap<RunKey, Full>>,
@@ -156,7 +156,7 @@ impl Runs {
         self.waiting().get(&run).copied()
     }
 
-    /// Whose a run is, as far as shares are concerned.
+    /// The party whose quota a run uses.
     fn party(&self, stored: &StoredRun) -> Party {
         let keyless = self.keyless().get(&stored.run).copied();
         keyless.unwrap_or_else(|| Party::within(stored.competition, stored.owner))
@@ -166,9 +166,9 @@ impl Runs {
         self.0.open_games.lock().expect("nothing panics while it holds this")
     }
 
-    async fn turn(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
-        let place = usize::try_from(run.0).unwrap_or(0) % LOCKS;
-        self.0.locks[place].lock().await
+    async fn lock(&self, run: RunKey) -> tokio::sync::MutexGuard<'_, ()> {
+        let number = usize::try_from(run.0).unwrap_or(0) % LOCKS;
+        self.0.locks[number].lock().await
     }
 
     /// While the guard lives no competition is revealed. A caller that reads the clock and enters one, or
@@ -177,7 +177,7 @@ impl Runs {
         self.0.entering.read().await
     }
 
-    /// While the guard lives nobody enters a competition.
+    /// While the guard lives no competition is entered.
     pub(crate) async fn block_entries(&self) -> tokio::sync::RwLockWriteGuard<'_, ()> {
         self.0.entering.write().await
     }
@@ -220,7 +220,7 @@ impl Runs {
             idempotency,
             token: token.as_ref().map(Token::hash),
         };
-        store.keep(vec![Entry::OpenRun(Box::new(row))]).await?;
+        store.keep(vec![Entry::OpenRun(Box::new(row))]).await.map_err(RunError::from)?;
         if owner.is_none() {
             self.keyless().insert(run, party);
         }
@@ -237,7 +237,7 @@ impl Runs {
     ///
     /// # Errors
     /// Where the database cannot be used; the next call does what is left.
-    pub async fn advance(&self, run: RunKey) -> Result<(), JournalError> {
+    pub async fn advance(&self, run: RunKey) -> Result<(), RunError> {
         let runs = self.clone();
         self.run_detached(async move { runs.advance_now(run).await }).await
     }
@@ -247,7 +247,7 @@ impl Runs {
     ///
     /// # Errors
     /// Where that could not be kept.
-    pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), JournalError> {
+    pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), RunError> {
         self.end_with(run, status, Vec::new()).await.map(|_| ())
     }
 
@@ -261,10 +261,10 @@ impl Runs {
         run: RunKey,
         status: RunStatus,
         audit_entries: Vec<Entry>,
-    ) -> Result<bool, JournalError> {
+    ) -> Result<bool, RunError> {
         let runs = self.clone();
         self.run_detached(async move {
-            let _turn = runs.turn(run).await;
+            let _guard = runs.lock(run).await;
             let stored = runs.stored(run).await?;
             let ends = stored.ended_at.is_none();
             if ends {
@@ -284,7 +284,7 @@ impl Runs {
         &self,
         run: RunKey,
         audit_entries: Vec<Entry>,
-    ) -> Result<Token, JournalError> {
+    ) -> Result<Token, RunError> {
         let token = Token::new(TokenKind::Swarm, &*self.0.parts.entropy);
         let entry = Entry::ReplaceRunToken { run, hash: token.hash() };
         self.0.parts.store.keep([entry].into_iter().chain(audit_entries).collect()).await?;
@@ -295,12 +295,12 @@ impl Runs {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, JournalError> {
+    pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, RunError> {
         if let Some(games) = self.open_games().get(&run) {
             return Ok(games.subscribe());
         }
         // Nothing is opened or ended between reading the open games and being notified of changes.
-        let _turn = self.turn(run).await;
+        let _guard = self.lock(run).await;
         let games = self.games(run).await?;
         Ok(self.open_games().entry(run).or_insert_with(|| watch::Sender::new(games)).subscribe())
     }
@@ -316,7 +316,7 @@ impl Runs {
     ///
     /// # Errors
     /// Where the list of them cannot be read; a run that cannot be advanced is logged.
-    pub async fn advance_all(&self) -> Result<usize, JournalError> {
+    pub async fn advance_all(&self) -> Result<usize, RunError> {
         self.open_games().retain(|_, games| games.receiver_count() > 0);
         let all = self.0.parts.store.unfinished_runs().await?;
         let count = all.len();
@@ -338,21 +338,21 @@ impl Runs {
     /// being opened, the lock would be released before the game can be found.
     async fn run_detached<T: Send + 'static>(
         &self,
-        work: impl Future<Output = Result<T, JournalError>> + Send + 'static,
-    ) -> Result<T, JournalError> {
+        work: impl Future<Output = Result<T, RunError>> + Send + 'static,
+    ) -> Result<T, RunError> {
         let done = crate::telemetry::spawn(work).await;
-        done.unwrap_or_else(|error| Err(JournalError(error.to_string().into())))
+        done.unwrap_or_else(|error| Err(RunError::Panicked(error.to_string())))
     }
 
-    async fn advance_now(&self, run: RunKey) -> Result<(), JournalError> {
-        let _turn = self.turn(run).await;
+    async fn advance_now(&self, run: RunKey) -> Result<(), RunError> {
+        let _guard = self.lock(run).await;
         let stored = self.stored(run).await?;
         let done =
             if stored.ended_at.is_none() { self.do_what_is_due(&stored).await } else { Ok(()) };
         self.settle(run).await.and(done)
     }
 
-    async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), JournalError> {
+    async fn do_what_is_due(&self, stored: &StoredRun) -> Result<(), RunError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let definition = definition::read(stored)?;
         let games = store.games_of(stored.run).await?;
@@ -379,7 +379,7 @@ impl Runs {
         definition: &Definition,
         games: Vec<Game>,
         mut purpose: Purpose,
-    ) -> Result<(), JournalError> {
+    ) -> Result<(), RunError> {
         let Parts { registry, clock, entropy, disk, .. } = &self.0.parts;
         let party = self.party(stored);
         self.waiting().remove(&stored.run);
@@ -393,8 +393,8 @@ impl Runs {
                 entropy.fill(&mut bytes);
                 data_encoding::HEXLOWER.encode(&bytes)
             });
-            let spec = definition::spec(definition, &stored.id, &game, salt)
-                .map_err(|problem| JournalError(problem.into()))?;
+            let spec =
+                definition::spec(definition, &stored.id, &game, salt).map_err(RunError::Game)?;
             let creation = Creation {
                 id: EpisodeId::new(clock.wall(), &**entropy),
                 party,
@@ -416,7 +416,7 @@ impl Runs {
                     | registry::CreateError::Closed(_)
                     | registry::CreateError::Work(_),
                 ) => break,
-                Err(registry::CreateError::Journal(error)) => return Err(error),
+                Err(registry::CreateError::Journal(error)) => return Err(error.into()),
             }
         }
         Ok(())
@@ -427,7 +427,7 @@ impl Runs {
         stored: &StoredRun,
         status: RunStatus,
         audit_entries: Vec<Entry>,
-    ) -> Result<(), JournalError> {
+    ) -> Result<(), RunError> {
         let Parts { store, clock, .. } = &self.0.parts;
         let status = status.name();
         let entry = Entry::EndRun { run: stored.run, status, at: clock.wall() };
@@ -439,13 +439,13 @@ impl Runs {
         Ok(())
     }
 
-    async fn stored(&self, run: RunKey) -> Result<StoredRun, JournalError> {
-        self.0.parts.store.run(run).await?.ok_or_else(|| missing(run))
+    async fn stored(&self, run: RunKey) -> Result<StoredRun, RunError> {
+        self.0.parts.store.run(run).await?.ok_or(RunError::Missing(run))
     }
 
     /// Ends the games that are open and must not be: those of an aborted run, and those that do not
     /// count any more. Then notifies the subscribers of the run.
-    async fn settle(&self, run: RunKey) -> Result<(), JournalError> {
+    async fn settle(&self, run: RunKey) -> Result<(), RunError> {
         let Parts { store, registry, .. } = &self.0.parts;
         let is_aborted = self.stored(run).await?.status == RunStatus::Aborted.name();
         let mut games = store.games_of(run).await?;
@@ -472,7 +472,7 @@ impl Runs {
         Ok(())
     }
 
-    async fn games(&self, run: RunKey) -> Result<OpenGames, JournalError> {
+    async fn games(&self, run: RunKey) -> Result<OpenGames, RunError> {
         let has_ended = self.stored(run).await?.ended_at.is_some();
         let mut games = self.0.parts.store.games_of(run).await?;
         games.retain(|game| !game.is_over() && game.counts());
@@ -480,10 +480,6 @@ impl Runs {
         let is_over = has_ended && games.is_empty();
         Ok(OpenGames { open: games.into_iter().map(|game| game.id).collect(), is_over })
     }
-}
-
-fn missing(run: RunKey) -> JournalError {
-    JournalError(format!("there is no run {}", run.0).into())
 }
 
 /// What is to be done with a run that has not ended.
@@ -532,7 +528,8 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::journal::{EpisodeKey, Tally};
+    use crate::ids::EpisodeKey;
+    use crate::journal::Tally;
     use crate::run::suite::Suite;
 
     fn definition(parallel: u32) -> Definition {
@@ -572,7 +569,7 @@ mod tests {
     }
 
     /// What is due, in short: the slots to be opened, or the status with which it ends.
-    fn told(definition: &Definition, rows: &[(u32, &str, &str, bool)]) -> String {
+    fn due_in_short(definition: &Definition, rows: &[(u32, &str, &str, bool)]) -> String {
         match due(definition, &games(rows), jiff::Timestamp::UNIX_EPOCH) {
             Due::Open(games) => {
                 let slots: Vec<_> = games.iter().map(|game| game.slot.to_string()).collect();
@@ -593,7 +590,7 @@ mod tests {
     const VOIDED_RUNNING: (&str, &str, bool) = ("running", "", true);
 
     #[test]
-    fn games_are_opened_in_order_and_so_many_at_a_time() {
+    fn games_are_opened_in_order_up_to_the_parallel_limit() {
         let at = |slot, (status, reason, voided): (&'static str, &'static str, bool)| {
             (slot, status, reason, voided)
         };
@@ -619,11 +616,11 @@ mod tests {
             (vec![at(0, CLOSED), at(1, DONE)], "closed"),
             (vec![at(4, RUNNING), at(3, DONE), at(0, DONE), at(1, DONE), at(2, DONE)], "nothing"),
         ] {
-            assert_eq!(told(&two, &rows), expected, "{rows:?}");
+            assert_eq!(due_in_short(&two, &rows), expected, "{rows:?}");
         }
         let mut closed = definition(2);
         closed.closes_at = Some(jiff::Timestamp::UNIX_EPOCH);
-        assert_eq!(told(&closed, &[]), "closed");
-        assert_eq!(told(&closed, &[at(0, RUNNING)]), "nothing");
+        assert_eq!(due_in_short(&closed, &[]), "closed");
+        assert_eq!(due_in_short(&closed, &[at(0, RUNNING)]), "nothing");
     }
 }

@@ -8,7 +8,33 @@ pub use swarmbench_protocol::status::RunStatus;
 pub use swarmbench_protocol::suite;
 
 use crate::clock::Entropy;
-use crate::ids::dated_id;
+use crate::ids::{RunKey, dated_id};
+use crate::store::StoreError;
+
+/// Why nothing could be done with a run. It is the host's fault, never a player's.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum RunError {
+    /// The database cannot be used.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// It does not exist.
+    #[error("the journal failed: there is no run {}", .0.0)]
+    Missing(RunKey),
+    /// What was decided about it cannot be read.
+    #[error("the journal failed: the definition of {run} cannot be read: {problem}")]
+    Definition {
+        /// Its public id.
+        run: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// This program cannot play one of its games.
+    #[error("the journal failed: {0}")]
+    Game(String),
+    /// Its task has panicked.
+    #[error("the journal failed: {0}")]
+    Panicked(String),
+}
 
 /// A new public id of a run.
 #[must_use]

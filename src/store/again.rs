@@ -3,12 +3,11 @@
 
 use std::io::Read;
 
-use sqlx::Row;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::sqlite::SqliteConnection;
 use swarmbench_engine::physics::Solver;
 
-use super::episodes::{hash, head};
-use crate::journal::EpisodeKey;
+use super::rows::FromRow;
+use crate::ids::EpisodeKey;
 use crate::journal::chain::Head;
 use crate::journal::record::{RawRecord, first_lines, round_record};
 use crate::journal::replay::{Report, verify};
@@ -38,7 +37,7 @@ pub(super) async fn play_again(
         let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
         verify(journal, head, Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
     });
-    // Where nobody takes the lines any more, a fault was found.
+    // The receiver is dropped at the first fault.
     let sent = send_lines(database, stored, &send).await;
     drop(send);
     sent?;
@@ -51,13 +50,13 @@ async fn send_lines(
     lines: &tokio::sync::mpsc::Sender<Vec<u8>>,
 ) -> Result<(), sqlx::Error> {
     let first = first_lines(&stored.opening, stored.seating.as_ref());
-    let mut go_on = lines.send(first.into()).await.is_ok();
+    let mut is_received = lines.send(first.into()).await.is_ok();
     for round in 0..stored.rounds {
-        if !go_on {
+        if !is_received {
             return Ok(());
         }
         let line = round_line(database, stored.episode, round).await?;
-        go_on = lines.send(line.into()).await.is_ok();
+        is_received = lines.send(line.into()).await.is_ok();
     }
     if let Some((ending, head)) = &stored.ending {
         _ = lines.send(ending.line(*head).into()).await;
@@ -72,16 +71,13 @@ async fn round_line(
 ) -> Result<String, sqlx::Error> {
     let query = "SELECT record FROM acts WHERE episode = ? AND round = ? ORDER BY agent";
     let acts = sqlx::query(query).bind(episode.0).bind(round).fetch_all(&mut *database).await?;
-    let raw = |row: &SqliteRow| {
-        RawRecord::from_stored(row.try_get(0)?).map_err(|error| sqlx::Error::Decode(error.into()))
-    };
-    let acts = acts.iter().map(raw).collect::<Result<Vec<_>, _>>()?;
+    let acts = acts.iter().map(RawRecord::from_row).collect::<Result<Vec<_>, _>>()?;
     let query = "SELECT digest, score, head FROM rounds WHERE episode = ? AND round = ?";
     let row = sqlx::query(query).bind(episode.0).bind(round).fetch_one(database).await?;
-    let digest = hash(&row.try_get::<Vec<u8>, _>("digest")?)?;
+    let (digest, score, head): ([u8; 32], f64, Head) = FromRow::from_row(&row)?;
     let digest = data_encoding::HEXLOWER.encode(&digest);
-    let record = round_record(round, acts.iter(), &digest, row.try_get("score")?);
-    Ok(record.line(head(&row.try_get::<Vec<u8>, _>("head")?)?))
+    let record = round_record(round, acts.iter(), &digest, score);
+    Ok(record.line(head))
 }
 
 /// Lines that come from somewhere else, as a file.

@@ -2,12 +2,12 @@
 
 use jiff::Timestamp;
 use serde_json::Value;
-use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
-use super::episodes::time;
-use super::{Store, failure};
-use crate::journal::{AuditRow, JournalError};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, Json, get};
+use crate::store::entries::AuditRow;
 
 pub(super) async fn add(
     connection: &mut SqliteConnection,
@@ -50,28 +50,25 @@ impl Store {
         &self,
         before: Option<i64>,
         limit: u32,
-    ) -> Result<Vec<StoredAuditEntry>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<StoredAuditEntry>, StoreError> {
+        let query = sqlx::query(
             "SELECT number, at, who, action, subject, detail FROM audit
              WHERE number < ? ORDER BY number DESC LIMIT ?",
-        )
-        .bind(before.unwrap_or(i64::MAX))
-        .bind(limit)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            let detail: String = row.try_get("detail")?;
-            Ok(StoredAuditEntry {
-                number: row.try_get("number")?,
-                at: time(row.try_get("at")?)?,
-                who: row.try_get("who")?,
-                action: row.try_get("action")?,
-                subject: row.try_get("subject")?,
-                detail: serde_json::from_str(&detail)
-                    .map_err(|error| sqlx::Error::Decode(error.into()))?,
-            })
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query.bind(before.unwrap_or(i64::MAX)).bind(limit)).await
+    }
+}
+
+impl FromRow for StoredAuditEntry {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let Json(detail) = get(row, "detail")?;
+        Ok(Self {
+            number: get(row, "number")?,
+            at: get(row, "at")?,
+            who: get(row, "who")?,
+            action: get(row, "action")?,
+            subject: get(row, "subject")?,
+            detail,
+        })
     }
 }

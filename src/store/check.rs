@@ -8,27 +8,31 @@ use std::path::Path;
 use std::time::Duration;
 
 use futures::TryStreamExt;
+use jiff::Timestamp;
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use sha2::{Digest, Sha256};
+use sqlx::error::BoxDynError;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
-use sqlx::{ConnectOptions, Connection, Row};
+use sqlx::{ConnectOptions, Connection, Row as _};
 
+use super::OpenError;
 use super::again::{StoredJournal, play_again};
-use super::episodes::{hash, head};
+use super::competitions::RawCompetition;
 use super::files::may_lack_log;
-use super::{OpenError, competitions};
-use crate::competition::entrant::Declaration;
+use super::rows::{FromRow, get};
+use crate::ids::EpisodeKey;
+use crate::journal::Tally;
 use crate::journal::chain::Head;
 use crate::journal::record::{ActRecord, End, Opening, RawRecord};
 use crate::journal::replay::Report;
-use crate::journal::{EpisodeKey, ImportHash, Tally};
 use crate::migrations;
+use crate::store::imports::ImportHash;
 
 /// Damages that are listed; further ones are counted.
 pub const DAMAGES_MAX: usize = 1000;
 
-/// What `PRAGMA integrity_check` tells at most.
+/// Problems that `PRAGMA integrity_check` reports at most.
 const PROBLEMS_MAX: u32 = 100;
 
 /// Rows that are listed at once.
@@ -52,7 +56,7 @@ pub struct Checked {
     pub rounds: u64,
     /// The damages, [`DAMAGES_MAX`] at most.
     pub damages: Vec<Damage>,
-    /// Those that are not told.
+    /// How many more there are.
     pub more_damages: u64,
 }
 
@@ -85,11 +89,26 @@ fn unreadable(error: &sqlx::Error) -> String {
     format!("it cannot be read: {error}")
 }
 
+/// Reads what the store does not know the meaning of; the error is the problem with it.
+pub type Reader<Raw, T> = fn(Raw) -> Result<T, String>;
+
+/// The readers that the check of a database needs.
+pub struct Formats {
+    /// When a competition opens and closes, and the commitment to its secret.
+    pub competition: Reader<RawCompetition, ([Timestamp; 2], [u8; 32])>,
+    /// The model that an entrant declared, and what tells its prompt template apart.
+    pub declaration: Reader<String, (String, Option<String>)>,
+}
+
 /// Checks all of a database. `progress` is called with how many episodes of how many are done.
 ///
 /// # Errors
 /// Where there is no database of this version; whatever is wrong with it is no error.
-pub async fn check(path: &Path, mut progress: impl FnMut(u64, u64)) -> Result<Checked, OpenError> {
+pub async fn check(
+    path: &Path,
+    formats: &Formats,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<Checked, OpenError> {
     if !path.is_file() {
         return Err(OpenError::Missing(path.to_owned()));
     }
@@ -113,7 +132,7 @@ pub async fn check(path: &Path, mut progress: impl FnMut(u64, u64)) -> Result<Ch
     if tables(&mut connection, path, &mut checked).await? {
         references(&mut connection, &mut checked).await;
         statements(&mut connection, &mut checked).await;
-        definitions(&mut connection, &mut checked).await;
+        definitions(&mut connection, formats, &mut checked).await;
         imports(&mut connection, &mut checked).await;
         episodes(&mut connection, &mut checked, &mut progress).await;
     }
@@ -125,11 +144,11 @@ pub async fn check(path: &Path, mut progress: impl FnMut(u64, u64)) -> Result<Ch
 /// Pages, indexes and types, as far as SQLite can tell.
 async fn pages(database: &mut SqliteConnection, checked: &mut Checked) {
     let pragma = format!("PRAGMA integrity_check({PROBLEMS_MAX})");
-    let told =
+    let reported =
         sqlx::query_scalar::<_, String>(sqlx::AssertSqlSafe(pragma)).fetch_all(database).await;
-    match told {
-        Ok(told) => {
-            for problem in told.into_iter().filter(|told| told != "ok") {
+    match reported {
+        Ok(problems) => {
+            for problem in problems.into_iter().filter(|problem| problem != "ok") {
                 checked.note("the pages", problem);
             }
         }
@@ -187,9 +206,9 @@ async fn schema(
     migrator.run(&mut fresh).await.map_err(|error| sqlx::Error::Migrate(Box::new(error)))?;
     let made: Vec<(String, String)> = sqlx::query_as(query).fetch_all(&mut fresh).await?;
     fresh.close().await?;
-    let kept: Vec<(String, String)> = sqlx::query_as(query).fetch_all(database).await?;
+    let stored: Vec<(String, String)> = sqlx::query_as(query).fetch_all(database).await?;
     // An operator may have added something.
-    let lost = made.iter().find(|made| !kept.contains(made));
+    let lost = made.iter().find(|made| !stored.contains(made));
     Ok(lost.map_or(Ok(()), |(name, _)| Err(format!("{name} is not as the migrations make it"))))
 }
 
@@ -312,7 +331,7 @@ async fn statements(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 /// What was decided about runs, competitions and entrants, and the hashes that follow from it.
-async fn definitions(database: &mut SqliteConnection, checked: &mut Checked) {
+async fn definitions(database: &mut SqliteConnection, formats: &Formats, checked: &mut Checked) {
     let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
     each(database, checked, runs, |row| {
         #[derive(Deserialize)]
@@ -340,15 +359,13 @@ async fn definitions(database: &mut SqliteConnection, checked: &mut Checked) {
     let competitions = "SELECT key, id, definition, salt, seeds, commitment, created_at, revealed_at, opens_at, closes_at
                         FROM competitions";
     each(database, checked, competitions, |row| {
-        let stored = competitions::competition(row)?;
-        if stored.sealed.commitment() != stored.commitment {
+        let raw = RawCompetition::from_row(row)?;
+        let published = raw.commitment;
+        let (times, commitment) = (formats.competition)(raw).map_err(decode)?;
+        if commitment != published {
             return Ok(Err("its seeds are not those of its commitment".to_owned()));
         }
-        let times = (
-            stored.definition.opens_at.as_millisecond(),
-            stored.definition.closes_at.as_millisecond(),
-        );
-        if times != (row.try_get("opens_at")?, row.try_get("closes_at")?) {
+        if times != [get(row, "opens_at")?, get(row, "closes_at")?] {
             return Ok(Err("its times are not those of its definition".to_owned()));
         }
         Ok(Ok(()))
@@ -356,9 +373,9 @@ async fn definitions(database: &mut SqliteConnection, checked: &mut Checked) {
     .await;
     let entries = "SELECT key, id, model, declaration, template FROM entries";
     each(database, checked, entries, |row| {
-        let declaration: Declaration = parsed(row.try_get("declaration")?)?;
-        let is_same = declaration.model == row.try_get::<&str, _>("model")?
-            && declaration.template_digest() == row.try_get::<Option<String>, _>("template")?;
+        let (model, template) = (formats.declaration)(get(row, "declaration")?).map_err(decode)?;
+        let is_same = model == row.try_get::<&str, _>("model")?
+            && template == row.try_get::<Option<String>, _>("template")?;
         Ok(if is_same {
             Ok(())
         } else {
@@ -369,7 +386,11 @@ async fn definitions(database: &mut SqliteConnection, checked: &mut Checked) {
 }
 
 fn parsed<'a, T: Deserialize<'a>>(json: &'a str) -> Result<T, sqlx::Error> {
-    serde_json::from_str(json).map_err(|error| sqlx::Error::Decode(error.into()))
+    serde_json::from_str(json).map_err(decode)
+}
+
+fn decode(problem: impl Into<BoxDynError>) -> sqlx::Error {
+    sqlx::Error::Decode(problem.into())
 }
 
 /// Checks all rows of a table that has a key and an id, a few at a time.
@@ -446,8 +467,8 @@ async fn import(
         }
     }
     drop(rounds);
-    let told = Some((row.try_get("rounds")?, row.try_get("score")?));
-    if hash(row.try_get("digest")?)? != digest.finish() || last != told {
+    let expected = Some((row.try_get("rounds")?, row.try_get("score")?));
+    if get::<[u8; 32]>(row, "digest")? != digest.finish() || last != expected {
         return Ok(Err("it is not the game of its digest".to_owned()));
     }
     Ok(Ok(()))
@@ -507,15 +528,10 @@ async fn episode(
                         (SELECT id FROM runs WHERE runs.key = episodes.run) AS run
                  FROM episodes WHERE key = ?";
     let row = sqlx::query(query).bind(key.0).fetch_one(&mut *database).await?;
-    let raw = |column| -> Result<Option<RawRecord>, sqlx::Error> {
-        let text = row.try_get::<Option<String>, _>(column)?;
-        text.map(RawRecord::from_stored)
-            .transpose()
-            .map_err(|error| sqlx::Error::Decode(error.into()))
-    };
+    let raw = |column| get::<Option<RawRecord>>(&row, column);
     let Some(opening) = raw("opening")? else { return Ok(Err("it has no opening".to_owned())) };
     let (seating, ending) = (raw("seating")?, raw("ending")?);
-    let stored_head = head(row.try_get("head")?)?;
+    let stored_head = get(&row, "head")?;
     if ending.is_none() {
         let first = [Some(&opening), seating.as_ref()].into_iter().flatten();
         let linked = first.fold(Head::START, |head, raw| head.link(raw.as_str().as_bytes()));
@@ -560,7 +576,7 @@ fn columns(
     end: Option<&End>,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let config = &opening.config;
-    let told = [
+    let expected = [
         ("id", Some(opening.episode.as_str())),
         ("task", Some(config.task.as_str())),
         ("model", Some(config.model.as_str())),
@@ -568,8 +584,8 @@ fn columns(
         ("reason", end.map(|end| end.reason.as_str())),
         ("run", opening.run.as_deref()),
     ];
-    for (column, told) in told {
-        if row.try_get::<Option<&str>, _>(column)? != told {
+    for (column, value) in expected {
+        if row.try_get::<Option<&str>, _>(column)? != value {
             return Ok(Err(format!("its {column} is not the one that its journal tells")));
         }
     }

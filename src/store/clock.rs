@@ -2,9 +2,8 @@
 
 use jiff::Timestamp;
 
-use super::episodes::time;
-use super::{Store, failure};
-use crate::journal::JournalError;
+use super::Store;
+use super::StoreError;
 
 /// The action of the audit log by which an organizer confirmed the time of day.
 pub const CONFIRMED: &str = "clock.confirm";
@@ -34,22 +33,19 @@ const LAST_CONFIRMED: &str = "
     ORDER BY number DESC LIMIT 1";
 
 impl Store {
-    /// The moment before which no time of day can be, as something happened then; none where nothing did.
-    /// What an organizer knew of who confirmed an earlier time is not counted.
+    /// The earliest time of day that is possible, as the newest entry came then; none without entries.
+    /// Entries that an organizer knew when confirming an earlier time do not count.
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn newest_at(&self) -> Result<Option<Timestamp>, JournalError> {
-        let confirmed: Option<(i64, Option<i64>)> = sqlx::query_as(LAST_CONFIRMED)
-            .bind(CONFIRMED)
-            .fetch_optional(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
+    pub async fn newest_at(&self) -> Result<Option<Timestamp>, StoreError> {
+        let query = sqlx::query(LAST_CONFIRMED).bind(CONFIRMED);
+        let confirmed: Option<(Timestamp, Option<Timestamp>)> = self.fetch_optional(query).await?;
         let newest = self.newest_entry_at().await?;
-        let Some((at, known)) = confirmed else { return Ok(newest) };
-        let known = known.map(time).transpose().map_err(failure)?;
-        if newest <= known {
-            return Ok(Some(time(at).map_err(failure)?));
+        if let Some((at, known)) = confirmed
+            && newest <= known
+        {
+            return Ok(Some(at));
         }
         Ok(newest)
     }
@@ -58,12 +54,7 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn newest_entry_at(&self) -> Result<Option<Timestamp>, JournalError> {
-        let newest: Option<i64> = sqlx::query_scalar(NEWEST)
-            .bind(CONFIRMED)
-            .fetch_one(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        newest.map(time).transpose().map_err(failure)
+    pub async fn newest_entry_at(&self) -> Result<Option<Timestamp>, StoreError> {
+        self.fetch_one(sqlx::query(NEWEST).bind(CONFIRMED)).await
     }
 }

@@ -2,32 +2,31 @@
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{Connection, QueryBuilder, Row, Sqlite};
+use sqlx::{Connection, QueryBuilder, Row as _, Sqlite};
 
-use super::episodes::time;
+use super::Store;
+use super::StoreError;
+use super::entries::{CompetitionRow, EntrantRow, Secret};
+use super::rows::{FromRow, from_row, get};
 use super::runs::void_reason;
-use super::{Store, failure};
-use crate::competition::EntrantStatus;
-use crate::competition::definition::Definition;
-use crate::competition::entrant::{Declaration, Entrant};
-use crate::competition::sealed::{SEED_BYTES, Sealed};
-use crate::ids::TokenHash;
-use crate::journal::{CompetitionKey, CompetitionRow, EntrantRow, EntryKey, JournalError, RunKey};
+use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use crate::names::looks;
 
-/// A competition as it is stored.
+/// A competition as its columns are.
 #[derive(Clone, Debug)]
-pub struct StoredCompetition {
+pub struct RawCompetition {
     /// Its number.
     pub key: CompetitionKey,
     /// Its public id.
     pub id: String,
-    /// What was decided about it.
-    pub definition: Definition,
-    /// Its secret.
-    pub sealed: Sealed,
-    /// What was published of the secret.
+    /// JSON: what was decided about it.
+    pub definition: String,
+    /// The salt of its commitment.
+    pub salt: Secret,
+    /// Its sealed seeds, one after the other.
+    pub seeds: Secret,
+    /// What was published of both.
     pub commitment: [u8; 32],
     /// When it was created.
     pub created_at: Timestamp,
@@ -35,17 +34,31 @@ pub struct StoredCompetition {
     pub revealed_at: Option<Timestamp>,
 }
 
-/// An entrant as it is stored.
+/// An entrant as its columns are.
 #[derive(Clone, Debug)]
-pub struct StoredEntrant {
+pub struct RawEntrant {
     /// Its number.
     pub key: EntryKey,
+    /// Its public id.
+    pub id: String,
     /// The competition.
     pub competition: CompetitionKey,
     /// The key to which it belongs.
     pub owner: OwnerKey,
-    /// All that others see of it, and what it declared.
-    pub entrant: Entrant,
+    /// The name that is shown.
+    pub name: String,
+    /// JSON: what it declared of who plays.
+    pub declaration: String,
+    /// Tells prompt templates apart; none for the built-in one.
+    pub template: Option<String>,
+    /// The name of its status.
+    pub status: String,
+    /// Why it does not take part, if it does not.
+    pub reason: Option<String>,
+    /// Whether an organizer vouches for its model.
+    pub vouched: bool,
+    /// When it registered.
+    pub registered_at: Timestamp,
 }
 
 /// An attempt as it is stored.
@@ -71,14 +84,14 @@ pub struct StoredAttempt {
     pub unfinished: u32,
 }
 
-/// What decides whether somebody may enter a competition.
+/// What decides whether a competition takes another entrant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntrantRoom {
     /// How many take part.
     pub active: u32,
-    /// Whether somebody has a name that looks the same.
+    /// Whether an entrant has a name that looks the same.
     pub has_name: bool,
-    /// Whether somebody has a model that looks the same and is written otherwise.
+    /// Whether an entrant has a model that looks the same and is written otherwise.
     pub has_look_of_model: bool,
     /// How many entrants the key has.
     pub of_owner: u32,
@@ -118,14 +131,10 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn find_competition(
-        &self,
-        id: &str,
-    ) -> Result<Option<StoredCompetition>, JournalError> {
+    pub async fn find_competition(&self, id: &str) -> Result<Option<RawCompetition>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE id = ").push_bind(id);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(competition).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 
     /// Lists competitions, newest first, from the one after `before` on.
@@ -136,26 +145,22 @@ impl Store {
         &self,
         before: Option<CompetitionKey>,
         limit: u32,
-    ) -> Result<Vec<StoredCompetition>, JournalError> {
+    ) -> Result<Vec<RawCompetition>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(competition).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
     /// The public ids of the competitions that have closed and are not open to all yet.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, JournalError> {
-        sqlx::query_scalar(
+    pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, StoreError> {
+        let query = sqlx::query(
             "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= ? ORDER BY key",
-        )
-        .bind(now.as_millisecond())
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)
+        );
+        self.fetch_all(query.bind(now.as_millisecond())).await
     }
 
     /// Finds an entrant of a competition by its public id.
@@ -166,12 +171,11 @@ impl Store {
         &self,
         competition: CompetitionKey,
         id: &str,
-    ) -> Result<Option<StoredEntrant>, JournalError> {
+    ) -> Result<Option<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Whole);
         query.push("WHERE competition = ").push_bind(competition.0);
         query.push(" AND id = ").push_bind(id);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(entrant).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 
     /// The entrants of a competition in the order in which they registered: all, or those of one key.
@@ -183,7 +187,7 @@ impl Store {
         competition: CompetitionKey,
         owner: Option<OwnerKey>,
         declared: Declared,
-    ) -> Result<Vec<StoredEntrant>, JournalError> {
+    ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(declared);
         // One of several entrants is found by the key.
         query.push(if owner.is_some() { "WHERE +competition = " } else { "WHERE competition = " });
@@ -192,8 +196,7 @@ impl Store {
             query.push(" AND owner = ").push_bind(owner.0);
         }
         query.push(" ORDER BY key");
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
     /// Whether a competition takes another entrant, and of whom.
@@ -206,14 +209,16 @@ impl Store {
         name: &str,
         model: &str,
         owner: Option<OwnerKey>,
-    ) -> Result<EntrantRoom, JournalError> {
+    ) -> Result<EntrantRoom, StoreError> {
         let ([name, other_name], [look, other_look]) = (looks(name), looks(model));
-        let row = sqlx::query(
-            "SELECT (SELECT entrants FROM competitions WHERE key = ?1),
-                    EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'name' AND look IN (?3, ?4)),
+        let query = sqlx::query(
+            "SELECT (SELECT entrants FROM competitions WHERE key = ?1) AS active,
                     EXISTS (SELECT 1 FROM looks
-                            WHERE competition = ?1 AND kind = 'model' AND look IN (?5, ?6) AND written != ?7),
-                    (SELECT count(*) FROM entries INDEXED BY entries_by_owner WHERE owner = ?2 AND competition = ?1)",
+                            WHERE competition = ?1 AND kind = 'name' AND look IN (?3, ?4)) AS has_name,
+                    EXISTS (SELECT 1 FROM looks WHERE competition = ?1 AND kind = 'model' AND look IN (?5, ?6)
+                            AND written != ?7) AS has_look_of_model,
+                    (SELECT count(*) FROM entries INDEXED BY entries_by_owner
+                     WHERE owner = ?2 AND competition = ?1) AS of_owner",
         )
         .bind(competition.0)
         .bind(owner.map(|owner| owner.0))
@@ -221,19 +226,8 @@ impl Store {
         .bind(other_name)
         .bind(look)
         .bind(other_look)
-        .bind(model)
-        .fetch_one(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let room = || {
-            Ok(EntrantRoom {
-                active: row.try_get(0)?,
-                has_name: row.try_get(1)?,
-                has_look_of_model: row.try_get(2)?,
-                of_owner: row.try_get(3)?,
-            })
-        };
-        room().map_err(failure)
+        .bind(model);
+        self.fetch_one(query).await
     }
 
     /// The competition for which a key was made, if it is that of an entrant.
@@ -243,14 +237,9 @@ impl Store {
     pub async fn competition_of(
         &self,
         owner: OwnerKey,
-    ) -> Result<Option<CompetitionKey>, JournalError> {
-        let row =
-            sqlx::query("SELECT competition FROM entries WHERE owner = ? ORDER BY key LIMIT 1")
-                .bind(owner.0)
-                .fetch_optional(&mut *self.read().await?)
-                .await
-                .map_err(failure)?;
-        row.map(|row| row.try_get(0).map(CompetitionKey)).transpose().map_err(failure)
+    ) -> Result<Option<CompetitionKey>, StoreError> {
+        let query = "SELECT competition FROM entries WHERE owner = ? ORDER BY key LIMIT 1";
+        self.fetch_optional(sqlx::query(query).bind(owner.0)).await
     }
 
     /// Lists the entrants of a competition in the order in which they registered, from the one after `after`
@@ -263,17 +252,16 @@ impl Store {
         competition: CompetitionKey,
         after: Option<EntryKey>,
         limit: u32,
-    ) -> Result<Vec<StoredEntrant>, JournalError> {
+    ) -> Result<Vec<RawEntrant>, StoreError> {
         let mut query = select_entrants(Declared::Short);
         query.push("WHERE competition = ").push_bind(competition.0);
         query.push(" AND key > ").push_bind(after.map_or(-1, |key| key.0));
         query.push(" ORDER BY key LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(entrant).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
-    /// Whether a competition has an invitation code with this hash, and whether it was used; none where it has
-    /// no such code.
+    /// Whether a competition has an invitation code with this hash, and whether it was used; `None` without
+    /// such a code.
     ///
     /// # Errors
     /// Where the database cannot be read.
@@ -281,16 +269,11 @@ impl Store {
         &self,
         competition: CompetitionKey,
         hash: TokenHash,
-    ) -> Result<Option<bool>, JournalError> {
-        let row = sqlx::query(
+    ) -> Result<Option<bool>, StoreError> {
+        let query = sqlx::query(
             "SELECT entry IS NOT NULL FROM invitations WHERE competition = ? AND hash = ?",
-        )
-        .bind(competition.0)
-        .bind(&hash.0[..])
-        .fetch_optional(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        row.map(|row| row.try_get(0)).transpose().map_err(failure)
+        );
+        self.fetch_optional(query.bind(competition.0).bind(&hash.0[..])).await
     }
 
     /// The attempts of a competition in the order in which they were started: all, or those of one entrant.
@@ -301,7 +284,7 @@ impl Store {
         &self,
         competition: CompetitionKey,
         entry: Option<EntryKey>,
-    ) -> Result<Vec<StoredAttempt>, JournalError> {
+    ) -> Result<Vec<StoredAttempt>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(ATTEMPT);
         match entry {
             Some(entry) => query.push("WHERE r.entry = ").push_bind(entry.0),
@@ -311,8 +294,7 @@ impl Store {
                 .push(")"),
         };
         query.push(" ORDER BY r.key");
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(attempt).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 }
 
@@ -371,7 +353,7 @@ pub(super) async fn add_entrant(
     Ok(())
 }
 
-/// Keeps how the name and the model of an entrant look.
+/// Inserts the looks of an entrant's name and model, by which similar ones are found.
 async fn add_looks(
     connection: &mut SqliteConnection,
     competition: i64,
@@ -392,7 +374,7 @@ async fn add_looks(
     Ok(())
 }
 
-/// Keeps how the names and models of entrants of earlier versions look.
+/// Inserts the looks for entrants of databases of earlier versions.
 pub(super) async fn add_missing_looks(
     connection: &mut SqliteConnection,
 ) -> Result<(), sqlx::Error> {
@@ -476,64 +458,26 @@ pub(super) async fn reveal(
     Ok(())
 }
 
-/// A column whose text cannot be read.
-fn decode(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> sqlx::Error {
-    sqlx::Error::Decode(error.into())
-}
-
-pub(super) fn competition(row: &SqliteRow) -> Result<StoredCompetition, sqlx::Error> {
-    let bytes = |column| row.try_get::<Vec<u8>, _>(column);
-    let wrong = |_| decode("a salt and a commitment have 32 bytes");
-    let seeds = bytes("seeds")?;
-    let (seeds, rest) = seeds.as_chunks::<SEED_BYTES>();
-    if !rest.is_empty() {
-        return Err(decode("seeds have 16 bytes each"));
+from_row! {
+    RawCompetition { key, id, definition, salt, seeds, commitment, created_at, revealed_at }
+    RawEntrant {
+        key, id, competition, owner, name, declaration, template, status, reason, vouched, registered_at,
     }
-    let sealed = Sealed { salt: bytes("salt")?.try_into().map_err(wrong)?, seeds: seeds.to_vec() };
-    let definition = serde_json::from_str(&row.try_get::<String, _>("definition")?);
-    Ok(StoredCompetition {
-        key: CompetitionKey(row.try_get("key")?),
-        id: row.try_get("id")?,
-        definition: definition.map_err(decode)?,
-        sealed,
-        commitment: bytes("commitment")?.try_into().map_err(wrong)?,
-        created_at: time(row.try_get("created_at")?)?,
-        revealed_at: row.try_get::<Option<i64>, _>("revealed_at")?.map(time).transpose()?,
-    })
+    EntrantRoom { active, has_name, has_look_of_model, of_owner }
 }
 
-fn entrant(row: &SqliteRow) -> Result<StoredEntrant, sqlx::Error> {
-    let status: String = row.try_get("status")?;
-    let status = EntrantStatus::parse(&status);
-    let mut declaration: Declaration =
-        serde_json::from_str(&row.try_get::<String, _>("declaration")?).map_err(decode)?;
-    declaration.template = row.try_get("template")?;
-    Ok(StoredEntrant {
-        key: EntryKey(row.try_get("key")?),
-        competition: CompetitionKey(row.try_get("competition")?),
-        owner: OwnerKey(row.try_get("owner")?),
-        entrant: Entrant {
-            id: row.try_get("id")?,
-            name: row.try_get("name")?,
-            declaration,
-            status: status.ok_or_else(|| decode("the status of an entrant"))?,
-            reason: row.try_get("reason")?,
-            vouched: row.try_get("vouched")?,
-            registered_at: time(row.try_get("registered_at")?)?,
-        },
-    })
-}
-
-fn attempt(row: &SqliteRow) -> Result<StoredAttempt, sqlx::Error> {
-    Ok(StoredAttempt {
-        run: RunKey(row.try_get("key")?),
-        id: row.try_get("id")?,
-        entry: EntryKey(row.try_get("entry")?),
-        number: row.try_get("attempt")?,
-        status: row.try_get("status")?,
-        created_at: time(row.try_get("created_at")?)?,
-        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
-        void_reason: void_reason(row)?,
-        unfinished: row.try_get("unfinished")?,
-    })
+impl FromRow for StoredAttempt {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            run: get(row, "key")?,
+            id: get(row, "id")?,
+            entry: get(row, "entry")?,
+            number: get(row, "attempt")?,
+            status: get(row, "status")?,
+            created_at: get(row, "created_at")?,
+            ended_at: get(row, "ended_at")?,
+            void_reason: void_reason(row)?,
+            unfinished: get(row, "unfinished")?,
+        })
+    }
 }

@@ -1,15 +1,14 @@
 //! The table `episodes`.
 
-use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{QueryBuilder, Sqlite};
 
-use super::{Store, failure};
-use crate::ids::EpisodeId;
-use crate::journal::chain::Head;
-use crate::journal::record::RawRecord;
-use crate::journal::{CompetitionKey, EpisodeKey, JournalError, RunKey, StoredEpisode, Unfinished};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, from_row, get};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
+use crate::store::port::{StoredEpisode, Unfinished};
 
 /// What a list of episodes is filtered by.
 #[derive(Clone, Debug, Default)]
@@ -65,18 +64,18 @@ const END: &str = "
          THEN json_object('kind', 'end', 'status', e.status, 'reason', e.reason,
                           'rounds', coalesce(r.round + 1, 0), 'score', coalesce(r.score, 0.0),
                           'open_acts', json_array())
-         ELSE e.ending END AS ending, ";
+         ELSE e.ending END AS \"end\", ";
 
 /// Asks for episodes; the caller adds a condition.
 fn select(detail: Detail) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
-        "SELECT e.key, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
+        "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed, e.opening, e.seating, e.status, e.reason, e.created_at, e.ended_at,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL THEN coalesce(r.head, e.head) ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
     match detail {
-        Detail::Summary => query.push("e.created_at AS newest_at, NULL AS ending, NULL"),
+        Detail::Summary => query.push("e.created_at AS newest_at, NULL AS \"end\", NULL"),
         Detail::All => query.push(NEWEST_AT).push(" AS newest_at, ").push(END).push(LAST_ACT_AT),
     };
     query.push(
@@ -110,10 +109,7 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn find_episode(
-        &self,
-        id: &EpisodeId,
-    ) -> Result<Option<StoredEpisode>, JournalError> {
+    pub async fn find_episode(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::All).await
     }
 
@@ -121,10 +117,7 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn find_summary(
-        &self,
-        id: &EpisodeId,
-    ) -> Result<Option<StoredEpisode>, JournalError> {
+    pub async fn find_summary(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::Summary).await
     }
 
@@ -132,11 +125,10 @@ impl Store {
         &self,
         id: &EpisodeId,
         detail: Detail,
-    ) -> Result<Option<StoredEpisode>, JournalError> {
+    ) -> Result<Option<StoredEpisode>, StoreError> {
         let mut query = select(detail);
         query.push("e.id = ").push_bind(id.as_str());
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.map(|row| episode(&row)).transpose()
+        self.fetch_optional(query.build()).await
     }
 
     /// Lists episodes that may be read, newest first, from the one after `before` on.
@@ -148,7 +140,7 @@ impl Store {
         filter: &Filter,
         before: Option<EpisodeKey>,
         limit: u32,
-    ) -> Result<Vec<StoredEpisode>, JournalError> {
+    ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(Detail::Summary);
         query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         for (column, value) in
@@ -195,59 +187,36 @@ impl Store {
             Readable::Nothing => query.push(" AND 0"),
         };
         query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(episode).collect()
+        self.fetch_all(query.build()).await
     }
 
     /// All episodes that have not ended, those with a round clock first.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, JournalError> {
-        let rows = sqlx::query(
-            "SELECT key, id, owner, clocked, iif(clocked, json_extract(opening, '$.config'), NULL),
-                    iif(clocked, (SELECT max(round) + 1 FROM rounds WHERE episode = key), NULL)
+    pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
+        let query = sqlx::query(
+            "SELECT key, id, owner, clocked, iif(clocked, json_extract(opening, '$.config'), NULL) AS config,
+                    iif(clocked, (SELECT max(round) + 1 FROM rounds WHERE episode = key), NULL) AS rounds
              FROM episodes WHERE status IN ('waiting', 'running') ORDER BY clocked DESC, key",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            Ok(Unfinished {
-                episode: EpisodeKey(row.try_get(0)?),
-                id: EpisodeId::from_text(row.try_get(1)?),
-                owner: row.try_get::<Option<i64>, _>(2)?.map(OwnerKey),
-                clocked: row.try_get(3)?,
-                // Settings that cannot be read are reported by the recovery of the episode.
-                played: (row.try_get::<Option<String>, _>(4)?)
-                    .and_then(|config| serde_json::from_str(&config).ok())
-                    .zip(Some(row.try_get::<Option<u32>, _>(5)?.unwrap_or(0))),
-            })
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query).await
     }
 
     /// How many bytes the acts of all episodes of each key take.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, JournalError> {
-        let rows = sqlx::query(
+    pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, StoreError> {
+        let query = sqlx::query(
             "SELECT owner, sum(bytes) FROM (
                  SELECT owner, bytes FROM episodes WHERE owner IS NOT NULL AND bytes IS NOT NULL
                  UNION ALL
                  SELECT e.owner, octet_length(a.record) FROM episodes e JOIN acts a ON a.episode = e.key
                  WHERE e.status IN ('waiting', 'running') AND e.owner IS NOT NULL)
              GROUP BY owner",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            let bytes: i64 = row.try_get(1)?;
-            Ok((OwnerKey(row.try_get(0)?), u64::try_from(bytes).unwrap_or(0)))
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query).await
     }
 
     /// The episodes that have not ended, each with its key and its competition, if any.
@@ -256,57 +225,38 @@ impl Store {
     /// Where the database cannot be read.
     pub async fn accounts(
         &self,
-    ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
+        let query = sqlx::query(
             "SELECT e.key, e.owner, n.competition
              FROM episodes e LEFT JOIN runs r ON r.key = e.run LEFT JOIN entries n ON n.key = r.entry
              WHERE e.status IN ('waiting', 'running')",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            let owner = row.try_get::<Option<i64>, _>(1)?.map(OwnerKey);
-            let competition = row.try_get::<Option<i64>, _>(2)?.map(CompetitionKey);
-            Ok((EpisodeKey(row.try_get(0)?), owner, competition))
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query).await
     }
 
     /// How many bytes the acts of all episodes of each competition take that is not open to all yet.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, JournalError> {
-        let rows = sqlx::query(
-            "SELECT competition, sum(bytes) FROM (
+    pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
+        let query = sqlx::query(
+            "SELECT competition, coalesce(sum(bytes), 0) FROM (
                  SELECT n.competition, coalesce(e.bytes, (
                             SELECT sum(octet_length(a.record)) FROM acts a WHERE a.episode = e.key)) AS bytes
                  FROM competitions c JOIN entries n ON n.competition = c.key
                  JOIN runs r ON r.entry = n.key JOIN episodes e ON e.run = r.key
                  WHERE c.revealed_at IS NULL)
              GROUP BY competition",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            let bytes = row.try_get::<Option<i64>, _>(1)?.unwrap_or(0);
-            Ok((CompetitionKey(row.try_get(0)?), u64::try_from(bytes).unwrap_or(0)))
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query).await
     }
 
     /// The number of the newest episode, 0 where there is none.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn last_key(&self) -> Result<i64, JournalError> {
-        sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")
-            .fetch_one(&mut *self.read().await?)
-            .await
-            .and_then(|row| row.try_get(0))
-            .map_err(failure)
+    pub async fn last_key(&self) -> Result<i64, StoreError> {
+        self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")).await
     }
 
     /// The episode that was created with an idempotency key, and the hash of the body sent then.
@@ -316,60 +266,32 @@ impl Store {
     pub async fn created_with(
         &self,
         key: &str,
-    ) -> Result<Option<(EpisodeId, Vec<u8>)>, JournalError> {
-        let row =
-            sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?")
-                .bind(key)
-                .fetch_optional(&mut *self.read().await?)
-                .await
-                .map_err(failure)?;
-        let read = |row: SqliteRow| {
-            Ok((EpisodeId::from_text(row.try_get(0)?), row.try_get::<Vec<u8>, _>(1)?))
-        };
-        row.map(read).transpose().map_err(failure)
+    ) -> Result<Option<(EpisodeId, Vec<u8>)>, StoreError> {
+        let query =
+            sqlx::query("SELECT id, idempotency_body FROM episodes WHERE idempotency_key = ?");
+        self.fetch_optional(query.bind(key)).await
     }
 }
 
-fn episode(row: &SqliteRow) -> Result<StoredEpisode, JournalError> {
-    let read = || -> Result<StoredEpisode, sqlx::Error> {
-        let raw = |text: String| {
-            RawRecord::from_stored(text).map_err(|error| sqlx::Error::Decode(error.into()))
-        };
-        Ok(StoredEpisode {
-            episode: EpisodeKey(row.try_get("key")?),
-            id: EpisodeId::from_text(row.try_get("id")?),
-            owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
-            run: row.try_get::<Option<i64>, _>("run")?.map(RunKey),
-            revealed: row.try_get("revealed")?,
-            opening: raw(row.try_get("opening")?)?,
-            seating: row.try_get::<Option<String>, _>("seating")?.map(raw).transpose()?,
-            status: row.try_get("status")?,
-            reason: row.try_get("reason")?,
-            end: row.try_get::<Option<String>, _>("ending")?.map(raw).transpose()?,
-            head: head(&row.try_get::<Vec<u8>, _>("head")?)?,
-            rounds: row.try_get("rounds")?,
-            score: row.try_get("score")?,
-            created_at: time(row.try_get("created_at")?)?,
-            newest_at: time(row.try_get("newest_at")?)?,
-            last_act_at: row.try_get::<Option<i64>, _>("last_act_at")?.map(time).transpose()?,
-            ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
-            void_reason: row.try_get("void_reason")?,
+from_row! {
+    StoredEpisode {
+        episode, id, owner, run, revealed, opening, seating, status, reason, end, head, rounds, score, created_at,
+        newest_at, last_act_at, ended_at, void_reason,
+    }
+}
+
+impl FromRow for Unfinished {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        // Settings that cannot be read are reported by the recovery of the episode.
+        let config = get::<Option<String>>(row, "config")?
+            .and_then(|config| serde_json::from_str(&config).ok());
+        let rounds = get::<Option<u32>>(row, "rounds")?.unwrap_or(0);
+        Ok(Self {
+            episode: get(row, "key")?,
+            id: get(row, "id")?,
+            owner: get(row, "owner")?,
+            clocked: get(row, "clocked")?,
+            played: config.map(|config| (config, rounds)),
         })
-    };
-    read().map_err(failure)
-}
-
-/// A stored hash of 32 bytes.
-pub(super) fn hash(bytes: &[u8]) -> Result<[u8; 32], sqlx::Error> {
-    bytes.try_into().map_err(|_| sqlx::Error::Decode("a hash has 32 bytes".into()))
-}
-
-/// A stored head of a chain.
-pub(super) fn head(bytes: &[u8]) -> Result<Head, sqlx::Error> {
-    hash(bytes).map(Head)
-}
-
-/// A stored time.
-pub(super) fn time(millis: i64) -> Result<Timestamp, sqlx::Error> {
-    Timestamp::from_millisecond(millis).map_err(|error| sqlx::Error::Decode(error.into()))
+    }
 }

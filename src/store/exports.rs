@@ -1,13 +1,38 @@
 //! Rounds with all that is stored of them, for exports.
 
-use sqlx::Row;
+use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
-use super::episodes::{hash, time};
-use super::{Store, failure};
-use crate::journal::record::RawRecord;
-use crate::journal::{EpisodeKey, JournalError, LoggedAct, LoggedRound};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, Json, get};
+use crate::ids::EpisodeKey;
+use crate::journal::record::ActRecord;
+
+/// A resolved round with all that is stored of it.
+#[derive(Clone, Debug)]
+pub struct LoggedRound {
+    /// The round.
+    pub round: u32,
+    /// The digest of the state after it.
+    pub digest: [u8; 32],
+    /// When it was resolved.
+    pub at: Timestamp,
+    /// Its acts, in order of their seats.
+    pub acts: Vec<LoggedAct>,
+}
+
+/// An act with the time at which it came.
+#[derive(Clone, Debug)]
+pub struct LoggedAct {
+    /// The seat.
+    pub agent: AgentId,
+    /// When it came.
+    pub at: Timestamp,
+    /// The record.
+    pub record: ActRecord,
+}
 
 impl Store {
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
@@ -20,56 +45,37 @@ impl Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> Result<Vec<LoggedRound>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<LoggedRound>, StoreError> {
+        let query = sqlx::query(
             "SELECT round, digest, at FROM rounds
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round",
-        )
-        .bind(episode.0)
-        .bind(from)
-        .bind(to)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let round = |row: &SqliteRow| {
-            Ok(LoggedRound {
-                round: row.try_get("round")?,
-                digest: hash(&row.try_get::<Vec<u8>, _>("digest")?)?,
-                at: time(row.try_get("at")?)?,
-                acts: Vec::new(),
-            })
-        };
-        let rounds: Result<Vec<LoggedRound>, sqlx::Error> = rows.iter().map(round).collect();
-        let mut rounds = rounds.map_err(failure)?;
-        let acts = sqlx::query(
+        );
+        let mut rounds: Vec<LoggedRound> =
+            self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
+        let query = sqlx::query(
             "SELECT round, agent, at, json_remove(record, '$.response', '$.reasoning') AS record
              FROM acts
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
-        )
-        .bind(episode.0)
-        .bind(from)
-        .bind(to)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        for row in &acts {
-            let (number, act) = logged(row).map_err(failure)?;
+        );
+        let acts: Vec<(u32, _, _, Json<ActRecord>)> =
+            self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
+        for (number, agent, at, Json(record)) in acts {
             // Acts of a round that is not resolved belong to none.
             if let Some(round) = rounds.iter_mut().find(|round| round.round == number) {
-                round.acts.push(act);
+                round.acts.push(LoggedAct { agent, at, record });
             }
         }
         Ok(rounds)
     }
 }
 
-fn logged(row: &SqliteRow) -> Result<(u32, LoggedAct), sqlx::Error> {
-    let decode = |error: serde_json::Error| sqlx::Error::Decode(error.into());
-    let raw = RawRecord::from_stored(row.try_get("record")?).map_err(decode)?;
-    let act = LoggedAct {
-        agent: AgentId(row.try_get("agent")?),
-        at: time(row.try_get("at")?)?,
-        record: raw.read().map_err(decode)?,
-    };
-    Ok((row.try_get("round")?, act))
+impl FromRow for LoggedRound {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            round: get(row, "round")?,
+            digest: get(row, "digest")?,
+            at: get(row, "at")?,
+            acts: Vec::new(),
+        })
+    }
 }

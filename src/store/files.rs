@@ -128,7 +128,7 @@ pub(super) struct Files(Arc<Watched>);
 #[derive(Debug, Default)]
 struct Watched {
     files: Vec<(PathBuf, Identity)>,
-    was_told: AtomicBool,
+    was_logged: AtomicBool,
 }
 
 /// Tells files of one machine apart.
@@ -152,7 +152,7 @@ impl Files {
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self(Arc::new(Watched { files, was_told: AtomicBool::new(false) })))
+        Ok(Self(Arc::new(Watched { files, was_logged: AtomicBool::new(false) })))
     }
 
     /// Whether all of them are where they were. Where one is not, that is logged once.
@@ -165,7 +165,7 @@ impl Files {
             Err(_) => None,
         });
         let Some(lost) = lost else { return Ok(()) };
-        if !self.0.was_told.swap(true, Ordering::AcqRel) {
+        if !self.0.was_logged.swap(true, Ordering::AcqRel) {
             metrics::gauge!("swarmbench_database_lost").set(1.0);
             tracing::error!(%lost, "nothing is acknowledged until a restart over the right files");
         }

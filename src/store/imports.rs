@@ -1,15 +1,152 @@
 //! The tables `imports` and `import_rounds`: games that were read from files.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{QueryBuilder, Row as _, Sqlite};
 
-use super::episodes::time;
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, Json, from_row, get};
 use super::writer::chunks;
-use super::{Store, failure};
-use crate::journal::{
-    ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, JournalError, StoredImport,
-};
+use crate::ids::ImportKey;
+
+/// A game as it is stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportRow {
+    /// Its public id; it follows from the digest.
+    pub id: String,
+    /// Of its name, its settings and its states.
+    pub digest: [u8; 32],
+    /// As its files call it.
+    pub run_id: String,
+    /// Its entry in the index, as JSON.
+    pub meta: String,
+    /// Who played.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings that make games comparable.
+    pub settings: ImportSettings,
+    /// The score after the last round.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub resolved: u32,
+    /// How many acts it has.
+    pub acts: u64,
+    /// Its states, the layout first.
+    pub rounds: Vec<ImportedRound>,
+}
+
+/// Computes the digest of an imported game, state by state.
+#[derive(Debug)]
+pub struct ImportHash(Sha256);
+
+impl ImportHash {
+    /// Begins with the name and the settings of the game.
+    #[must_use]
+    pub fn new(run_id: &str, meta: &str) -> Self {
+        let mut hash = Sha256::new();
+        for part in [run_id, meta] {
+            hash.update((part.len() as u64).to_be_bytes());
+            hash.update(part);
+        }
+        Self(hash)
+    }
+
+    /// Adds the next state.
+    pub fn add(&mut self, score: f64, state: &str) {
+        self.0.update(score.to_bits().to_be_bytes());
+        self.0.update((state.len() as u64).to_be_bytes());
+        self.0.update(state);
+    }
+
+    /// The digest of all that was added.
+    #[must_use]
+    pub fn finish(self) -> [u8; 32] {
+        self.0.finalize().into()
+    }
+}
+
+/// A state, and what was done in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedRound {
+    /// How many rounds were resolved; also the round that was decided in this state.
+    pub round: u32,
+    /// The score.
+    pub score: f64,
+    /// The state, as JSON.
+    pub state: String,
+    /// The acts, packed.
+    pub acts: Option<Vec<u8>>,
+}
+
+/// The settings of an imported game, as far as they are known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the names are those of the wire, described there")]
+pub struct ImportSettings {
+    pub num_agents: u32,
+    pub max_round: u32,
+    pub width: u32,
+    pub height: u32,
+    pub view_size: u32,
+    pub rules: Option<String>,
+    pub control: Option<String>,
+    pub memory: Option<i64>,
+    pub noise: Option<f64>,
+    pub max_delay: Option<i64>,
+}
+
+/// An imported game, as far as results are compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedGame {
+    /// Its public id.
+    pub id: String,
+    /// Who played, as the files say.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings, as far as they are known.
+    pub settings: ImportSettings,
+    /// The last score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+}
+
+/// An imported game without its states.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredImport {
+    /// Its number.
+    pub key: ImportKey,
+    /// Its public id.
+    pub id: String,
+    /// As its files call it.
+    pub run_id: String,
+    /// Its entry in the index, as JSON.
+    pub meta: String,
+    /// Who played, as the files say.
+    pub model: String,
+    /// The task.
+    pub task: String,
+    /// The seed.
+    pub seed: u64,
+    /// The settings, as far as they are known.
+    pub settings: ImportSettings,
+    /// The last score.
+    pub score: f64,
+    /// How many rounds were resolved.
+    pub rounds: u32,
+    /// How many acts it has.
+    pub acts: u64,
+    /// When it was imported.
+    pub imported_at: Timestamp,
+}
 
 /// What a list of imported games is filtered by.
 #[derive(Clone, Debug, Default)]
@@ -34,7 +171,7 @@ impl Store {
         filter: &ImportFilter,
         before: Option<ImportKey>,
         limit: u32,
-    ) -> Result<Vec<StoredImport>, JournalError> {
+    ) -> Result<Vec<StoredImport>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
         for (column, value) in [("task", &filter.task), ("model", &filter.model)] {
@@ -43,19 +180,17 @@ impl Store {
             }
         }
         query.push(" ORDER BY key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(import).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
     /// Finds an imported game.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, JournalError> {
+    pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("id = ").push_bind(id);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(import).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 
     /// The states `from..to` of an imported game, each with the acts that were given in it.
@@ -67,78 +202,62 @@ impl Store {
         key: ImportKey,
         from: u32,
         to: u32,
-    ) -> Result<Vec<ImportedRound>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<ImportedRound>, StoreError> {
+        let query = sqlx::query(
             "SELECT round, score, state, acts FROM import_rounds
              WHERE import = ? AND round >= ? AND round < ? ORDER BY round",
-        )
-        .bind(key.0)
-        .bind(from)
-        .bind(to)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let round = |row: &SqliteRow| {
-            Ok(ImportedRound {
-                round: row.try_get("round")?,
-                score: row.try_get("score")?,
-                state: row.try_get("state")?,
-                acts: row.try_get("acts")?,
-            })
-        };
-        rows.iter().map(round).collect::<Result<_, sqlx::Error>>().map_err(failure)
+        );
+        self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
 
     /// All imported games, as far as results are compared; the oldest first.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, JournalError> {
-        let rows = sqlx::query(
-            "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let game = |row: &SqliteRow| {
-            Ok(ImportedGame {
-                id: row.try_get("id")?,
-                model: row.try_get("model")?,
-                task: row.try_get("task")?,
-                seed: seed(row)?,
-                settings: settings(row)?,
-                score: row.try_get("score")?,
-                rounds: row.try_get("rounds")?,
-            })
-        };
-        rows.iter().map(game).collect::<Result<_, sqlx::Error>>().map_err(failure)
+    pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
+        let query =
+            "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key";
+        self.fetch_all(sqlx::query(query)).await
     }
 }
 
-fn import(row: &SqliteRow) -> Result<StoredImport, sqlx::Error> {
-    Ok(StoredImport {
-        key: ImportKey(row.try_get("key")?),
-        id: row.try_get("id")?,
-        run_id: row.try_get("run_id")?,
-        meta: row.try_get("meta")?,
-        model: row.try_get("model")?,
-        task: row.try_get("task")?,
-        seed: seed(row)?,
-        settings: settings(row)?,
-        score: row.try_get("score")?,
-        rounds: row.try_get("rounds")?,
-        acts: row.try_get::<i64, _>("acts")?.unsigned_abs(),
-        imported_at: time(row.try_get("imported_at")?)?,
-    })
+from_row! {
+    ImportedRound { round, score, state, acts }
 }
 
-fn seed(row: &SqliteRow) -> Result<u64, sqlx::Error> {
-    row.try_get::<i64, _>("seed").map(i64::unsigned_abs)
+impl FromRow for ImportedGame {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let Json(settings) = get(row, "settings")?;
+        Ok(Self {
+            id: get(row, "id")?,
+            model: get(row, "model")?,
+            task: get(row, "task")?,
+            seed: get(row, "seed")?,
+            settings,
+            score: get(row, "score")?,
+            rounds: get(row, "rounds")?,
+        })
+    }
 }
 
-fn settings(row: &SqliteRow) -> Result<ImportSettings, sqlx::Error> {
-    let text: String = row.try_get("settings")?;
-    serde_json::from_str(&text).map_err(|error| sqlx::Error::Decode(error.into()))
+impl FromRow for StoredImport {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let Json(settings) = get(row, "settings")?;
+        Ok(Self {
+            key: get(row, "key")?,
+            id: get(row, "id")?,
+            run_id: get(row, "run_id")?,
+            meta: get(row, "meta")?,
+            model: get(row, "model")?,
+            task: get(row, "task")?,
+            seed: get(row, "seed")?,
+            settings,
+            score: get(row, "score")?,
+            rounds: get(row, "rounds")?,
+            acts: get(row, "acts")?,
+            imported_at: get(row, "imported_at")?,
+        })
+    }
 }
 
 /// Keeps a game. One that is there already gets acts where it has none; else nothing changes.

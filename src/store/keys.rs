@@ -1,13 +1,13 @@
 //! The table `keys`.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{QueryBuilder, Sqlite};
 
-use super::episodes::time;
-use super::{Store, failure};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, get};
 use crate::ids::TokenHash;
-use crate::journal::JournalError;
-use crate::keys::{Key, OwnerKey, Role};
+use crate::keys::{Key, OwnerKey};
 
 const SELECT: &str = "SELECT number, id, role, name, created_at, expires_at, revoked_at FROM keys ";
 
@@ -16,7 +16,7 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn keys(&self) -> Result<Vec<Key>, JournalError> {
+    pub async fn keys(&self) -> Result<Vec<Key>, StoreError> {
         self.list_keys(None, u32::MAX).await
     }
 
@@ -28,49 +28,42 @@ impl Store {
         &self,
         after: Option<OwnerKey>,
         limit: u32,
-    ) -> Result<Vec<Key>, JournalError> {
+    ) -> Result<Vec<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE number > ").push_bind(after.map_or(-1, |key| key.0));
         query.push(" ORDER BY number LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(key).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
     /// Whether a key was ever made.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn has_keys(&self) -> Result<bool, JournalError> {
-        let row = sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")
-            .fetch_one(&mut *self.read().await?)
-            .await;
-        row.and_then(|row| row.try_get(0)).map_err(failure)
+    pub async fn has_keys(&self) -> Result<bool, StoreError> {
+        self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
     /// The key whose token has this hash, whatever it is worth now.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, JournalError> {
+    pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE hash = ").push_bind(&hash.0[..]);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(key).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 }
 
-fn key(row: &SqliteRow) -> Result<Key, sqlx::Error> {
-    let role: String = row.try_get("role")?;
-    let role =
-        Role::parse(&role).ok_or_else(|| sqlx::Error::Decode(format!("role {role:?}").into()))?;
-    let maybe = |column| row.try_get::<Option<i64>, _>(column)?.map(time).transpose();
-    Ok(Key {
-        number: Some(OwnerKey(row.try_get("number")?)),
-        id: row.try_get("id")?,
-        role,
-        name: row.try_get("name")?,
-        created_at: time(row.try_get("created_at")?)?,
-        expires_at: maybe("expires_at")?,
-        revoked_at: maybe("revoked_at")?,
-    })
+impl FromRow for Key {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            number: Some(get(row, "number")?),
+            id: get(row, "id")?,
+            role: get(row, "role")?,
+            name: get(row, "name")?,
+            created_at: get(row, "created_at")?,
+            expires_at: get(row, "expires_at")?,
+            revoked_at: get(row, "revoked_at")?,
+        })
+    }
 }

@@ -9,15 +9,19 @@ pub mod backup;
 pub mod check;
 pub mod clock;
 pub mod competitions;
+pub mod entries;
 pub mod episodes;
-mod exports;
+mod error;
+pub mod exports;
 mod files;
 pub mod imports;
 pub mod keys;
+pub mod port;
 mod readers;
 pub mod rebuild;
 pub mod records;
 pub mod results;
+mod rows;
 pub mod runs;
 pub mod seats;
 pub mod tokens;
@@ -28,12 +32,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{ConnectOptions, Row};
+use sqlx::{ConnectOptions, Row as _};
 
-use crate::journal::{Committed, Entry, JournalError};
 use crate::migrations::migrator;
+use entries::Entry;
+pub use error::{Stopped, StoreError};
 pub use files::Lost;
 use files::{Files, Lock};
+use port::Committed;
 pub use readers::{
     READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX, patiently, patiently_blocking,
 };
@@ -70,7 +76,7 @@ pub enum OpenError {
     /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     Missing(PathBuf),
-    /// Its tables are those of another version, and nobody changes them by reading.
+    /// Its tables are those of another version, and reading does not migrate them.
     #[error(
         "the tables of {0} are those of another version of this program; `swarmbench serve` of this version brings \
          older ones up to date"
@@ -156,16 +162,24 @@ impl Store {
     }
 
     /// A connection that reads, for the party of this task.
-    async fn read(&self) -> Result<readers::Reading, JournalError> {
+    async fn read(&self) -> Result<readers::Reading, StoreError> {
         self.readers.get().await
     }
 
-    /// Hands entries to the writer; see [`crate::journal::Journal::append`].
+    /// Hands entries to the writer; see [`crate::store::port::EpisodeStore::append`].
     pub fn append(&self, entries: Vec<Entry>, committed: Committed) {
         self.writer.append(entries, committed);
     }
 
-    /// How the writer does.
+    /// Keeps entries and waits until they are durable; see [`EpisodeStore::keep`].
+    ///
+    /// # Errors
+    /// Where they were not kept.
+    pub async fn keep(&self, entries: Vec<Entry>) -> Result<(), StoreError> {
+        port::committed(|committed| self.append(entries, committed)).await
+    }
+
+    /// The state of the writer.
     #[must_use]
     pub fn writer(&self) -> &WriterState {
         self.writer.state()
@@ -193,8 +207,8 @@ impl Store {
     ///
     /// # Errors
     /// Where it cannot.
-    pub async fn ping(&self) -> Result<(), JournalError> {
-        sqlx::query("SELECT 1").execute(&mut *self.read().await?).await.map_err(failure)?;
+    pub async fn ping(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT 1").execute(&mut *self.read().await?).await?;
         Ok(())
     }
 }
@@ -230,13 +244,6 @@ async fn open_exclusively(path: &Path, create: bool) -> Result<OpenedDatabase, O
         .map_err(|source| OpenError::Lock { path: path.to_owned(), source })?;
     files.check()?;
     Ok(OpenedDatabase { connection, options, files, lock })
-}
-
-fn failure(error: sqlx::Error) -> JournalError {
-    match error {
-        sqlx::Error::PoolTimedOut => JournalError::busy(),
-        error => JournalError(error.to_string().into()),
-    }
 }
 
 async fn check_version(

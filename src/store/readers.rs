@@ -7,20 +7,19 @@ use sqlx::Sqlite;
 use sqlx::pool::PoolConnection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqlitePool, SqlitePoolOptions};
 
-use super::failure;
+use super::StoreError;
 use crate::fair::{FairLimit, Party, Permit, Rank, Shares};
-use crate::journal::JournalError;
 
 /// Connections that read for running games, for players and entries, and for the server itself.
 const GAMES: usize = 3;
 
-/// Connections that read for everybody else.
+/// Connections that read for all others.
 pub const READERS_MAX: usize = 4;
 
-/// How long somebody waits for a connection to read.
+/// How long a request waits for a connection to read.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Requests that wait for a connection to read, for games and for everybody else each.
+/// Requests that wait for a connection to read, for games and for all others each.
 pub const READERS_WAITING_MAX: usize = 4000;
 
 /// Of these, those of one group.
@@ -48,18 +47,18 @@ pub(super) struct Readers {
     others: Lane,
 }
 
-/// Connections for one purpose, and whose turn it is.
+/// Connections for one purpose, shared fairly.
 #[derive(Clone, Debug)]
 struct Lane {
     pool: SqlitePool,
-    turns: FairLimit,
+    permits: FairLimit,
 }
 
 /// A connection that reads until this is dropped.
 pub(super) struct Reading {
-    // Given back before somebody else gets the turn.
+    // Dropped before the permit.
     connection: PoolConnection<Sqlite>,
-    _turn: Permit,
+    _permit: Permit,
 }
 
 impl Deref for Reading {
@@ -92,7 +91,7 @@ impl Lane {
             waiting: READERS_WAITING_MAX,
             waiting_per_group: READERS_WAITING_PER_GROUP_MAX,
         };
-        Ok(Self { pool, turns: FairLimit::new("readers_max", shares, PATIENCE) })
+        Ok(Self { pool, permits: FairLimit::new("readers_max", shares, PATIENCE) })
     }
 }
 
@@ -104,22 +103,22 @@ impl Readers {
         })
     }
 
-    /// A connection for the party of this task, in its turn.
-    pub(super) async fn get(&self) -> Result<Reading, JournalError> {
+    /// Waits for a connection for the party of this task.
+    pub(super) async fn get(&self) -> Result<Reading, StoreError> {
         let (party, rank) = (Party::current(), Rank::current());
         let lane = match rank {
             Rank::Urgent => &self.games,
             Rank::Normal => &self.others,
         };
         let is_patient = PATIENT.try_with(|()| ()).is_ok();
-        let turn = if party == Party::SERVER || is_patient {
-            // What the server does of its own accord is little, and is not given up as others read much.
-            lane.turns.acquire_always(party, rank).await
+        let permit = if party == Party::SERVER || is_patient {
+            // The server itself reads little, and always waits, however many others read.
+            lane.permits.acquire_always(party, rank).await
         } else {
-            lane.turns.acquire(party, rank).await.map_err(|_| JournalError::busy())?
+            lane.permits.acquire(party, rank).await.map_err(|_| StoreError::Busy)?
         };
-        let connection = lane.pool.acquire().await.map_err(failure)?;
-        Ok(Reading { connection, _turn: turn })
+        let connection = lane.pool.acquire().await?;
+        Ok(Reading { connection, _permit: permit })
     }
 
     pub(super) async fn close(&self) {
@@ -135,7 +134,7 @@ mod tests {
     use crate::keys::OwnerKey;
 
     #[tokio::test]
-    async fn those_who_look_on_leave_connections_to_each_other_and_to_games() {
+    async fn readers_leave_connections_to_each_other_and_to_games() {
         let directory = tempfile::tempdir().expect("a directory");
         let options = SqliteConnectOptions::new()
             .filename(directory.path().join("test.db"))
@@ -148,7 +147,7 @@ mod tests {
             held.push(look(1).await.expect("a connection"));
         }
         let mut fourth = Box::pin(look(1));
-        assert!(futures::poll!(&mut fourth).is_pending(), "the last one is not theirs");
+        assert!(futures::poll!(&mut fourth).is_pending(), "the last one is kept for another group");
         drop(look(2).await.expect("a connection"));
         // Games, and the server itself, have their own.
         let play = Rank::Urgent.scope(party(1).scope(readers.get()));
@@ -176,7 +175,7 @@ mod tests {
         for wait in &mut waits {
             assert!(futures::poll!(wait).is_pending());
         }
-        assert!(look().await.is_err_and(|error| error.is_busy()));
+        assert!(look().await.is_err_and(|error| matches!(error, StoreError::Busy)));
         let mut patient = Box::pin(patiently(look()));
         assert!(futures::poll!(&mut patient).is_pending());
         drop((held, waits));

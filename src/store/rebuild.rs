@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
-use sqlx::{Connection, Row};
+use sqlx::{Connection, Row as _};
 
 use super::again::{StoredJournal, play_again};
-use super::episodes::head;
+use super::rows::get;
 use super::{OpenError, OpenedDatabase, open_exclusively, results};
+use crate::ids::EpisodeKey;
+use crate::journal::Tally;
 use crate::journal::record::{ActRecord, RawRecord, Record};
-use crate::journal::{EpisodeKey, Tally};
 
 /// Episodes that are listed at once.
 const CHUNK: i64 = 256;
@@ -133,13 +134,8 @@ async fn one(
             .bind(episode.0)
             .fetch_one(&mut *database)
             .await?;
-    let raw = |column| {
-        RawRecord::from_stored(row.try_get(column)?)
-            .map_err(|error| sqlx::Error::Decode(error.into()))
-    };
-    let (opening, ending) = (raw("opening")?, raw("ending")?);
-    let has_seating = row.try_get::<Option<&str>, _>("seating")?.is_some();
-    let seating = if has_seating { Some(raw("seating")?) } else { None };
+    let (opening, ending) = (get::<RawRecord>(&row, "opening")?, get::<RawRecord>(&row, "ending")?);
+    let seating: Option<RawRecord> = get(&row, "seating")?;
     match opening.read() {
         Ok(Record::Opening(opening)) if opening.counts() => {}
         Ok(Record::Opening(_)) => return Ok(()),
@@ -155,7 +151,7 @@ async fn one(
         }
         Err(error) => return Err(broken(error.to_string())),
     };
-    let head = head(&row.try_get::<Vec<u8>, _>("head")?)?;
+    let head = get(&row, "head")?;
     if end.status != row.try_get::<String, _>("status")? {
         return Err(broken("it ended otherwise than its journal says".to_owned()));
     }
@@ -179,7 +175,7 @@ async fn one(
     Ok(())
 }
 
-/// How many rounds were resolved, and the score after them; none where there were none.
+/// How many rounds were resolved, and the score after them; `None` before the first.
 async fn standing(
     database: &mut SqliteConnection,
     episode: EpisodeKey,

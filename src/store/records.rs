@@ -4,19 +4,19 @@ use std::collections::VecDeque;
 
 use futures::FutureExt;
 use futures::future::BoxFuture;
-use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
-use super::episodes::{hash, head};
-use super::{Store, failure};
-use crate::ids::EpisodeId;
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, Json, from_row, get};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::journal::record::RawRecord;
-use crate::journal::{
-    Committed, CompetitionKey, Entry, EpisodeKey, Held, Journal, JournalError, RoundActs, RunKey,
-    StoredAct, StoredEpisode, StoredRound, Unfinished,
-};
 use crate::keys::OwnerKey;
+use crate::store::entries::{Entry, Held};
+use crate::store::port::{
+    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
 const PIECE_BYTES: u64 = 128 * 1024;
@@ -70,7 +70,7 @@ impl ActReader {
         &mut self,
         round: u32,
         bytes_max: usize,
-    ) -> Result<Option<String>, JournalError> {
+    ) -> Result<Option<String>, StoreError> {
         if let Some(from) = self.unread.filter(|_| self.read.is_empty()) {
             let part = self.store.acts_part(self.episode, from, self.end, bytes_max).await?;
             self.read = part.acts.into();
@@ -92,25 +92,16 @@ impl Store {
         from: ActPlace,
         end: u32,
         bytes_max: usize,
-    ) -> Result<ActsPart, JournalError> {
+    ) -> Result<ActsPart, StoreError> {
         let (last, next) = self.part_end(episode, from, end, bytes_max).await?;
         let Some(last) = last else { return Ok(ActsPart::default()) };
-        let rows = sqlx::query(
+        let query = sqlx::query(
             "SELECT round, record FROM acts
              WHERE episode = ? AND (round, agent) >= (?, ?) AND (round, agent) <= (?, ?)
              ORDER BY round, agent",
-        )
-        .bind(episode.0)
-        .bind(from.0)
-        .bind(from.1.0)
-        .bind(last.0)
-        .bind(last.1.0)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let act = |row: &SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
-        let acts: Result<_, sqlx::Error> = rows.iter().map(act).collect();
-        Ok(ActsPart { acts: acts.map_err(failure)?, next })
+        );
+        let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(last.0).bind(last.1.0);
+        Ok(ActsPart { acts: self.fetch_all(query).await?, next })
     }
 
     /// The last act of a part, and the first of the next one. The texts are not read for it.
@@ -120,25 +111,20 @@ impl Store {
         from: ActPlace,
         end: u32,
         bytes_max: usize,
-    ) -> Result<(Option<ActPlace>, Option<ActPlace>), JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<(Option<ActPlace>, Option<ActPlace>), StoreError> {
+        let query = sqlx::query(
             "SELECT round, agent, octet_length(record) FROM acts
              WHERE episode = ? AND (round, agent) >= (?, ?) AND round < ?
              ORDER BY round, agent LIMIT ?",
-        )
-        .bind(episode.0)
-        .bind(from.0)
-        .bind(from.1.0)
-        .bind(end)
-        .bind(ACTS_OF_A_PART_MAX + 1)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let (mut last, mut bytes) = (None, 0);
-        for (number, row) in (0..).zip(&rows) {
-            let place = position(row).map_err(failure)?;
-            bytes += row.try_get::<i64, _>(2).map_err(failure)?.unsigned_abs();
-            let fits = bytes <= bytes_max as u64 && number < ACTS_OF_A_PART_MAX;
+        );
+        let query = query.bind(episode.0).bind(from.0).bind(from.1.0).bind(end);
+        let acts: Vec<(u32, AgentId, u64)> =
+            self.fetch_all(query.bind(ACTS_OF_A_PART_MAX + 1)).await?;
+        let (mut last, mut sum) = (None, 0);
+        for (number, (round, agent, bytes)) in (0..).zip(acts) {
+            let place = (round, agent);
+            sum += bytes;
+            let fits = sum <= bytes_max as u64 && number < ACTS_OF_A_PART_MAX;
             if last.is_some() && !fits {
                 return Ok((last, Some(place)));
             }
@@ -147,17 +133,13 @@ impl Store {
         Ok((last, None))
     }
 
-    /// How many bytes the end record of an episode has; none where it has not ended.
+    /// How many bytes the end record of an episode has; `None` before its end.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, JournalError> {
-        let row = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?")
-            .bind(episode.0)
-            .fetch_one(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        let bytes: Option<i64> = row.try_get(0).map_err(failure)?;
+    pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, StoreError> {
+        let query = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?");
+        let bytes: Option<u64> = self.fetch_one(query.bind(episode.0)).await?;
         Ok(bytes.map(|bytes| usize::try_from(bytes).unwrap_or(usize::MAX)))
     }
 
@@ -165,13 +147,9 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, JournalError> {
-        let text = sqlx::query_scalar("SELECT ending FROM episodes WHERE key = ?")
-            .bind(episode.0)
-            .fetch_one(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        RawRecord::from_stored(text).map_err(|error| JournalError(error.to_string().into()))
+    pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, StoreError> {
+        let query = sqlx::query("SELECT ending FROM episodes WHERE key = ?");
+        self.fetch_one(query.bind(episode.0)).await
     }
 
     /// The resolved rounds `from..to` without their acts.
@@ -183,7 +161,7 @@ impl Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> Result<Vec<StoredRound>, JournalError> {
+    ) -> Result<Vec<StoredRound>, StoreError> {
         self.read_rounds(episode, from, to).await
     }
 
@@ -192,7 +170,7 @@ impl Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> Result<Vec<(u32, RoundActs)>, JournalError> {
+    ) -> Result<Vec<(u32, RoundActs)>, StoreError> {
         let rows = sqlx::query(
             "SELECT round, agent, waiting_for, octet_length(record) AS bytes,
                CASE WHEN octet_length(record) > ?
@@ -204,15 +182,14 @@ impl Store {
         .bind(from)
         .bind(to)
         .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
+        .await?;
         let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
         for (number, row) in rows.iter().enumerate() {
             if number > 0 && number.is_multiple_of(ACTS_OF_A_PIECE) {
                 tokio::task::yield_now().await;
             }
-            let (round, agent) = position(row).map_err(failure)?;
-            let mut act = act(row).map_err(failure)?;
+            let round = get(row, "round")?;
+            let (agent, mut act) = <(AgentId, StoredAct)>::from_row(row)?;
             (act.record.response, act.record.reasoning) = (None, None);
             match rounds.last_mut() {
                 Some((last, acts)) if *last == round => acts.push((agent, act)),
@@ -226,7 +203,7 @@ impl Store {
         &self,
         episode: EpisodeKey,
         round: u32,
-    ) -> Result<RoundActs, JournalError> {
+    ) -> Result<RoundActs, StoreError> {
         let rows = sqlx::query(
             "SELECT round, agent, waiting_for, octet_length(record) AS bytes, record FROM acts
              WHERE episode = ? AND round = ? ORDER BY agent",
@@ -234,8 +211,7 @@ impl Store {
         .bind(episode.0)
         .bind(round)
         .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
+        .await?;
         let mut acts = RoundActs::with_capacity(rows.len());
         let mut unpaused = 0;
         for row in rows {
@@ -243,8 +219,7 @@ impl Store {
                 unpaused = 0;
                 tokio::task::yield_now().await;
             }
-            let (_, agent) = position(&row).map_err(failure)?;
-            let act = act(&row).map_err(failure)?;
+            let (agent, act) = <(AgentId, StoredAct)>::from_row(&row)?;
             unpaused += act.bytes;
             acts.push((agent, act));
         }
@@ -256,34 +231,23 @@ impl Store {
         episode: EpisodeKey,
         round: u32,
         agent: AgentId,
-    ) -> Result<Option<StoredAct>, JournalError> {
-        let row = sqlx::query(
-            "SELECT waiting_for, octet_length(record) AS bytes, record FROM acts
+    ) -> Result<Option<StoredAct>, StoreError> {
+        let query = sqlx::query(
+            "SELECT agent, waiting_for, octet_length(record) AS bytes, record FROM acts
              WHERE episode = ? AND round = ? AND agent = ?",
-        )
-        .bind(episode.0)
-        .bind(round)
-        .bind(agent.0)
-        .fetch_optional(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        row.map(|row| act(&row)).transpose().map_err(failure)
+        );
+        let found = self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await?;
+        Ok(found.map(|(_, act): (AgentId, StoredAct)| act))
     }
 
     async fn read_entrant(
         &self,
         run: RunKey,
-    ) -> Result<Option<(CompetitionKey, OwnerKey)>, JournalError> {
-        let row = sqlx::query(
+    ) -> Result<Option<(CompetitionKey, OwnerKey)>, StoreError> {
+        let query = sqlx::query(
             "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
-        )
-        .bind(run.0)
-        .fetch_optional(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read =
-            |row: SqliteRow| Ok((CompetitionKey(row.try_get(0)?), OwnerKey(row.try_get(1)?)));
-        row.map(read).transpose().map_err(failure)
+        );
+        self.fetch_optional(query.bind(run.0)).await
     }
 
     async fn read_rounds(
@@ -291,41 +255,30 @@ impl Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> Result<Vec<StoredRound>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<StoredRound>, StoreError> {
+        let query = sqlx::query(
             "SELECT round, digest, score, head FROM rounds
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round",
-        )
-        .bind(episode.0)
-        .bind(from)
-        .bind(to)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let round = |row: &SqliteRow| {
-            Ok(StoredRound {
-                round: row.try_get("round")?,
-                digest: hash(&row.try_get::<Vec<u8>, _>("digest")?)?,
-                score: row.try_get("score")?,
-                head: head(&row.try_get::<Vec<u8>, _>("head")?)?,
-            })
-        };
-        rows.iter().map(round).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await
     }
 }
 
-fn position(row: &SqliteRow) -> Result<(u32, AgentId), sqlx::Error> {
-    Ok((row.try_get("round")?, AgentId(row.try_get("agent")?)))
+from_row! {
+    StoredRound { round, digest, score, head }
 }
 
-fn act(row: &SqliteRow) -> Result<StoredAct, sqlx::Error> {
-    let decode = |error: serde_json::Error| sqlx::Error::Decode(error.into());
-    let record = serde_json::from_str(row.try_get("record")?).map_err(decode)?;
-    let bytes = row.try_get::<i64, _>("bytes")?.unsigned_abs();
-    Ok(StoredAct { record, bytes, waiting_for: row.try_get("waiting_for")? })
+/// An act, with its seat.
+impl FromRow for (AgentId, StoredAct) {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let Json(record) = get(row, "record")?;
+        let act =
+            StoredAct { record, bytes: get(row, "bytes")?, waiting_for: get(row, "waiting_for")? };
+        Ok((get(row, "agent")?, act))
+    }
 }
 
-impl Journal for Store {
+impl EpisodeStore for Store {
     fn append(&self, entries: Vec<Entry>, committed: Committed) {
         Self::append(self, entries, committed);
     }
@@ -334,26 +287,26 @@ impl Journal for Store {
         self.writer().recovered(episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
         async move { self.find_episode(&id).await }.boxed()
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
         self.unfinished_episodes().boxed()
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
         self.read_holders(episode).boxed()
     }
 
     fn entrant(
         &self,
         run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
         self.read_entrant(run).boxed()
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
         self.read_key_id(owner).boxed()
     }
 
@@ -362,7 +315,7 @@ impl Journal for Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
         self.read_acts(episode, from, to).boxed()
     }
 
@@ -370,7 +323,7 @@ impl Journal for Store {
         &self,
         episode: EpisodeKey,
         round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, JournalError>> {
+    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
         self.read_round_acts(episode, round).boxed()
     }
 
@@ -379,7 +332,7 @@ impl Journal for Store {
         episode: EpisodeKey,
         round: u32,
         agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
         self.read_act(episode, round, agent).boxed()
     }
 
@@ -388,7 +341,7 @@ impl Journal for Store {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
         self.read_rounds(episode, from, to).boxed()
     }
 }

@@ -5,12 +5,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{QueryBuilder, Sqlite};
 
-use super::episodes::time;
-use super::{Store, failure};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, get};
+use crate::ids::{EpisodeKey, RunKey};
+use crate::journal::Tally;
 use crate::journal::record::RawRecord;
-use crate::journal::{Entry, EpisodeKey, JournalError, RunKey, Tally};
+use crate::store::entries::Entry;
 
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;
@@ -60,21 +63,21 @@ pub enum Change {
 /// What was committed and concerns boards, until the cache of boards takes it.
 #[derive(Debug)]
 pub struct Changes {
-    kept: Mutex<Option<Vec<Change>>>,
+    pending: Mutex<Option<Vec<Change>>>,
     /// How often something was committed that a board, or a list of a competition, may show.
     revision: AtomicU64,
 }
 
 impl Default for Changes {
     fn default() -> Self {
-        Self { kept: Mutex::new(Some(Vec::new())), revision: AtomicU64::new(0) }
+        Self { pending: Mutex::new(Some(Vec::new())), revision: AtomicU64::new(0) }
     }
 }
 
 impl Changes {
-    /// What came since the last call; none where all may have changed.
+    /// The changes since the last call; `None` if anything may have changed.
     pub fn take(&self) -> Option<Vec<Change>> {
-        self.kept.lock().expect("nothing panics while it holds this").replace(Vec::new())
+        self.pending.lock().expect("nothing panics while it holds this").replace(Vec::new())
     }
 
     /// Another number than before, once something was committed that a board, or a list of a competition, may show.
@@ -91,7 +94,7 @@ impl Changes {
                 Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => {
                     self.add(Change::Run(*run));
                 }
-                // Which runs these were is not told.
+                // The entry does not name the runs.
                 Entry::SetEntrant { .. } | Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
                 // Boards show what is over; lists of a competition show more.
@@ -119,13 +122,13 @@ impl Changes {
 
     /// Notes that anything may have changed.
     fn add_all(&self) {
-        *self.kept.lock().expect("nothing panics while it holds this") = None;
+        *self.pending.lock().expect("nothing panics while it holds this") = None;
     }
 
     fn add(&self, change: Change) {
-        let mut changes = self.kept.lock().expect("nothing panics while it holds this");
+        let mut changes = self.pending.lock().expect("nothing panics while it holds this");
         match &mut *changes {
-            Some(kept) if kept.len() < CHANGES_MAX => kept.push(change),
+            Some(pending) if pending.len() < CHANGES_MAX => pending.push(change),
             // All is read again, whatever else comes.
             _ => *changes = None,
         }
@@ -156,7 +159,7 @@ pub struct BoardRun {
     pub suite: String,
     /// The suite's digest.
     pub digest: String,
-    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    /// What was decided about it, as JSON.
     pub definition: String,
     /// How it ended.
     pub status: String,
@@ -219,14 +222,11 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn runs_on_boards(
-        &self,
-        after: Option<RunKey>,
-    ) -> Result<Vec<BoardRun>, JournalError> {
+    pub async fn runs_on_boards(&self, after: Option<RunKey>) -> Result<Vec<BoardRun>, StoreError> {
         let mut query = select_runs();
         query.push(" AND r.key > ").push_bind(after.map_or(i64::MIN, |run| run.0));
         query.push(" ORDER BY r.key LIMIT ").push_bind(CHUNK);
-        let mut runs = self.read_runs(query).await?;
+        let mut runs: Vec<BoardRun> = self.fetch_all(query.build()).await?;
         if let (Some(first), Some(last)) = (runs.first(), runs.last()) {
             let (first, last) = (first.run, last.run);
             let games = self.games(first, last).await?;
@@ -247,10 +247,11 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<BoardRun>, JournalError> {
+    pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<BoardRun>, StoreError> {
         let mut query = select_runs();
         query.push(" AND r.key = ").push_bind(run.0);
-        let Some(mut found) = self.read_runs(query).await?.pop() else { return Ok(None) };
+        let found: Option<BoardRun> = self.fetch_optional(query.build()).await?;
+        let Some(mut found) = found else { return Ok(None) };
         for (_, game) in self.games(run, run).await? {
             found.add(game);
         }
@@ -261,22 +262,10 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, JournalError> {
-        let row = sqlx::query("SELECT run FROM episodes WHERE key = ?")
-            .bind(episode.0)
-            .fetch_optional(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        let run = row.map(|row| row.try_get::<Option<i64>, _>(0)).transpose().map_err(failure)?;
-        Ok(run.flatten().map(RunKey))
-    }
-
-    async fn read_runs(
-        &self,
-        mut query: QueryBuilder<Sqlite>,
-    ) -> Result<Vec<BoardRun>, JournalError> {
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(run).collect::<Result<_, _>>().map_err(failure)
+    pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, StoreError> {
+        let query = sqlx::query("SELECT run FROM episodes WHERE key = ?");
+        let run: Option<Option<RunKey>> = self.fetch_optional(query.bind(episode.0)).await?;
+        Ok(run.flatten())
     }
 
     /// The games of the runs `first..=last`, in order; none for one that has not ended.
@@ -284,24 +273,14 @@ impl Store {
         &self,
         first: RunKey,
         last: RunKey,
-    ) -> Result<Vec<(RunKey, Option<BoardGame>)>, JournalError> {
-        let rows = sqlx::query(
+    ) -> Result<Vec<(RunKey, Option<BoardGame>)>, StoreError> {
+        let query = sqlx::query(
             "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
              FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
              WHERE e.run BETWEEN ? AND ? ORDER BY e.run, e.slot, e.key",
-        )
-        .bind(first.0)
-        .bind(last.0)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            let has_ended = row.try_get::<Option<&str>, _>("task")?.is_some();
-            let game = has_ended.then(|| game(row)).transpose()?;
-            Ok((RunKey(row.try_get("run")?), game))
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query.bind(first.0).bind(last.0)).await
     }
 
     /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
@@ -312,57 +291,41 @@ impl Store {
     pub async fn mixed_games(
         &self,
         after: Option<EpisodeKey>,
-    ) -> Result<(Vec<BoardMixed>, Option<EpisodeKey>), JournalError> {
-        let episodes = sqlx::query(
+    ) -> Result<(Vec<BoardMixed>, Option<EpisodeKey>), StoreError> {
+        let query = sqlx::query(
             "SELECT DISTINCT episode FROM seats WHERE episode > ? ORDER BY episode LIMIT ?",
-        )
-        .bind(after.map_or(i64::MIN, |episode| episode.0))
-        .bind(CHUNK)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
+        );
+        let after = after.map_or(i64::MIN, |episode| episode.0);
+        let episodes: Vec<EpisodeKey> = self.fetch_all(query.bind(after).bind(CHUNK)).await?;
         let mut games = Vec::new();
-        let mut last = None;
-        for row in episodes {
-            let episode = EpisodeKey(row.try_get(0).map_err(failure)?);
+        for &episode in &episodes {
             games.extend(self.mixed_game(episode).await?);
-            last = Some(episode);
         }
-        Ok((games, last))
+        Ok((games, episodes.last().copied()))
     }
 
     /// A game of several holders, if it is finished, counts, and anybody may read it.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn mixed_game(
-        &self,
-        episode: EpisodeKey,
-    ) -> Result<Option<BoardMixed>, JournalError> {
-        let rows = sqlx::query(
-            "SELECT DISTINCT e.opening, r.score, s.holder, s.model, s.owner,
-                    coalesce(s.model = 'built-in/' || s.player, 0) OR coalesce(k.role = 'organizer', 0) AS vouched
-             FROM seats s JOIN results r ON r.episode = s.episode JOIN episodes e ON e.key = s.episode
-             LEFT JOIN keys k ON k.number = s.owner
-             WHERE s.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL
-               AND (e.visibility <> 'sealed' OR e.revealed)
-             ORDER BY s.holder, s.model",
-        )
-        .bind(episode.0)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let Some(first) = rows.first() else { return Ok(None) };
-        let read = || {
-            let opening = RawRecord::from_stored(first.try_get("opening")?)
-                .map_err(|error| sqlx::Error::Decode(error.into()))?;
-            let model = |row: &SqliteRow| {
-                Ok((row.try_get("model")?, row.try_get("vouched")?, row.try_get("owner")?))
-            };
-            let models = rows.iter().map(model).collect::<Result<_, sqlx::Error>>()?;
-            Ok(BoardMixed { episode, opening, score: first.try_get("score")?, models })
+    pub async fn mixed_game(&self, episode: EpisodeKey) -> Result<Option<BoardMixed>, StoreError> {
+        let query = sqlx::query(
+            "SELECT e.opening, r.score FROM results r JOIN episodes e ON e.key = r.episode
+             WHERE r.episode = ? AND r.status = 'finished' AND e.voided_at IS NULL
+               AND (e.visibility <> 'sealed' OR e.revealed)",
+        );
+        let Some((opening, score)) = self.fetch_optional(query.bind(episode.0)).await? else {
+            return Ok(None);
         };
-        read().map(Some).map_err(failure)
+        let query = sqlx::query(
+            "SELECT DISTINCT s.model, coalesce(s.model = 'built-in/' || s.player, 0)
+                        OR coalesce(k.role = 'organizer', 0), s.owner, s.holder
+             FROM seats s LEFT JOIN keys k ON k.number = s.owner
+             WHERE s.episode = ? ORDER BY s.holder, s.model",
+        );
+        let models: Vec<(String, bool, Option<i64>)> =
+            self.fetch_all(query.bind(episode.0)).await?;
+        Ok((!models.is_empty()).then_some(BoardMixed { episode, opening, score, models }))
     }
 }
 
@@ -378,34 +341,39 @@ fn select_runs() -> QueryBuilder<Sqlite> {
     query
 }
 
-fn run(row: &SqliteRow) -> Result<BoardRun, sqlx::Error> {
-    let owner: Option<String> = row.try_get("owner")?;
-    let name: Option<String> = row.try_get("name")?;
-    Ok(BoardRun {
-        run: RunKey(row.try_get("key")?),
-        id: row.try_get("id")?,
-        owner: owner.zip(name).map(|(id, name)| BoardOwner { id, name }),
-        vouched: row.try_get("vouched")?,
-        suite: row.try_get("suite")?,
-        digest: row.try_get("digest")?,
-        definition: row.try_get("definition")?,
-        status: row.try_get("status")?,
-        created_at: time(row.try_get("created_at")?)?,
-        games: Vec::new(),
-        is_over: true,
-    })
+impl FromRow for BoardRun {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let owner = get::<Option<String>>(row, "owner")?.zip(get(row, "name")?);
+        Ok(Self {
+            run: get(row, "key")?,
+            id: get(row, "id")?,
+            owner: owner.map(|(id, name)| BoardOwner { id, name }),
+            vouched: get(row, "vouched")?,
+            suite: get(row, "suite")?,
+            digest: get(row, "digest")?,
+            definition: get(row, "definition")?,
+            status: get(row, "status")?,
+            created_at: get(row, "created_at")?,
+            games: Vec::new(),
+            is_over: true,
+        })
+    }
 }
 
-fn game(row: &SqliteRow) -> Result<BoardGame, sqlx::Error> {
-    let count =
-        |column| row.try_get::<i64, _>(column).map(|number| u64::try_from(number).unwrap_or(0));
-    Ok(BoardGame {
-        task: row.try_get("task")?,
-        seed: count("seed")?,
-        score: row.try_get("score")?,
-        acts: count("acts")?,
-        invalid: count("invalid")?,
-        timeouts: count("clock_outs")?,
-        voided: row.try_get("voided")?,
-    })
+/// A game, with its run.
+impl FromRow for (RunKey, Option<BoardGame>) {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let run = get(row, "run")?;
+        let Some(task) = get(row, "task")? else { return Ok((run, None)) };
+        let game = BoardGame {
+            task,
+            seed: get(row, "seed")?,
+            score: get(row, "score")?,
+            acts: get(row, "acts")?,
+            invalid: get(row, "invalid")?,
+            timeouts: get(row, "clock_outs")?,
+            voided: get(row, "voided")?,
+        };
+        Ok((run, Some(game)))
+    }
 }

@@ -4,14 +4,17 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{QueryBuilder, Row, Sqlite};
+use sqlx::{QueryBuilder, Sqlite};
 
-use super::episodes::{Readable, time};
-use super::{Store, failure};
+use super::Store;
+use super::StoreError;
+use super::episodes::Readable;
+use super::rows::{FromRow, get};
 use crate::board::{Game, Slot};
-use crate::ids::{EpisodeId, TokenHash};
-use crate::journal::{CompetitionKey, EntryKey, EpisodeKey, JournalError, RunKey, RunRow, Tally};
+use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
+use crate::journal::Tally;
 use crate::keys::OwnerKey;
+use crate::store::entries::RunRow;
 
 /// A run as it is stored.
 #[derive(Clone, Debug)]
@@ -22,11 +25,11 @@ pub struct StoredRun {
     pub id: String,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
-    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    /// What was decided about it, as JSON.
     pub definition: String,
     /// The digest of its suite.
     pub digest: String,
-    /// The name of a [`RunStatus`](crate::run::RunStatus).
+    /// `running`, or the name of how it ended.
     pub status: String,
     /// Of an attempt in a competition: the entry, and the attempt's number, from 1.
     pub attempt: Option<(EntryKey, u32)>,
@@ -122,25 +125,23 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, JournalError> {
+    pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.id = ").push_bind(id);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(stored).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 
     /// The run with this number.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, JournalError> {
+    pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.key = ").push_bind(run.0);
-        let row = query.build().fetch_optional(&mut *self.read().await?).await.map_err(failure)?;
-        row.as_ref().map(stored).transpose().map_err(failure)
+        self.fetch_optional(query.build()).await
     }
 
-    /// Lists runs of which somebody may know, newest first, from the one after `before` on.
+    /// Lists the runs that the caller may see, newest first, from the one after `before` on.
     ///
     /// # Errors
     /// Where the database cannot be read.
@@ -149,7 +150,7 @@ impl Store {
         filter: &RunFilter,
         before: Option<RunKey>,
         limit: u32,
-    ) -> Result<Vec<StoredRun>, JournalError> {
+    ) -> Result<Vec<StoredRun>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.key < ").push_bind(before.map_or(i64::MAX, |run| run.0));
         for (column, value) in
@@ -175,31 +176,27 @@ impl Store {
             Readable::Only(_) | Readable::Nothing => query.push(" AND 0"),
         };
         query.push(" ORDER BY r.key DESC LIMIT ").push_bind(limit);
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        rows.iter().map(stored).collect::<Result<_, _>>().map_err(failure)
+        self.fetch_all(query.build()).await
     }
 
     /// The runs that have not ended, and those of which a game has not, in order.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, JournalError> {
-        let rows = sqlx::query(
+    pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
+        let query = sqlx::query(
             "SELECT key FROM runs WHERE status = 'running'
              UNION SELECT run FROM episodes WHERE status IN ('waiting', 'running') AND run IS NOT NULL
              ORDER BY 1",
-        )
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        rows.iter().map(|row| row.try_get(0).map(RunKey)).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query).await
     }
 
     /// All games of a run that were ever opened, by their places in its plan and then by age.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, JournalError> {
+    pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, StoreError> {
         Ok(self.games_of_all(&[run]).await?.remove(&run).unwrap_or_default())
     }
 
@@ -210,7 +207,7 @@ impl Store {
     pub async fn games_of_all(
         &self,
         runs: &[RunKey],
-    ) -> Result<BTreeMap<RunKey, Vec<StoredGame>>, JournalError> {
+    ) -> Result<BTreeMap<RunKey, Vec<StoredGame>>, StoreError> {
         let mut all = BTreeMap::new();
         for some in runs.chunks(RUNS_AT_ONCE) {
             self.add_games(some, &mut all).await?;
@@ -222,7 +219,7 @@ impl Store {
         &self,
         runs: &[RunKey],
         all: &mut BTreeMap<RunKey, Vec<StoredGame>>,
-    ) -> Result<(), JournalError> {
+    ) -> Result<(), StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(
             "SELECT e.run, e.key, e.id, e.slot, e.status, e.reason, e.ended_at, e.voided_at, e.void_reason,
                     coalesce(r.score, (SELECT score FROM rounds WHERE episode = e.key
@@ -237,10 +234,8 @@ impl Store {
             keys.push_bind(run.0);
         }
         query.push(") ORDER BY e.run, e.slot, e.key");
-        let rows = query.build().fetch_all(&mut *self.read().await?).await.map_err(failure)?;
-        for row in &rows {
-            let run = row.try_get("run").map(RunKey).map_err(failure)?;
-            all.entry(run).or_default().push(game(row).map_err(failure)?);
+        for (run, game) in self.fetch_all::<(RunKey, StoredGame)>(query.build()).await? {
+            all.entry(run).or_default().push(game);
         }
         Ok(())
     }
@@ -249,12 +244,8 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn last_run_key(&self) -> Result<i64, JournalError> {
-        sqlx::query("SELECT coalesce(max(key), 0) FROM runs")
-            .fetch_one(&mut *self.read().await?)
-            .await
-            .and_then(|row| row.try_get(0))
-            .map_err(failure)
+    pub async fn last_run_key(&self) -> Result<i64, StoreError> {
+        self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM runs")).await
     }
 
     /// The run that was created with an idempotency key, and the hash of the body sent then.
@@ -264,66 +255,64 @@ impl Store {
     pub async fn run_created_with(
         &self,
         key: &str,
-    ) -> Result<Option<(StoredRun, Vec<u8>)>, JournalError> {
-        let row = sqlx::query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = ?")
-            .bind(key)
-            .fetch_optional(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        let Some(row) = row else { return Ok(None) };
-        let id: String = row.try_get(0).map_err(failure)?;
-        let body = row.try_get(1).map_err(failure)?;
+    ) -> Result<Option<(StoredRun, Vec<u8>)>, StoreError> {
+        let query = sqlx::query("SELECT id, idempotency_body FROM runs WHERE idempotency_key = ?");
+        let row: Option<(String, Vec<u8>)> = self.fetch_optional(query.bind(key)).await?;
+        let Some((id, body)) = row else { return Ok(None) };
         Ok(self.find_run(&id).await?.map(|run| (run, body)))
     }
 }
 
-fn stored(row: &SqliteRow) -> Result<StoredRun, sqlx::Error> {
-    let entry = row.try_get::<Option<i64>, _>("entry")?.map(EntryKey);
-    Ok(StoredRun {
-        run: RunKey(row.try_get("key")?),
-        id: row.try_get("id")?,
-        owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
-        definition: row.try_get("definition")?,
-        digest: row.try_get("digest")?,
-        status: row.try_get("status")?,
-        attempt: entry.zip(row.try_get::<Option<u32>, _>("attempt")?),
-        competition: row.try_get::<Option<i64>, _>("competition")?.map(CompetitionKey),
-        void_reason: void_reason(row)?,
-        revealed: row.try_get("revealed")?,
-        created_at: time(row.try_get("created_at")?)?,
-        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
-    })
+impl FromRow for StoredRun {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let entry: Option<EntryKey> = get(row, "entry")?;
+        Ok(Self {
+            run: get(row, "key")?,
+            id: get(row, "id")?,
+            owner: get(row, "owner")?,
+            definition: get(row, "definition")?,
+            digest: get(row, "digest")?,
+            status: get(row, "status")?,
+            attempt: entry.zip(get(row, "attempt")?),
+            competition: get(row, "competition")?,
+            void_reason: void_reason(row)?,
+            revealed: get(row, "revealed")?,
+            created_at: get(row, "created_at")?,
+            ended_at: get(row, "ended_at")?,
+        })
+    }
 }
 
-fn game(row: &SqliteRow) -> Result<StoredGame, sqlx::Error> {
-    let count = |column| -> Result<u64, sqlx::Error> {
-        let number = row.try_get::<Option<i64>, _>(column)?;
-        Ok(number.and_then(|number| u64::try_from(number).ok()).unwrap_or(0))
-    };
-    Ok(StoredGame {
-        episode: EpisodeKey(row.try_get("key")?),
-        id: EpisodeId::from_text(row.try_get("id")?),
-        slot: row.try_get("slot")?,
-        status: row.try_get("status")?,
-        reason: row.try_get("reason")?,
-        score: row.try_get("score")?,
-        rounds: row.try_get("rounds")?,
-        tally: Tally {
-            acts: count("acts")?,
-            invalid: count("invalid")?,
-            timeouts: count("clock_outs")?,
-            prompt_tokens: count("prompt_tokens")?,
-            completion_tokens: count("completion_tokens")?,
-        },
-        void_reason: void_reason(row)?,
-        ended_at: row.try_get::<Option<i64>, _>("ended_at")?.map(time).transpose()?,
-    })
+/// A game, with its run.
+impl FromRow for (RunKey, StoredGame) {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
+        let game = StoredGame {
+            episode: get(row, "key")?,
+            id: get(row, "id")?,
+            slot: get(row, "slot")?,
+            status: get(row, "status")?,
+            reason: get(row, "reason")?,
+            score: get(row, "score")?,
+            rounds: get(row, "rounds")?,
+            tally: Tally {
+                acts: count("acts")?,
+                invalid: count("invalid")?,
+                timeouts: count("clock_outs")?,
+                prompt_tokens: count("prompt_tokens")?,
+                completion_tokens: count("completion_tokens")?,
+            },
+            void_reason: void_reason(row)?,
+            ended_at: get(row, "ended_at")?,
+        };
+        Ok((get(row, "run")?, game))
+    }
 }
 
 /// Why something was voided, if it was.
 pub(super) fn void_reason(row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
-    let voided: Option<i64> = row.try_get("voided_at")?;
-    let reason: Option<String> = row.try_get("void_reason")?;
+    let voided: Option<Timestamp> = get(row, "voided_at")?;
+    let reason: Option<String> = get(row, "void_reason")?;
     Ok(voided.map(|_| reason.unwrap_or_default()))
 }
 

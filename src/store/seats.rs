@@ -1,14 +1,16 @@
 //! The tables `claims` and `seats`: who holds which seat of an episode.
 
 use jiff::Timestamp;
+use sqlx::Sqlite;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{Row, sqlite::Sqlite};
 use swarmbench_engine::AgentId;
 
-use super::episodes::time;
-use super::{Store, failure};
-use crate::journal::{ClaimRow, EpisodeKey, Held, Holder, JournalError, SeatingRow};
+use super::Store;
+use super::StoreError;
+use super::rows::{FromRow, Json, from_row, get};
+use crate::ids::EpisodeKey;
 use crate::keys::OwnerKey;
+use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
 
 /// A seat that has a holder, as it is shown.
 #[derive(Clone, Debug)]
@@ -17,7 +19,7 @@ pub struct HeldSeat {
     pub agent: AgentId,
     /// The number of the claim; 0 for the creator.
     pub holder: u32,
-    /// The name on the holder's key; none where nobody had to show one.
+    /// The name on the holder's key; `None` on a server without keys.
     pub name: Option<String>,
     /// Who plays.
     pub model: String,
@@ -33,41 +35,22 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read; so for all functions here.
-    pub async fn held_seats(&self, episode: EpisodeKey) -> Result<Vec<HeldSeat>, JournalError> {
-        let rows = sqlx::query(
+    pub async fn held_seats(&self, episode: EpisodeKey) -> Result<Vec<HeldSeat>, StoreError> {
+        let query = sqlx::query(
             "SELECT s.agent, s.holder, k.name, s.model, s.player, s.claimed_at
              FROM seats s LEFT JOIN keys k ON k.number = s.owner WHERE s.episode = ? ORDER BY s.agent",
-        )
-        .bind(episode.0)
-        .fetch_all(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let read = |row: &SqliteRow| {
-            Ok(HeldSeat {
-                agent: AgentId(row.try_get("agent")?),
-                holder: row.try_get("holder")?,
-                name: row.try_get("name")?,
-                model: row.try_get("model")?,
-                player: row.try_get("player")?,
-                claimed_at: time(row.try_get("claimed_at")?)?,
-            })
-        };
-        rows.iter().map(read).collect::<Result<_, _>>().map_err(failure)
+        );
+        self.fetch_all(query.bind(episode.0)).await
     }
 
     /// The number of the claim that was made with an idempotency key, and the hash of the body sent then.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, JournalError> {
-        let row =
-            sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?")
-                .bind(key)
-                .fetch_optional(&mut *self.read().await?)
-                .await
-                .map_err(failure)?;
-        let read = |row: SqliteRow| Ok((row.try_get(0)?, row.try_get(1)?));
-        row.map(read).transpose().map_err(failure)
+    pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, StoreError> {
+        let query =
+            sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?");
+        self.fetch_optional(query.bind(key)).await
     }
 
     /// The seats of one claim, in order.
@@ -78,31 +61,18 @@ impl Store {
         &self,
         episode: EpisodeKey,
         holder: u32,
-    ) -> Result<Vec<AgentId>, JournalError> {
-        let rows =
-            sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent")
-                .bind(episode.0)
-                .bind(holder)
-                .fetch_all(&mut *self.read().await?)
-                .await
-                .map_err(failure)?;
-        let seats = rows.iter().map(|row| row.try_get(0).map(AgentId));
-        seats.collect::<Result<_, _>>().map_err(failure)
+    ) -> Result<Vec<AgentId>, StoreError> {
+        let query =
+            sqlx::query("SELECT agent FROM seats WHERE episode = ? AND holder = ? ORDER BY agent");
+        self.fetch_all(query.bind(episode.0).bind(holder)).await
     }
 
-    /// Everybody who holds seats of an episode, with the seats.
-    pub(super) async fn read_holders(
-        &self,
-        episode: EpisodeKey,
-    ) -> Result<Vec<Held>, JournalError> {
-        let rows = sqlx::query("SELECT * FROM claims WHERE episode = ? ORDER BY holder")
-            .bind(episode.0)
-            .fetch_all(&mut *self.read().await?)
-            .await
-            .map_err(failure)?;
-        let mut all = Vec::with_capacity(rows.len());
-        for row in &rows {
-            let holder = holder(row).map_err(failure)?;
+    /// The holders of seats of an episode, with their seats.
+    pub(super) async fn read_holders(&self, episode: EpisodeKey) -> Result<Vec<Held>, StoreError> {
+        let query = sqlx::query("SELECT * FROM claims WHERE episode = ? ORDER BY holder");
+        let holders: Vec<Holder> = self.fetch_all(query.bind(episode.0)).await?;
+        let mut all = Vec::with_capacity(holders.len());
+        for holder in holders {
             let seats = self.seats_of(episode, holder.number).await?;
             all.push((holder, seats));
         }
@@ -110,33 +80,32 @@ impl Store {
     }
 
     /// The public id of a key.
-    pub(super) async fn read_key_id(
-        &self,
-        owner: OwnerKey,
-    ) -> Result<Option<String>, JournalError> {
-        sqlx::query_scalar("SELECT id FROM keys WHERE number = ?")
-            .bind(owner.0)
-            .fetch_optional(&mut *self.read().await?)
-            .await
-            .map_err(failure)
+    pub(super) async fn read_key_id(&self, owner: OwnerKey) -> Result<Option<String>, StoreError> {
+        let query = sqlx::query("SELECT id FROM keys WHERE number = ?");
+        self.fetch_optional(query.bind(owner.0)).await
     }
 }
 
-fn holder(row: &SqliteRow) -> Result<Holder, sqlx::Error> {
-    let meta: String = row.try_get("agent_meta")?;
-    Ok(Holder {
-        number: row.try_get("holder")?,
-        owner: row.try_get::<Option<i64>, _>("owner")?.map(OwnerKey),
-        key: row.try_get("key")?,
-        model: row.try_get("model")?,
-        agent_meta: serde_json::from_str(&meta)
-            .map_err(|error| sqlx::Error::Decode(error.into()))?,
-        player: row.try_get("player")?,
-        at: time(row.try_get("claimed_at")?)?,
-    })
+from_row! {
+    HeldSeat { agent, holder, name, model, player, claimed_at }
 }
 
-/// Notes a claim, without its tokens.
+impl FromRow for Holder {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let Json(agent_meta) = get(row, "agent_meta")?;
+        Ok(Self {
+            number: get(row, "holder")?,
+            owner: get(row, "owner")?,
+            key: get(row, "key")?,
+            model: get(row, "model")?,
+            agent_meta,
+            player: get(row, "player")?,
+            at: get(row, "claimed_at")?,
+        })
+    }
+}
+
+/// Inserts a claim, without its tokens.
 pub(super) async fn claim(
     connection: &mut SqliteConnection,
     row: &ClaimRow,

@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
-use sqlx::Row;
 use swarmbench_engine::AgentId;
 
-use super::{Store, failure};
-use crate::ids::{EpisodeId, TokenHash};
-use crate::journal::{CompetitionKey, EpisodeKey, JournalError, RunKey};
+use super::rows::from_row;
+use super::{Store, StoreError};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{Key, OwnerKey};
 
 /// The rights of a token.
@@ -58,38 +57,45 @@ impl Store {
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, JournalError> {
-        let row = sqlx::query(
+    pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
+        let query = sqlx::query(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
                     t.agent, t.holder, t.run, t.episode,
                     (SELECT n.competition FROM entries n WHERE n.key = r.entry) AS competition
              FROM tokens t LEFT JOIN episodes e ON e.key = t.episode LEFT JOIN runs r ON r.key = t.run
              LEFT JOIN claims c ON c.episode = t.episode AND c.holder = t.holder
              WHERE t.hash = ?",
-        )
-        .bind(&hash.0[..])
-        .fetch_optional(&mut *self.read().await?)
-        .await
-        .map_err(failure)?;
-        let Some(row) = row else { return Ok(None) };
-        let owner = row.try_get::<Option<i64>, _>("owner").map_err(failure)?.map(OwnerKey);
-        if let Some(run) = row.try_get::<Option<i64>, _>("run").map_err(failure)? {
-            let competition = row.try_get::<Option<i64>, _>("competition").map_err(failure)?;
-            let competition = competition.map(CompetitionKey);
-            return Ok(Some(Grant::Run { run: RunKey(run), owner, competition }));
+        );
+        let Some(found) = self.fetch_optional(query.bind(&hash.0[..])).await? else {
+            return Ok(None);
+        };
+        let TokenColumns { run, competition, id, episode: key, agent, holder, owner } = found;
+        if let Some(run) = run {
+            return Ok(Some(Grant::Run { run, owner, competition }));
         }
-        let episode = EpisodeId::from_text(row.try_get("id").map_err(failure)?);
-        if let Some(agent) = row.try_get::<Option<u16>, _>("agent").map_err(failure)? {
-            return Ok(Some(Grant::Seat { episode, owner, agent: AgentId(agent) }));
+        let no_subject = || StoreError::broken("a token of no episode and no run");
+        let (episode, key) = id.zip(key).ok_or_else(no_subject)?;
+        if let Some(agent) = agent {
+            return Ok(Some(Grant::Seat { episode, owner, agent }));
         }
-        let holder = row.try_get::<Option<u32>, _>("holder").map_err(failure)?;
         let seats = match holder {
             None => Seats::Creators,
-            Some(holder) => {
-                let key = row.try_get::<i64, _>("episode").map_err(failure)?;
-                Seats::Claimed(self.seats_of(EpisodeKey(key), holder).await?.into())
-            }
+            Some(holder) => Seats::Claimed(self.seats_of(key, holder).await?.into()),
         };
         Ok(Some(Grant::Swarm { episode, owner, seats }))
     }
+}
+
+struct TokenColumns {
+    run: Option<RunKey>,
+    competition: Option<CompetitionKey>,
+    id: Option<EpisodeId>,
+    episode: Option<EpisodeKey>,
+    agent: Option<AgentId>,
+    holder: Option<u32>,
+    owner: Option<OwnerKey>,
+}
+
+from_row! {
+    TokenColumns { run, competition, id, episode, agent, holder, owner }
 }

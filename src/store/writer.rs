@@ -5,7 +5,7 @@
 //!
 //! - A statement is refused, by a constraint say. The transaction is rolled back and its jobs are
 //!   written again, each behind a savepoint: that job alone gets an error, the others are committed.
-//!   Nobody was told anything yet, so this is safe, and a group without such a job costs nothing more.
+//!   Nothing was acknowledged yet, so this is safe, and a group without such a job costs nothing more.
 //! - Another program holds the lock of the database. Beginning is tried again for [`BEGIN_PATIENCE`].
 //! - The disk fails, or a commit. Nothing is acknowledged any more, as nobody can know what the disk
 //!   still holds of it: the writer refuses everything until the server is restarted.
@@ -26,10 +26,11 @@ use tokio::task::JoinHandle;
 
 use super::files::Files;
 use super::results::Changes;
-use crate::journal::{
-    ActRow, Committed, EndRow, Entry, EpisodeKey, JournalError, OpeningRow, RoundRow, TokenRow,
-};
+use super::{Stopped, StoreError};
+use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
+use crate::store::entries::{ActRow, EndRow, Entry, OpeningRow, RoundRow, TokenRow};
+use crate::store::port::Committed;
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
@@ -53,7 +54,7 @@ const FATAL_CODES: [u32; 9] = [7, 8, 10, 11, 13, 14, 15, 21, 26];
 /// `BUSY` and `LOCKED`.
 const BUSY_CODES: [u32; 2] = [5, 6];
 
-/// Entries that stand or fall together, and who wants to know.
+/// Entries that are written together or not at all, and the callback for the outcome.
 struct Job {
     entries: Vec<Entry>,
     bytes: usize,
@@ -61,7 +62,7 @@ struct Job {
 }
 
 /// The outcome of a job.
-type Outcome = Result<(), JournalError>;
+type Outcome = Result<(), StoreError>;
 
 /// The state of the writer, shared with readers.
 #[derive(Debug, Default)]
@@ -185,7 +186,7 @@ impl Writer {
         if let Err(mpsc::error::SendError(job)) = self.queue.send(Job { entries, bytes, committed })
         {
             self.state.remove_backlog(bytes);
-            (job.committed)(Err(JournalError("the server is stopping".into())));
+            (job.committed)(Err(StoreError::Stopped(Stopped::Server)));
         }
     }
 
@@ -225,7 +226,7 @@ async fn run(
         if taken == 0 {
             break;
         }
-        let (jobs, told): (Vec<_>, Vec<_>) =
+        let (jobs, receipts): (Vec<_>, Vec<_>) =
             jobs.drain(..).map(|job| (job.entries, (job.bytes, job.committed))).unzip();
         let outcomes = {
             let deadline = Instant::now() + BEGIN_PATIENCE;
@@ -237,7 +238,7 @@ async fn run(
                 state.changes.note(entries);
             }
         }
-        for ((bytes, committed), outcome) in told.into_iter().zip(outcomes) {
+        for ((bytes, committed), outcome) in receipts.into_iter().zip(outcomes) {
             state.remove_backlog(bytes);
             committed(outcome);
         }
@@ -257,7 +258,7 @@ async fn keep(
 ) -> Vec<Outcome> {
     let all = |outcome: &Outcome| jobs.iter().map(|_| outcome.clone()).collect();
     if state.has_failed() {
-        return all(&Err(JournalError("an earlier commit failed; restart the server".into())));
+        return all(&Err(StoreError::Failed));
     }
     let kept = if jobs.iter().any(|job| state.continues_broken(job)) {
         commit_each(connection, state, jobs, deadline).await
@@ -276,11 +277,11 @@ async fn keep(
         Ok(outcomes) => outcomes,
         Err(Failure::Fatal(error)) => {
             state.fail(&error);
-            all(&Err(super::failure(error)))
+            all(&Err(error.into()))
         }
         // Nothing was written: all senders get the error, and may send again.
         Err(Failure::Refused(error)) => {
-            let error = super::failure(error);
+            let error = StoreError::from(error);
             jobs.iter().map(|job| refuse(state, job, error.clone())).collect()
         }
     }
@@ -344,8 +345,7 @@ async fn commit_each(
     let mut outcomes = Vec::with_capacity(jobs.len());
     for job in jobs {
         if state.continues_broken(job) {
-            let gap = JournalError("an earlier entry of the episode was refused".into());
-            outcomes.push(refuse(state, job, gap));
+            outcomes.push(refuse(state, job, StoreError::Gap));
             continue;
         }
         match write_one(connection, job).await {
@@ -353,7 +353,7 @@ async fn commit_each(
             Err(Failure::Refused(error)) => {
                 metrics::counter!("swarmbench_jobs_refused_total").increment(1);
                 tracing::error!(%error, "the database rejected an entry: it is not stored, all others are");
-                outcomes.push(refuse(state, job, super::failure(error)));
+                outcomes.push(refuse(state, job, error.into()));
             }
             Err(fatal) => return Err(roll_back(connection, fatal).await),
         }
@@ -363,7 +363,7 @@ async fn commit_each(
     Ok(outcomes)
 }
 
-fn refuse(state: &WriterState, job: &[Entry], error: JournalError) -> Outcome {
+fn refuse(state: &WriterState, job: &[Entry], error: StoreError) -> Outcome {
     state.note_refused(job);
     if job.is_empty() { Ok(()) } else { Err(error) }
 }
@@ -692,9 +692,10 @@ mod tests {
     use swarmbench_engine::AgentId;
 
     use super::*;
+    use crate::ids::RunKey;
     use crate::journal::record::{Decision, RawRecord};
-    use crate::journal::{Journal, RunKey};
     use crate::store::Store;
+    use crate::store::port::EpisodeStore;
 
     fn act(episode: i64, round: u32) -> Entry {
         Entry::Act(ActRow {
@@ -713,10 +714,10 @@ mod tests {
         (folder, store)
     }
 
-    /// Hands jobs over at once, and tells which were kept.
+    /// Hands jobs over at once, and returns which were kept.
     async fn kept(store: &Store, jobs: Vec<Vec<Entry>>) -> Vec<bool> {
-        let told: Vec<_> = jobs.into_iter().map(|job| store.keep(job)).collect();
-        join_all(told).await.iter().map(Result::is_ok).collect()
+        let pending: Vec<_> = jobs.into_iter().map(|job| store.keep(job)).collect();
+        join_all(pending).await.iter().map(Result::is_ok).collect()
     }
 
     /// The rounds of which an episode has acts.

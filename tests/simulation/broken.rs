@@ -1,7 +1,7 @@
 //! Deliberately broken parts: for every invariant at least one that breaks it. A checker that finds
 //! none of them would prove nothing where it finds no fault in the server.
 
-use swarmbench::journal::Entry;
+use swarmbench::store::entries::Entry;
 
 use crate::checker::Invariant;
 

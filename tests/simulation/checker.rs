@@ -15,12 +15,12 @@ use swarmbench::episode::quota::ACT_BYTES_ALWAYS;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
 use swarmbench::hosted;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{EpisodeId, EpisodeKey};
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, RawRecord, Source};
 use swarmbench::journal::replay::verify;
-use swarmbench::journal::{ActRow, Entry, EpisodeKey};
 use swarmbench::keys::OwnerKey;
+use swarmbench::store::entries::{ActRow, Entry};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
 

@@ -19,7 +19,8 @@ use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::ids::{EpisodeId, TokenHash};
 use swarmbench::journal::record::{Decision, Usage};
-use swarmbench::journal::{Holder, JournalError};
+use swarmbench::store::StoreError;
+use swarmbench::store::entries::Holder;
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
 };
@@ -87,7 +88,7 @@ pub(crate) enum Answer {
     Acted(Acts, Outcomes, Arc<Snapshot>),
     Claimed(Wanted, Result<Claimed, ClaimError>),
     Started(Result<(), StartError>),
-    Aborted(Result<(), JournalError>),
+    Aborted(Result<(), StoreError>),
     /// The digest of the state after a number of rounds.
     State(u32, Result<[u8; 32], RecoveryError>),
 }

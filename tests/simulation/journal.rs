@@ -6,14 +6,16 @@ use std::sync::{Mutex, MutexGuard};
 
 use futures::future::BoxFuture;
 use swarmbench::episode::Status;
-use swarmbench::ids::EpisodeId;
+use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench::journal::{
-    ActRow, ClaimRow, Committed, CompetitionKey, EndRow, Entry, EpisodeKey, Held, Journal,
-    JournalError, OpeningRow, RoundActs, RoundRow, RunKey, SeatingRow, StoredAct, StoredEpisode,
-    StoredRound, Unfinished,
-};
 use swarmbench::keys::OwnerKey;
+use swarmbench::store::StoreError;
+use swarmbench::store::entries::{
+    ActRow, ClaimRow, EndRow, Entry, Held, OpeningRow, RoundRow, SeatingRow,
+};
+use swarmbench::store::port::{
+    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
 use swarmbench_engine::AgentId;
 
 use crate::broken::Flaw;
@@ -66,12 +68,12 @@ pub(crate) enum Lost {
     Refused,
 }
 
-impl From<Lost> for JournalError {
+impl From<Lost> for StoreError {
     fn from(lost: Lost) -> Self {
-        Self(match lost {
-            Lost::Failed => "a commit failed".into(),
-            Lost::Refused => "an entry was refused".into(),
-        })
+        match lost {
+            Lost::Failed => Self::Failed,
+            Lost::Refused => Self::Gap,
+        }
     }
 }
 
@@ -181,7 +183,7 @@ impl MemoryJournal {
             std::mem::forget(job.committed);
             return None;
         }
-        (job.committed)(result.map_err(JournalError::from));
+        (job.committed)(result.map_err(StoreError::from));
         Some(JobResult { entries: job.entries, result })
     }
 
@@ -353,7 +355,7 @@ fn without_texts(row: &ActRow) -> StoredAct {
     act
 }
 
-impl Journal for MemoryJournal {
+impl EpisodeStore for MemoryJournal {
     fn append(&self, entries: Vec<Entry>, committed: Committed) {
         let mut state = self.state();
         state.handed.push(entries.clone());
@@ -375,7 +377,7 @@ impl Journal for MemoryJournal {
         self.state().broken.remove(&episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>> {
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
         let forgets = self.flaw == Some(Flaw::ForgetsTheLastAct);
         Box::pin(self.read(move |state| {
             let mut found = state.openings().find(|row| row.id == id).map(|row| state.episode(row));
@@ -389,11 +391,11 @@ impl Journal for MemoryJournal {
     fn entrant(
         &self,
         _: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
         Box::pin(std::future::ready(Ok(None)))
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>> {
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
         let haunted = self.flaw == Some(Flaw::ListsAGhost);
         Box::pin(self.read(move |state| {
             let unfinished = |row: &OpeningRow| Unfinished {
@@ -419,7 +421,7 @@ impl Journal for MemoryJournal {
         }))
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>> {
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
         let forgets = self.flaw == Some(Flaw::ForgetsClaims);
         Box::pin(self.read(move |state| {
             let claims = state.claims(episode).filter(|row| !forgets || row.holder.number == 0);
@@ -427,7 +429,7 @@ impl Journal for MemoryJournal {
         }))
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>> {
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
         Box::pin(self.read(move |_| Ok(Some(format!("key_{}", owner.0)))))
     }
 
@@ -436,7 +438,7 @@ impl Journal for MemoryJournal {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
         Box::pin(self.read(move |state| {
             let mut rows: Vec<&ActRow> =
                 state.acts(episode).filter(|row| (from..to).contains(&row.round)).collect();
@@ -455,7 +457,7 @@ impl Journal for MemoryJournal {
         &self,
         episode: EpisodeKey,
         round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, JournalError>> {
+    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
         Box::pin(self.read(move |state| {
             let acts = state.acts(episode).filter(|row| row.round == round);
             let mut acts: RoundActs = acts.map(|row| (row.agent, stored(row))).collect();
@@ -469,7 +471,7 @@ impl Journal for MemoryJournal {
         episode: EpisodeKey,
         round: u32,
         agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
         let flaw = self.flaw;
         Box::pin(self.read(move |state| {
             let found = state.acts(episode).find(|row| row.round == round && row.agent == agent);
@@ -490,7 +492,7 @@ impl Journal for MemoryJournal {
         episode: EpisodeKey,
         from: u32,
         to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>> {
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
         Box::pin(self.read(move |state| {
             let rows = state.rounds(episode).filter(|row| (from..to).contains(&row.round));
             let round = |row: &RoundRow| StoredRound {

@@ -9,8 +9,7 @@ use tokio::sync::watch;
 use super::super::snapshot::Snapshot;
 use super::host::Host;
 use super::times::Times;
-use crate::ids::EpisodeId;
-use crate::journal::{EpisodeKey, RunKey};
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 
 /// What is published and counted once a commit is durable.
 pub(super) struct AfterCommit {

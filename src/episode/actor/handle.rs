@@ -21,9 +21,11 @@ use super::times::Times;
 use crate::budget::Reservation;
 use crate::clock::Clock;
 use crate::fair::{Group, Party};
-use crate::ids::EpisodeId;
-use crate::journal::{Entry, EpisodeKey, Journal, JournalError, RunKey};
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
+use crate::store::entries::Entry;
+use crate::store::port::EpisodeStore;
+use crate::store::{Stopped, StoreError};
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 pub(super) const COMMANDS_WAITING_MAX: usize = 64;
@@ -46,7 +48,7 @@ pub struct Running {
     pub spec: Arc<Spec>,
     pub created_at: Timestamp,
     pub(super) clock: Arc<dyn Clock>,
-    pub(super) journal: Arc<dyn Journal>,
+    pub(super) journal: Arc<dyn EpisodeStore>,
     pub(super) mailbox: mpsc::UnboundedSender<Envelope>,
     /// Bounds the acts in the mailbox.
     pub(super) in_flight: Arc<InFlightLimit>,
@@ -152,11 +154,11 @@ impl Handle {
     }
 
     /// What a seat did in a round that is over and durable.
-    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, JournalError> {
+    async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, StoreError> {
         let _lookup = self.lookups.lock().await;
         let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
         let recorded = act.map(|act| RecordedAct::stored(act, &self.spec.config)).transpose();
-        recorded.map_err(|problem| JournalError(problem.into()))
+        recorded.map_err(|problem| StoreError::broken(problem))
     }
 
     /// Claims open seats; they are durable when this returns. With the last open seat the episode
@@ -171,16 +173,16 @@ impl Handle {
     }
 
     /// Aborts the episode; one that has ended is left as it is.
-    pub async fn abort(&self) -> Result<(), JournalError> {
+    pub async fn abort(&self) -> Result<(), StoreError> {
         self.abort_with(Vec::new()).await
     }
 
     /// Aborts the episode and stores audit entries in the same transaction; nothing where it has ended.
-    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), JournalError> {
+    pub async fn abort_with(&self, audit_entries: Vec<Entry>) -> Result<(), StoreError> {
         self.command(|reply| Message::Abort { audit_entries, reply }).await
     }
 
-    async fn command<T, E: From<JournalError>>(
+    async fn command<T, E: From<StoreError>>(
         &self,
         message: impl FnOnce(oneshot::Sender<Result<T, E>>) -> Message,
     ) -> Result<T, E> {
@@ -232,6 +234,6 @@ impl Handle {
 }
 
 /// The error of a request that the actor no longer answers.
-pub(super) fn gone() -> JournalError {
-    JournalError("the episode has stopped".into())
+pub(super) fn gone() -> StoreError {
+    StoreError::Stopped(Stopped::Episode)
 }

@@ -12,8 +12,10 @@ use super::handle::Handle;
 use crate::budget::Budget;
 use crate::clock::Clock;
 use crate::fair::{Group, Party};
-use crate::journal::{Journal, JournalError, RunKey};
+use crate::ids::RunKey;
 use crate::keys::OwnerKey;
+use crate::store::StoreError;
+use crate::store::port::EpisodeStore;
 use crate::work::Workers;
 
 /// Starts a task that runs on its own.
@@ -23,7 +25,7 @@ pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;
 #[derive(Clone)]
 pub struct Host {
     /// Where entries are stored.
-    pub journal: Arc<dyn Journal>,
+    pub journal: Arc<dyn EpisodeStore>,
     /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
     /// What runs the actors.
@@ -50,7 +52,7 @@ impl Host {
         owner: Option<OwnerKey>,
         run: Option<RunKey>,
         spec: &Spec,
-    ) -> Result<Party, JournalError> {
+    ) -> Result<Party, StoreError> {
         // The games of competitions, and no others, are sealed.
         if let Some(run) = run.filter(|_| spec.visibility == Visibility::Sealed)
             && let Some((competition, owner)) = self.journal.entrant(run).await?

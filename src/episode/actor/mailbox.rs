@@ -8,7 +8,8 @@ use super::super::in_flight::{InFlightPermits, SEAT_ACTS_WAITING_MAX};
 use super::super::lockstep::{Receipt, RecordedAct, Refusal, Submission};
 use super::super::seating::{SeatTaken, Wanted};
 use crate::ids::TokenHash;
-use crate::journal::{Entry, Holder, JournalError};
+use crate::store::StoreError;
+use crate::store::entries::{Entry, Holder};
 
 /// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -21,7 +22,7 @@ pub enum ActError {
     Busy,
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// The outcomes of several acts, in their order.
@@ -35,7 +36,7 @@ pub enum StartError {
     SeatsOpen(u16),
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// A claim of seats.
@@ -72,14 +73,14 @@ pub enum ClaimError {
     Over,
     /// It could not be stored.
     #[error(transparent)]
-    Journal(#[from] JournalError),
+    Journal(#[from] StoreError),
 }
 
 /// What an actor is asked to do.
 pub(super) enum Message {
     Submit { batch: Batch, reply: oneshot::Sender<Vec<(usize, Reply)>> },
     Start { reply: oneshot::Sender<Result<(), StartError>> },
-    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), JournalError>> },
+    Abort { audit_entries: Vec<Entry>, reply: oneshot::Sender<Result<(), StoreError>> },
     Claim { claim: Box<Claim>, reply: oneshot::Sender<Result<Claimed, ClaimError>> },
 }
 

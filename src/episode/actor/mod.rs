@@ -33,14 +33,15 @@ use super::status::{Ending, Status};
 use crate::budget::Reservation;
 use crate::clock::{Clock, after};
 use crate::fair::{Party, Rank};
-use crate::ids::EpisodeId;
+use crate::ids::{EpisodeId, EpisodeKey, RunKey};
+use crate::journal::Tally;
 use crate::journal::chain::Head;
 use crate::journal::record::{End, RawRecord, Source, end_record, round_record};
-use crate::journal::{
-    ActRow, ClaimRow, EndRow, Entry, EpisodeKey, Holder, JournalError, RoundRow, RunKey,
-    SeatingRow, Tally, TokenRow,
-};
 use crate::keys::OwnerKey;
+use crate::store::StoreError;
+use crate::store::entries::{
+    ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow,
+};
 use crate::work::Cancelled;
 use commit::AfterCommit;
 use handle::{COMMANDS_WAITING_MAX, gone};
@@ -350,7 +351,7 @@ impl Actor {
             Message::Start { reply } => {
                 let open = self.seating.as_ref().map_or(0, Seating::count_open);
                 if self.lockstep.status() == Status::Waiting && open > 0 {
-                    let refused = move |result: Result<(), JournalError>| {
+                    let refused = move |result: Result<(), StoreError>| {
                         drop(reply.send(Err(
                             result.err().map_or(StartError::SeatsOpen(open), Into::into),
                         )));
@@ -377,7 +378,7 @@ impl Actor {
                     }
                     Err(refused) => {
                         // The claim that has the seats may still be on its way to the disk.
-                        let refuse = |result: Result<(), JournalError>| {
+                        let refuse = |result: Result<(), StoreError>| {
                             drop(reply.send(Err(result.err().map_or(refused, Into::into))));
                         };
                         self.perform(at, effects, refuse).await;
@@ -388,14 +389,14 @@ impl Actor {
     }
 
     /// Performs effects and sends the result to the caller, who may be gone.
-    async fn perform_for<T: Send + 'static, E: From<JournalError> + Send + 'static>(
+    async fn perform_for<T: Send + 'static, E: From<StoreError> + Send + 'static>(
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
         outcome: T,
         reply: oneshot::Sender<Result<T, E>>,
     ) {
-        let answer = |result: Result<(), JournalError>| {
+        let answer = |result: Result<(), StoreError>| {
             drop(reply.send(result.map(|()| outcome).map_err(E::from)));
         };
         self.perform(at, effects, answer).await;
@@ -498,7 +499,7 @@ impl Actor {
         &mut self,
         at: Timestamp,
         effects: Vec<Effect>,
-        then: impl FnOnce(Result<(), JournalError>) + Send + 'static,
+        then: impl FnOnce(Result<(), StoreError>) + Send + 'static,
     ) {
         // The acts belong to the latest state, which may still be on its way to be published.
         let open = Arc::clone(&self.latest);
@@ -554,7 +555,7 @@ impl Actor {
         let (key, bytes) = (self.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
-        let committed = move |result: Result<(), JournalError>| {
+        let committed = move |result: Result<(), StoreError>| {
             // Earlier entries may have been rejected although there is nothing to reject here.
             let result = if is_barrier && failed.is_cancelled() { Err(gone()) } else { result };
             if result.is_ok() {
@@ -601,7 +602,7 @@ impl Actor {
 
     /// Steps the engine by the acts of the open round and writes the round's record, and the end
     /// where it was the last.
-    async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), JournalError> {
+    async fn resolve(&mut self, entries: &mut Vec<Entry>) -> Result<(), StoreError> {
         let round = self.world.round();
         let acts = self.lockstep.acts();
         let before = Arc::clone(&self.world);
@@ -621,7 +622,7 @@ impl Actor {
         let is_heavy = heavy::is_long(micros);
         let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
         let (world, digest, head) =
-            stepped.map_err(|error| JournalError(error.to_string().into()))?;
+            stepped.map_err(|error| StoreError::broken(error.to_string()))?;
         self.head = head;
         self.world = world;
         self.offer_keyframe();

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use jiff::Timestamp;
 
 use crate::clock::Clock;
-use crate::journal::StoredEpisode;
+use crate::store::port::StoredEpisode;
 
 /// Moments of an episode by the running time. The journal has them by the time of day only, which may have
 /// been set since.

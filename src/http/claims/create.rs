@@ -16,7 +16,7 @@ use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
 use crate::episode::spec::Spec;
 use crate::ids::{Token, TokenKind};
-use crate::journal::{Entry, Holder, Journal, TokenRow};
+use crate::store::entries::{Entry, Holder, TokenRow};
 use crate::store::tokens::{Grant, Seats};
 use crate::wire::claim::{ClaimRequest, CreatedClaim};
 use crate::wire::episode::SeatToken;

@@ -8,6 +8,7 @@ use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Params};
 use super::super::page::PageParams;
+use crate::competitions::{self};
 use crate::store::competitions::Declared;
 use crate::wire::competition::{AttemptList, AttemptSummary};
 
@@ -41,7 +42,9 @@ pub(in super::super) async fn list_attempts(
         return app.answers.answer(question, Box::pin(make)).await;
     }
     let own = match number {
-        Some(_) => app.store.entrants(competition.key, number, Declared::Short).await?,
+        Some(_) => {
+            competitions::entrants(&app.store, competition.key, number, Declared::Short).await?
+        }
         None => Vec::new(),
     };
     page(&app, &params, app.part_of_field(competition, own).await?.summaries()?).await

@@ -17,7 +17,8 @@ use super::super::extract::{Id, Params};
 use super::super::page::page_limit;
 use super::super::ranking::Ranking;
 use crate::competition::phase::{BoardView, board_view};
-use crate::store::competitions::{Declared, StoredCompetition};
+use crate::competitions::StoredCompetition;
+use crate::store::competitions::Declared;
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
 use crate::wire::table::{Table, text as safe_cell};
 

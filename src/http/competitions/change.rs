@@ -9,7 +9,7 @@ use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
 use crate::competition::EntrantStatus;
-use crate::journal::{Entry, Journal};
+use crate::store::entries::Entry;
 use crate::wire::competition::{EntrantChange, EntrantSummary};
 
 /// Withdraw or disqualify an entrant, take it back, or answer for its model.

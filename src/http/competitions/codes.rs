@@ -11,9 +11,9 @@ use super::super::auth::Organizer;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use crate::ids::{Token, TokenKind};
-use crate::journal::{Entry, Journal};
 use crate::keys::NAME_CHARS_MAX;
 use crate::names;
+use crate::store::entries::Entry;
 use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
 
 /// Codes that are made at once.

@@ -16,10 +16,10 @@ use crate::clock::millis;
 use crate::competition::definition::{
     ATTEMPTS_MAX, Admission, BoardRule, Counts, Definition, Window,
 };
-use crate::competition::new_id;
 use crate::competition::sealed::Sealed;
-use crate::journal::{CompetitionRow, Entry, Journal, Secret};
+use crate::competitions::new_id;
 use crate::run::suite::SuiteSettings;
+use crate::store::entries::{CompetitionRow, Entry, Secret};
 use crate::wire::competition::{
     AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };

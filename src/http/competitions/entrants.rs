@@ -9,8 +9,8 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Ids, Nothing, Params};
 use super::super::page::{PageParams, ROWS_MAX};
-use crate::journal::EntryKey;
-use crate::store::competitions::StoredEntrant;
+use crate::competitions::{self, StoredEntrant};
+use crate::ids::EntryKey;
 use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
 
 /// Attempts that are shown with their entrant: with the longest texts less than 4 MB. An entrant has more only if an
@@ -36,7 +36,7 @@ pub(in super::super) async fn list_entrants(
     let competition = app.competition(&caller, &id).await?;
     let make = async {
         let read = |after: Option<i64>, rows| {
-            app.store.list_entrants(competition.key, after.map(EntryKey), rows)
+            competitions::list_entrants(&app.store, competition.key, after.map(EntryKey), rows)
         };
         let show =
             |stored: StoredEntrant| Ok((stored.key.0, EntrantSummary::from(&stored.entrant)));

@@ -19,9 +19,10 @@ use crate::competition::entrant::Entrant;
 use crate::competition::export::{
     Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
 };
-use crate::ids::EpisodeId;
-use crate::journal::{CompetitionKey, Journal, JournalError};
-use crate::store::competitions::{Declared, StoredCompetition};
+use crate::competitions::{self, StoredCompetition};
+use crate::ids::{CompetitionKey, EpisodeId};
+use crate::store::StoreError;
+use crate::store::competitions::Declared;
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
 /// its games, and the board.
@@ -159,20 +160,22 @@ impl Reader {
     }
 
     /// The line of the next piece; the journal of a game is read after it.
-    async fn line(&mut self, piece: Piece) -> Result<String, JournalError> {
+    async fn line(&mut self, piece: Piece) -> Result<String, StoreError> {
         let line = match piece {
             Piece::Record(line) => *line,
             Piece::Entrant(entrant) => {
-                let found = self.app.store.find_entrant(self.competition, &entrant.id).await?;
+                let found =
+                    competitions::find_entrant(&self.app.store, self.competition, &entrant.id)
+                        .await?;
                 let missing =
-                    || JournalError(format!("{} is not there any more", entrant.id).into());
+                    || StoreError::Missing(format!("{} is not there any more", entrant.id).into());
                 let declaration = found.ok_or_else(missing)?.entrant.declaration;
                 Line::Entrant(Entrant { declaration, ..*entrant })
             }
             Piece::End => Line::End(End { episodes: self.episodes }),
             Piece::Episode { slot, id } => {
                 let stored = self.app.store.find_summary(&id).await?;
-                let missing = || JournalError(format!("{id} no longer exists").into());
+                let missing = || StoreError::Missing(format!("{id} no longer exists").into());
                 let stored = stored.ok_or_else(missing)?;
                 let end = usize::from(stored.ended_at.is_some());
                 let header = Episode {
@@ -191,7 +194,7 @@ impl Reader {
 }
 
 impl Parts for Reader {
-    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, JournalError> {
+    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, StoreError> {
         let mut out = Vec::new();
         while out.len() < bytes_max {
             if let Some(journal) = &mut self.journal {

@@ -9,7 +9,8 @@ use super::super::error::ApiError;
 use super::super::extract::Params;
 use super::super::page::{NewestParams, ROWS_MAX};
 use super::shown;
-use crate::journal::CompetitionKey;
+use crate::competitions;
+use crate::ids::CompetitionKey;
 use crate::wire::competition::CompetitionList;
 
 /// List competitions, newest first.
@@ -30,7 +31,8 @@ pub(in super::super) async fn list_competitions(
     caller.may_look_around(&app.access)?;
     let page = params.page(&app).await?;
     let now = app.clock.wall();
-    let read =
-        |before: Option<i64>, rows| app.store.list_competitions(before.map(CompetitionKey), rows);
+    let read = |before: Option<i64>, rows| {
+        competitions::list(&app.store, before.map(CompetitionKey), rows)
+    };
     page.fill(ROWS_MAX, read, |stored| Ok((stored.key.0, shown(&stored, now)))).await
 }

@@ -24,8 +24,9 @@ use crate::board::Slot;
 use crate::competition::entrant::Entrant;
 use crate::competition::shown::{self, Revealed};
 use crate::competition::standings::{self, Attempt, standings};
+use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::run::RunStatus;
-use crate::store::competitions::{Declared, StoredAttempt, StoredCompetition, StoredEntrant};
+use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::runs::StoredGame;
 use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow};
 
@@ -38,7 +39,7 @@ impl App {
 
     /// A competition, for callers whose rights are checked already.
     async fn stored_competition(&self, id: &str) -> Result<StoredCompetition, ApiError> {
-        let found = self.store.find_competition(id).await?;
+        let found = competitions::find(&self.store, id).await?;
         found.ok_or_else(|| ApiError::not_found("the competition"))
     }
 
@@ -48,7 +49,7 @@ impl App {
         competition: &StoredCompetition,
         id: &str,
     ) -> Result<StoredEntrant, ApiError> {
-        let found = self.store.find_entrant(competition.key, id).await?;
+        let found = competitions::find_entrant(&self.store, competition.key, id).await?;
         found.ok_or_else(|| ApiError::not_found("the entrant"))
     }
 
@@ -60,7 +61,7 @@ impl App {
     ) -> Result<Field, ApiError> {
         // In this order each attempt has its entrant, also if another one registers meanwhile.
         let attempts = self.store.attempts(competition.key, None).await?;
-        let entrants = self.store.entrants(competition.key, None, declared).await?;
+        let entrants = competitions::entrants(&self.store, competition.key, None, declared).await?;
         self.field_of(competition, entrants, attempts).await
     }
 

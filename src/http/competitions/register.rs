@@ -16,11 +16,11 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use crate::competition::definition::Admission;
 use crate::competition::entrant::Declaration;
-use crate::competition::new_entrant_id;
+use crate::competitions::StoredCompetition;
+use crate::competitions::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};
-use crate::journal::{EntrantRow, Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
-use crate::store::competitions::StoredCompetition;
+use crate::store::entries::{EntrantRow, Entry};
 use crate::wire::competition::{CreatedEntrant, EntrantRequest};
 
 /// Enter a competition.

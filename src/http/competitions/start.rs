@@ -14,12 +14,13 @@ use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use crate::competition::EntrantStatus;
 use crate::competition::phase::attempt as choose;
+use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::episode::quota::Purpose;
 use crate::fair::Party;
 use crate::ids::Token;
 use crate::keys::OwnerKey;
 use crate::run::manager::NewRun;
-use crate::store::competitions::{Declared, StoredCompetition, StoredEntrant};
+use crate::store::competitions::Declared;
 use crate::store::runs::StoredRun;
 use crate::wire::competition::{AttemptRequest, StartedAttempt};
 
@@ -103,7 +104,10 @@ async fn entrant(
     id: Option<&str>,
 ) -> Result<StoredEntrant, ApiError> {
     let own = match owner {
-        Some(owner) => app.store.entrants(competition.key, Some(owner), Declared::Short).await?,
+        Some(owner) => {
+            competitions::entrants(&app.store, competition.key, Some(owner), Declared::Short)
+                .await?
+        }
         None => Vec::new(),
     };
     let count = own.len();
@@ -140,7 +144,7 @@ async fn start(
     let entrant = &app.entrant(competition, &entrant.entrant.id).await?;
     // Nothing is revealed between the look at the clock and the new run.
     let _open = app.runs.block_reveal().await;
-    let stored = app.store.find_competition(&competition.id).await?;
+    let stored = competitions::find(&app.store, &competition.id).await?;
     if stored.is_none_or(|stored| stored.revealed_at.is_some()) {
         let detail = "the competition is closed: its seeds are public";
         return Err(ApiError::new(Code::Closed, detail));

@@ -8,9 +8,9 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
-use crate::journal::{Entry, Journal};
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
+use crate::store::entries::Entry;
 use crate::wire::competition::AttemptSummary;
 use crate::wire::episode::VoidRequest;
 

@@ -24,8 +24,8 @@ use crate::episode::spec::Spec;
 use crate::fair::Party;
 use crate::hosted;
 use crate::ids::{EpisodeId, Token, TokenKind};
-use crate::journal::{Entry, Journal, TokenRow};
 use crate::prompt;
+use crate::store::entries::{Entry, TokenRow};
 use crate::store::tokens::Grant;
 use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
 

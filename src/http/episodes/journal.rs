@@ -12,9 +12,9 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::stream::Parts;
 use crate::journal::record::{End, Frame, first_lines};
-use crate::journal::{JournalError, StoredEpisode, StoredRound};
-use crate::store::Store;
+use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;
+use crate::store::{Store, StoreError};
 
 /// Rounds that are read at once, without their acts.
 const ROUNDS: u32 = 256;
@@ -98,7 +98,7 @@ impl JournalReader {
     }
 
     /// Writes one more piece: a beginning of a line, an act, or an end of a line. False where nothing is left.
-    async fn write(&mut self, out: &mut String, bytes_max: usize) -> Result<bool, JournalError> {
+    async fn write(&mut self, out: &mut String, bytes_max: usize) -> Result<bool, StoreError> {
         self.at = match std::mem::replace(&mut self.at, Position::Done) {
             Position::Opening => {
                 out.push_str(&first_lines(&self.stored.opening, self.stored.seating.as_ref()));
@@ -113,7 +113,7 @@ impl JournalReader {
         Ok(true)
     }
 
-    async fn begin(&mut self, round: u32, out: &mut String) -> Result<Position, JournalError> {
+    async fn begin(&mut self, round: u32, out: &mut String) -> Result<Position, StoreError> {
         if self.rounds.is_empty() {
             let to = self.stored.rounds.min(round.saturating_add(ROUNDS));
             self.rounds = self.store.resolved(self.stored.episode, round, to).await?.into();
@@ -132,7 +132,7 @@ impl JournalReader {
         mut line: OpenLine,
         out: &mut String,
         bytes_max: usize,
-    ) -> Result<Position, JournalError> {
+    ) -> Result<Position, StoreError> {
         let Some(act) = self.acts.next_of(line.round, bytes_max).await? else {
             out.push_str(&line.after);
             return match line.left {
@@ -150,7 +150,7 @@ impl JournalReader {
     }
 
     /// Writes the end record: whole, or its beginning where it is large.
-    async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, JournalError> {
+    async fn end(&mut self, out: &mut String, bytes_max: usize) -> Result<Position, StoreError> {
         let StoredEpisode { episode, head, rounds, score, .. } = self.stored;
         let bytes = self.store.end_bytes(episode).await?;
         let (Some(_), Some(bytes)) = (self.stored.ended_at, bytes) else {
@@ -175,8 +175,8 @@ impl JournalReader {
         Ok(Position::In(OpenLine { round: rounds, after: bare.after, has_acts: false, left }))
     }
 
-    fn broken(&self, problem: &str) -> JournalError {
-        JournalError(format!("the journal of {}: {problem}", self.stored.id).into())
+    fn broken(&self, problem: &str) -> StoreError {
+        StoreError::broken(format!("the journal of {}: {problem}", self.stored.id))
     }
 }
 
@@ -184,7 +184,7 @@ impl JournalReader {
 const LINE_BYTES: usize = "{\"hash\":\"\",\"record\":}\n".len() + 64;
 
 impl Parts for JournalReader {
-    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, JournalError> {
+    async fn next(&mut self, bytes_max: usize) -> Result<Option<Vec<u8>>, StoreError> {
         let mut out = String::new();
         while out.len() < bytes_max && self.write(&mut out, bytes_max).await? {}
         Ok(Some(out.into_bytes()).filter(|part| !part.is_empty()))

@@ -10,7 +10,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Params, one_of};
 use super::super::page::{ROWS_MAX, list_params};
 use crate::episode::Status;
-use crate::journal::EpisodeKey;
+use crate::ids::EpisodeKey;
 use crate::store::episodes::Filter;
 use crate::wire::episode::EpisodeList;
 

@@ -20,7 +20,7 @@ use crate::episode::actor::Handle;
 use crate::episode::spec::{Spec, Visibility};
 use crate::ids::EpisodeId;
 use crate::journal::record::Record;
-use crate::journal::{Journal, StoredEpisode};
+use crate::store::port::StoredEpisode;
 use crate::wire::Seconds;
 use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 

@@ -10,8 +10,8 @@ use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Json, Nothing, Params};
 use crate::ids::EpisodeId;
-use crate::journal::{AuditRow, Entry, Journal};
 use crate::keys::Key;
+use crate::store::entries::{AuditRow, Entry};
 use crate::wire::episode::{EpisodeSummary, VoidRequest};
 
 /// Void an episode after a fault of the server: it counts nowhere.

@@ -29,7 +29,6 @@ use crate::dataset::files::Archive;
 use crate::episode::Status;
 use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
-use crate::journal::Journal;
 use crate::store;
 use crate::store::episodes::{Filter, Readable};
 

@@ -9,7 +9,7 @@ use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Params, one_of};
 use super::super::page::{ROWS_MAX, list_params};
-use crate::journal::ImportKey;
+use crate::ids::ImportKey;
 use crate::store::imports::ImportFilter;
 use crate::wire::import::{ImportList, ImportSummary};
 

@@ -10,8 +10,8 @@ use super::super::answer::with_tokens;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
-use crate::journal::{Entry, Journal};
 use crate::keys::{Key, KeyRow, Role};
+use crate::store::entries::Entry;
 use crate::wire::key::{CreatedKey, KeyRequest};
 
 /// Make a key for somebody.

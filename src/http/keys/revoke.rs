@@ -8,7 +8,7 @@ use super::super::App;
 use super::super::auth::Organizer;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use crate::journal::{Entry, Journal};
+use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use crate::wire::key::KeySummary;
 

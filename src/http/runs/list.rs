@@ -9,7 +9,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Params, one_of};
 use super::super::page::{LARGE_ROWS_MAX, list_params};
 use super::Known;
-use crate::journal::RunKey;
+use crate::ids::RunKey;
 use crate::run::RunStatus;
 use crate::store::runs::{RunFilter, StoredRun};
 use crate::wire::run::RunList;

@@ -10,8 +10,8 @@ use super::super::answer::with_tokens;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
-use crate::ids::Token;
-use crate::journal::{Entry, RunKey};
+use crate::ids::{RunKey, Token};
+use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use crate::wire::run::RunToken;
 

@@ -13,8 +13,7 @@ use super::App;
 use super::auth::Swarm;
 use super::error::{ApiError, Code};
 use crate::episode::actor::Handle;
-use crate::ids::EpisodeId;
-use crate::journal::RunKey;
+use crate::ids::{EpisodeId, RunKey};
 use crate::run::manager::OpenGames;
 use crate::store::tokens::Seats;
 

@@ -7,6 +7,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Row};
+use swarmbench::competitions::FORMATS;
 use swarmbench::store::check::{Checked, check};
 
 use crate::app::program::{printed, swarmbench};
@@ -121,7 +122,7 @@ async fn values(
 }
 
 async fn checked(path: &Path) -> Checked {
-    check(path, |_, _| ()).await.unwrap_or_else(|error| Checked {
+    check(path, &FORMATS, |_, _| ()).await.unwrap_or_else(|error| Checked {
         // Tables of another version are refused with a sentence.
         more_damages: 1,
         damages: vec![swarmbench::store::check::Damage {

@@ -14,16 +14,15 @@ use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
-use swarmbench::ids::{EpisodeId, Token, TokenKind};
+use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey, Token, TokenKind};
 use swarmbench::journal::record::Decision;
-use swarmbench::journal::{
-    Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
-};
 use swarmbench::keys::OwnerKey;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
+use swarmbench::store::entries::{Entry, Holder, RunRow};
+use swarmbench::store::imports::{ImportRow, ImportSettings};
 use swarmbench::work::Workers;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 

@@ -8,8 +8,8 @@ use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
 use swarmbench::episode::seating::SeatTaken;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::JournalError;
 use swarmbench::journal::record::Source;
+use swarmbench::store::StoreError;
 use swarmbench_engine::AgentId;
 
 use super::{Acked, Checker, Invariant, Place, Sent, same};
@@ -150,7 +150,7 @@ impl Checker {
     }
 
     /// A failure is reported only after a failed commit or a refused job.
-    fn failure(&mut self, id: &EpisodeId, failed: bool, error: &JournalError) {
+    fn failure(&mut self, id: &EpisodeId, failed: bool, error: &StoreError) {
         self.stats.count("refused: unavailable", 1);
         let is_true = failed || self.refused.contains(id);
         self.check(Invariant::Progress, is_true, || format!("{id}: {error}, and none failed"));

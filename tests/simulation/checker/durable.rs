@@ -11,7 +11,9 @@ use swarmbench::hosted;
 use swarmbench::journal::chain::Head;
 use swarmbench::journal::record::{ActRecord, Record, Source, round_record};
 use swarmbench::journal::replay::{acts_of, living};
-use swarmbench::journal::{ActRow, ClaimRow, EndRow, Entry, OpeningRow, RoundRow, SeatingRow};
+use swarmbench::store::entries::{
+    ActRow, ClaimRow, EndRow, Entry, OpeningRow, RoundRow, SeatingRow,
+};
 use swarmbench_engine::{AgentId, World};
 
 use super::{Checker, Episode, Invariant, Kept, same};

@@ -5,8 +5,7 @@ use std::time::Duration;
 use swarmbench::episode::quota::Purpose;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::fair::Party;
-use swarmbench::ids::EpisodeId;
-use swarmbench::journal::EpisodeKey;
+use swarmbench::ids::{EpisodeId, EpisodeKey};
 use swarmbench::keys::OwnerKey;
 use swarmbench_engine::AgentId;
 

@@ -1,6 +1,6 @@
 //! Entries, requests and answers as lines of a trace.
 
-use swarmbench::journal::Entry;
+use swarmbench::store::entries::Entry;
 use swarmbench_engine::AgentId;
 
 use crate::clients::{Answer, Request};

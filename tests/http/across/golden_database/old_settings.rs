@@ -6,11 +6,11 @@ use serde_json::{Value, json};
 use swarmbench::clock::SeededEntropy;
 use swarmbench::competition::verify::verify as verify_competition;
 use swarmbench::episode::spec::Visibility;
-use swarmbench::ids::{Token, TokenKind};
-use swarmbench::journal::{Entry, Journal as _, RunKey, RunRow};
+use swarmbench::ids::{RunKey, Token, TokenKind};
 use swarmbench::run::definition::Definition;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
+use swarmbench::store::entries::{Entry, RunRow};
 
 use super::*;
 use crate::app::{fields, number};

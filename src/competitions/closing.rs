@@ -9,11 +9,11 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use crate::clock::{Clock, after};
-use crate::journal::{Entry, Journal, JournalError};
-use crate::run::RunStatus;
 use crate::run::manager::Runs;
+use crate::run::{RunError, RunStatus};
 use crate::store::Store;
-use crate::store::competitions::StoredCompetition;
+use crate::store::competitions::RawCompetition;
+use crate::store::entries::Entry;
 
 /// How often it looks.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -80,12 +80,7 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
 }
 
 /// Does what can be done now to close a competition.
-async fn close(
-    store: &Store,
-    runs: &Runs,
-    clock: &dyn Clock,
-    id: &str,
-) -> Result<(), JournalError> {
+async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
     let Some(competition) = store.find_competition(id).await? else { return Ok(()) };
     for attempt in store.attempts(competition.key, None).await? {
         // A run ends with its last game; where none is open it may not know yet that its time is over.
@@ -102,8 +97,8 @@ async fn close(
 async fn reveal_if_over(
     store: &Store,
     clock: &dyn Clock,
-    competition: &StoredCompetition,
-) -> Result<(), JournalError> {
+    competition: &RawCompetition,
+) -> Result<(), RunError> {
     let attempts = store.attempts(competition.key, None).await?;
     let is_over = attempts
         .iter()

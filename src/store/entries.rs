@@ -1,43 +1,16 @@
-//! The journal: all that is stored of an episode, enough to replay it.
-//!
-//! An episode is its journal: the opening (configuration, rules, prompt template), every round's
-//! acts with the digest of the state after them, and the end, in a chain of hashes. States, scores
-//! and observations are recomputed from it.
+//! What is written: each entry is a row, or a change of one.
 
-mod import;
-
-use std::sync::Arc;
-
-use futures::future::BoxFuture;
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use crate::ids::{EpisodeId, TokenHash};
+use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
+use crate::journal::Tally;
+use crate::journal::chain::Head;
+use crate::journal::record::RawRecord;
 use crate::keys::{KeyRow, OwnerKey};
-use chain::Head;
-pub use import::{
-    ImportHash, ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport,
-};
-use record::{ActRecord, RawRecord, RecordedConfig};
-pub use swarmbench_journal::{Tally, chain, record, replay};
+use crate::store::imports::ImportRow;
 
-/// The number of an episode in its journal; short, and never shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct EpisodeKey(pub i64);
-
-/// The number of a run in the database; short, and never shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct RunKey(pub i64);
-
-/// The number of an entry in a competition; short, and never shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct EntryKey(pub i64);
-
-/// The number of a competition in the database; short, and never shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct CompetitionKey(pub i64);
-
-/// One thing to be kept.
+/// One change of the database.
 #[derive(Clone, Debug)]
 pub enum Entry {
     /// A new episode.
@@ -55,9 +28,9 @@ pub enum Entry {
     Round(RoundRow),
     /// The end of an episode.
     End(EndRow),
-    /// Seats have a holder.
+    /// A claim of seats.
     Claim(Box<ClaimRow>),
-    /// All seats have one: who holds which, for good.
+    /// All seats are claimed: the final record of their holders.
     Seat(SeatingRow),
     /// New tokens in place of all that a holder of seats had.
     ReplaceTokens {
@@ -68,9 +41,9 @@ pub enum Entry {
         /// All the holder's tokens from now on.
         tokens: Vec<TokenRow>,
     },
-    /// A new key for somebody.
+    /// A new key.
     AddKey(Box<KeyRow>),
-    /// A key is worth nothing any more.
+    /// A key is revoked.
     RevokeKey {
         /// The public id of the key.
         id: String,
@@ -90,7 +63,7 @@ pub enum Entry {
     EndRun {
         /// The run.
         run: RunKey,
-        /// The name of a [`RunStatus`](crate::run::RunStatus).
+        /// The name of how it ended.
         status: &'static str,
         /// When.
         at: Timestamp,
@@ -132,7 +105,7 @@ pub enum Entry {
         status: &'static str,
         /// Why it is so.
         reason: Option<String>,
-        /// Whether somebody answers for its model.
+        /// Whether an organizer vouches for its model.
         vouched: bool,
     },
     /// New invitation codes.
@@ -156,7 +129,7 @@ pub enum Entry {
 }
 
 impl Entry {
-    /// The episode whose chain of records it continues, or on whose journal later records rest.
+    /// The episode whose journal it continues, if any: after a refused entry, later ones would leave a gap.
     #[must_use]
     pub fn chain(&self) -> Option<EpisodeKey> {
         match self {
@@ -171,7 +144,7 @@ impl Entry {
         }
     }
 
-    /// About how many bytes it takes while it waits to be written.
+    /// About how many bytes it takes in the queue of the writer.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let text = match self {
@@ -242,7 +215,7 @@ pub struct EntrantRow {
     pub declaration: String,
     /// Tells prompt templates apart; none for the built-in one.
     pub template: Option<String>,
-    /// Whether somebody answers for its model.
+    /// Whether an organizer vouches for its model.
     pub vouched: bool,
     /// The hash of the invitation code that it uses up, if any.
     pub invitation: Option<TokenHash>,
@@ -257,13 +230,13 @@ pub struct RunRow {
     pub run: RunKey,
     /// Its public id.
     pub id: String,
-    /// The key with which it is created; none where nobody had to show one.
+    /// The key with which it is created; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
     /// The suite's name.
     pub suite: String,
     /// The suite's digest.
     pub digest: String,
-    /// JSON: a [`Definition`](crate::run::definition::Definition).
+    /// JSON: what was decided about it.
     pub definition: String,
     /// The model's name.
     pub model: String,
@@ -275,7 +248,7 @@ pub struct RunRow {
     pub at: Timestamp,
     /// The key by which a repeated creation finds it, and the hash of the body that came with it.
     pub idempotency: Option<(String, [u8; 32])>,
-    /// The hash of its token; none where the server itself plays.
+    /// The hash of its token; `None` where the server itself plays.
     pub token: Option<TokenHash>,
 }
 
@@ -290,7 +263,7 @@ pub struct AuditRow {
     pub action: &'static str,
     /// The id of what it was done to.
     pub subject: String,
-    /// What else is to be known, as JSON.
+    /// Further details, as JSON.
     pub detail: serde_json::Value,
 }
 
@@ -301,7 +274,7 @@ pub struct OpeningRow {
     pub episode: EpisodeKey,
     /// Its public id.
     pub id: EpisodeId,
-    /// The key with which it is created; none where nobody had to show one.
+    /// The key with which it is created; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
@@ -332,13 +305,13 @@ pub struct OpeningRow {
 pub struct Holder {
     /// The number of the claim in its episode; 0 is the creator.
     pub number: u32,
-    /// The holder's key; none where nobody had to show one.
+    /// The holder's key; `None` on a server without keys.
     pub owner: Option<OwnerKey>,
     /// The public id of that key.
     pub key: Option<String>,
     /// Who plays.
     pub model: String,
-    /// What else was told of who plays.
+    /// Further declarations about the player.
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     /// The built-in player that the server hosts on these seats.
     pub player: Option<String>,
@@ -356,7 +329,7 @@ pub struct ClaimRow {
     pub episode: EpisodeKey,
     /// Who holds them.
     pub holder: Holder,
-    /// The seats; none where the creator alone has seats, which needs no rows.
+    /// The seats; empty where the creator holds all of them, which needs no rows.
     pub agents: Vec<AgentId>,
     /// Their tokens.
     pub tokens: Vec<TokenRow>,
@@ -364,7 +337,7 @@ pub struct ClaimRow {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// Who holds which seat of an episode, for good.
+/// The final record of who holds which seat of an episode.
 #[derive(Clone, Debug)]
 pub struct SeatingRow {
     /// The episode.
@@ -445,206 +418,4 @@ pub struct EndRow {
     pub counts: bool,
     /// When it ended.
     pub at: Timestamp,
-}
-
-/// The journal could not keep or read something: the host's fault, never a player's.
-#[derive(Clone, Debug, thiserror::Error)]
-#[error("the journal failed: {0}")]
-pub struct JournalError(pub Arc<str>);
-
-impl JournalError {
-    const BUSY: &'static str = "too many read at once";
-
-    /// Nothing is broken; too many others read at the moment.
-    #[must_use]
-    pub fn busy() -> Self {
-        Self(Self::BUSY.into())
-    }
-
-    /// Whether the same will work later.
-    #[must_use]
-    pub fn is_busy(&self) -> bool {
-        &*self.0 == Self::BUSY
-    }
-}
-
-/// Told once entries are durable, or that they will never be.
-pub type Committed = Box<dyn FnOnce(Result<(), JournalError>) + Send>;
-
-/// An episode as it is stored.
-#[derive(Clone, Debug)]
-pub struct StoredEpisode {
-    /// Its number.
-    pub episode: EpisodeKey,
-    /// Its public id.
-    pub id: EpisodeId,
-    /// The key with which it was created, if any.
-    pub owner: Option<OwnerKey>,
-    /// The run to which it belongs, if any.
-    pub run: Option<RunKey>,
-    /// Whether it was sealed and is open to all now.
-    pub revealed: bool,
-    /// The opening record.
-    pub opening: RawRecord,
-    /// The record of who holds which seat, if there is one.
-    pub seating: Option<RawRecord>,
-    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
-    pub status: String,
-    /// Why it ended, if it has; the name of an ending.
-    pub reason: Option<String>,
-    /// The end record of an episode that has ended; not told in summaries. Where it is large, the acts of the
-    /// open round are left out of it.
-    pub end: Option<RawRecord>,
-    /// The head of its chain after the last stored record.
-    pub head: Head,
-    /// How many rounds are resolved.
-    pub rounds: u32,
-    /// The score after them.
-    pub score: f64,
-    /// When it was created.
-    pub created_at: Timestamp,
-    /// When its newest record came; in summaries, when it was created.
-    pub newest_at: Timestamp,
-    /// When the last act of a player came, or else the manual start; not told in summaries.
-    pub last_act_at: Option<Timestamp>,
-    /// When it ended.
-    pub ended_at: Option<Timestamp>,
-    /// Why it was voided, if it was.
-    pub void_reason: Option<String>,
-}
-
-/// An episode that has not ended.
-#[derive(Clone, Debug)]
-pub struct Unfinished {
-    /// Its number.
-    pub episode: EpisodeKey,
-    /// Its public id.
-    pub id: EpisodeId,
-    /// The key with which it was created, if any.
-    pub owner: Option<OwnerKey>,
-    /// Whether its rounds have a deadline.
-    pub clocked: bool,
-    /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
-    pub played: Option<(RecordedConfig, u32)>,
-}
-
-/// Acts of one round, in order of their seats.
-pub type RoundActs = Vec<(AgentId, StoredAct)>;
-
-/// A stored act.
-#[derive(Clone, Debug)]
-pub struct StoredAct {
-    /// The record.
-    pub record: ActRecord,
-    /// Bytes of the whole record as it is stored.
-    pub bytes: u64,
-    /// How many seats the round waited for after it.
-    pub waiting_for: u32,
-}
-
-/// A resolved round, as it is stored.
-#[derive(Clone, Debug)]
-pub struct StoredRound {
-    /// The round.
-    pub round: u32,
-    /// The digest of the state after it.
-    pub digest: [u8; 32],
-    /// The score after it.
-    pub score: f64,
-    /// The head of the chain after it.
-    pub head: Head,
-}
-
-/// A resolved round with all that is stored of it.
-#[derive(Clone, Debug)]
-pub struct LoggedRound {
-    /// The round.
-    pub round: u32,
-    /// The digest of the state after it.
-    pub digest: [u8; 32],
-    /// When it was resolved.
-    pub at: Timestamp,
-    /// Its acts, in order of their seats.
-    pub acts: Vec<LoggedAct>,
-}
-
-/// An act with the time at which it came.
-#[derive(Clone, Debug)]
-pub struct LoggedAct {
-    /// The seat.
-    pub agent: AgentId,
-    /// When it came.
-    pub at: Timestamp,
-    /// The record.
-    pub record: ActRecord,
-}
-
-/// What keeps journals. Entries become durable in the order in which they were handed over.
-pub trait Journal: Send + Sync + 'static {
-    /// Keeps entries, all or none, and tells `committed` once they are durable. Never waits.
-    fn append(&self, entries: Vec<Entry>, committed: Committed);
-
-    /// Keeps entries and waits until they, and all that was handed over before them, are durable;
-    /// without entries it only waits. They are stored also if the caller is gone.
-    fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), JournalError>> {
-        let (done, kept) = tokio::sync::oneshot::channel();
-        self.append(entries, Box::new(move |result| drop(done.send(result))));
-        let stopped = || Err(JournalError("the writer has stopped".into()));
-        Box::pin(async move { kept.await.unwrap_or_else(|_| stopped()) })
-    }
-
-    /// Takes entries of an episode again, of which one was refused. Until then all later ones are, as they
-    /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
-    fn recovered(&self, _episode: EpisodeKey) {}
-
-    /// Finds an episode.
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, JournalError>>;
-
-    /// All episodes that have not ended; those with a round clock first.
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, JournalError>>;
-
-    /// Everybody who holds seats of an episode, in order of their numbers, with the seats; nobody where
-    /// the creator simply holds all.
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, JournalError>>;
-
-    /// The competition and the entrant whose attempt a run is, where it is one.
-    fn entrant(
-        &self,
-        run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, JournalError>>;
-
-    /// The public id of a key.
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, JournalError>>;
-
-    /// The acts of the rounds `from..to` by round, without `response` and `reasoning`: no state follows from
-    /// these, and they may be large.
-    fn acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, JournalError>>;
-
-    /// The acts of one round, whole.
-    fn round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, JournalError>>;
-
-    /// What one seat did in one round.
-    fn act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, JournalError>>;
-
-    /// The resolved rounds `from..to`.
-    fn rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, JournalError>>;
 }

@@ -1,0 +1,175 @@
+//! The competitions of a server: what the rows of its database mean, and how they are closed ([`closing`]).
+
+pub mod closing;
+
+use jiff::Timestamp;
+
+use crate::clock::Entropy;
+use crate::competition::EntrantStatus;
+use crate::competition::definition::Definition;
+use crate::competition::entrant::{Declaration, Entrant};
+use crate::competition::sealed::{SEED_BYTES, Sealed};
+use crate::ids::{CompetitionKey, EntryKey, dated_id};
+use crate::keys::OwnerKey;
+use crate::store::check::Formats;
+use crate::store::competitions::{Declared, RawCompetition, RawEntrant};
+use crate::store::{Store, StoreError};
+
+/// A new public id of a competition.
+pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {
+    dated_id("cmp_", now, entropy)
+}
+
+/// A new public id of an entrant.
+pub fn new_entrant_id(now: Timestamp, entropy: &dyn Entropy) -> String {
+    dated_id("ent_", now, entropy)
+}
+
+/// A competition as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredCompetition {
+    /// Its number.
+    pub key: CompetitionKey,
+    /// Its public id.
+    pub id: String,
+    /// What was decided about it.
+    pub definition: Definition,
+    /// Its secret.
+    pub sealed: Sealed,
+    /// What was published of the secret.
+    pub commitment: [u8; 32],
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When everything was opened to all, if it was.
+    pub revealed_at: Option<Timestamp>,
+}
+
+/// An entrant as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredEntrant {
+    /// Its number.
+    pub key: EntryKey,
+    /// The competition.
+    pub competition: CompetitionKey,
+    /// The key to which it belongs.
+    pub owner: OwnerKey,
+    /// All that others see of it, and what it declared.
+    pub entrant: Entrant,
+}
+
+/// How the check of a database reads what was stored of competitions.
+pub const FORMATS: Formats = Formats {
+    competition: |raw| {
+        let StoredCompetition { definition, sealed, .. } = competition(raw)?;
+        Ok(([definition.opens_at, definition.closes_at], sealed.commitment()))
+    },
+    declaration: |text| {
+        let declaration: Declaration = parse(&text)?;
+        let template = declaration.template_digest();
+        Ok((declaration.model, template))
+    },
+};
+
+/// Finds a competition by its public id.
+///
+/// # Errors
+/// Where the database cannot be read; so for all functions here.
+pub async fn find(store: &Store, id: &str) -> Result<Option<StoredCompetition>, StoreError> {
+    let found = store.find_competition(id).await?;
+    found.map(competition).transpose().map_err(StoreError::decode)
+}
+
+/// Lists competitions; see [`Store::list_competitions`].
+///
+/// # Errors
+/// Where the database cannot be read.
+pub async fn list(
+    store: &Store,
+    before: Option<CompetitionKey>,
+    limit: u32,
+) -> Result<Vec<StoredCompetition>, StoreError> {
+    let all = store.list_competitions(before, limit).await?;
+    all.into_iter().map(competition).collect::<Result<_, _>>().map_err(StoreError::decode)
+}
+
+/// Finds an entrant of a competition by its public id.
+///
+/// # Errors
+/// Where the database cannot be read.
+pub async fn find_entrant(
+    store: &Store,
+    competition: CompetitionKey,
+    id: &str,
+) -> Result<Option<StoredEntrant>, StoreError> {
+    let found = store.find_entrant(competition, id).await?;
+    found.map(entrant).transpose().map_err(StoreError::decode)
+}
+
+/// The entrants of a competition: all, or those of one key; see [`Store::entrants`].
+///
+/// # Errors
+/// Where the database cannot be read.
+pub async fn entrants(
+    store: &Store,
+    competition: CompetitionKey,
+    owner: Option<OwnerKey>,
+    declared: Declared,
+) -> Result<Vec<StoredEntrant>, StoreError> {
+    read_entrants(store.entrants(competition, owner, declared).await?)
+}
+
+/// Lists the entrants of a competition; see [`Store::list_entrants`].
+///
+/// # Errors
+/// Where the database cannot be read.
+pub async fn list_entrants(
+    store: &Store,
+    competition: CompetitionKey,
+    after: Option<EntryKey>,
+    limit: u32,
+) -> Result<Vec<StoredEntrant>, StoreError> {
+    read_entrants(store.list_entrants(competition, after, limit).await?)
+}
+
+fn read_entrants(raw: Vec<RawEntrant>) -> Result<Vec<StoredEntrant>, StoreError> {
+    raw.into_iter().map(entrant).collect::<Result<_, _>>().map_err(StoreError::decode)
+}
+
+fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_str(text).map_err(|error| error.to_string())
+}
+
+fn competition(raw: RawCompetition) -> Result<StoredCompetition, String> {
+    let (seeds, []) = raw.seeds.0.as_chunks::<SEED_BYTES>() else {
+        return Err("seeds have 16 bytes each".to_owned());
+    };
+    let salt = <_>::try_from(&raw.salt.0[..]).map_err(|_| "a salt has 32 bytes")?;
+    Ok(StoredCompetition {
+        key: raw.key,
+        id: raw.id,
+        definition: parse(&raw.definition)?,
+        sealed: Sealed { salt, seeds: seeds.to_vec() },
+        commitment: raw.commitment,
+        created_at: raw.created_at,
+        revealed_at: raw.revealed_at,
+    })
+}
+
+fn entrant(raw: RawEntrant) -> Result<StoredEntrant, String> {
+    let mut declaration: Declaration = parse(&raw.declaration)?;
+    declaration.template = raw.template;
+    Ok(StoredEntrant {
+        key: raw.key,
+        competition: raw.competition,
+        owner: raw.owner,
+        entrant: Entrant {
+            id: raw.id,
+            name: raw.name,
+            declaration,
+            status: EntrantStatus::parse(&raw.status).ok_or("the status of an entrant")?,
+            reason: raw.reason,
+            vouched: raw.vouched,
+            registered_at: raw.registered_at,
+        },
+    })
+}

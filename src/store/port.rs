@@ -1,0 +1,176 @@
+//! What episodes need of a store: entries are taken in order, and journals are read again.
+
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use jiff::Timestamp;
+use swarmbench_engine::AgentId;
+
+use super::entries::{Entry, Held};
+use super::{Stopped, StoreError};
+use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
+use crate::journal::chain::Head;
+use crate::journal::record::{ActRecord, RawRecord, RecordedConfig};
+use crate::keys::OwnerKey;
+
+/// Called once entries are durable, or with the reason why they never will be.
+pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;
+
+/// Hands entries over at once, and returns when they are durable.
+pub(super) fn committed(
+    append: impl FnOnce(Committed),
+) -> BoxFuture<'static, Result<(), StoreError>> {
+    let (done, kept) = tokio::sync::oneshot::channel();
+    append(Box::new(move |result| drop(done.send(result))));
+    async move { kept.await.unwrap_or(Err(StoreError::Stopped(Stopped::Writer))) }.boxed()
+}
+
+/// An episode as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredEpisode {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
+    /// The run to which it belongs, if any.
+    pub run: Option<RunKey>,
+    /// Whether it was sealed and is open to all now.
+    pub revealed: bool,
+    /// The opening record.
+    pub opening: RawRecord,
+    /// The record of who holds which seat, if there is one.
+    pub seating: Option<RawRecord>,
+    /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
+    pub status: String,
+    /// Why it ended, if it has; the name of an ending.
+    pub reason: Option<String>,
+    /// The end record of an episode that has ended; left out of summaries. Where it is large, the acts of the
+    /// open round are left out of it.
+    pub end: Option<RawRecord>,
+    /// The head of its chain after the last stored record.
+    pub head: Head,
+    /// How many rounds are resolved.
+    pub rounds: u32,
+    /// The score after them.
+    pub score: f64,
+    /// When it was created.
+    pub created_at: Timestamp,
+    /// When its newest record came; in summaries, when it was created.
+    pub newest_at: Timestamp,
+    /// When the last act of a player came, or else the manual start; left out of summaries.
+    pub last_act_at: Option<Timestamp>,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+    /// Why it was voided, if it was.
+    pub void_reason: Option<String>,
+}
+
+/// An episode that has not ended.
+#[derive(Clone, Debug)]
+pub struct Unfinished {
+    /// Its number.
+    pub episode: EpisodeKey,
+    /// Its public id.
+    pub id: EpisodeId,
+    /// The key with which it was created, if any.
+    pub owner: Option<OwnerKey>,
+    /// Whether its rounds have a deadline.
+    pub clocked: bool,
+    /// Of an episode with deadlines, its settings and how many rounds are resolved: what its recovery costs.
+    pub played: Option<(RecordedConfig, u32)>,
+}
+
+/// Acts of one round, in order of their seats.
+pub type RoundActs = Vec<(AgentId, StoredAct)>;
+
+/// A stored act.
+#[derive(Clone, Debug)]
+pub struct StoredAct {
+    /// The record.
+    pub record: ActRecord,
+    /// Bytes of the whole record as it is stored.
+    pub bytes: u64,
+    /// How many seats the round waited for after it.
+    pub waiting_for: u32,
+}
+
+/// A resolved round, as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredRound {
+    /// The round.
+    pub round: u32,
+    /// The digest of the state after it.
+    pub digest: [u8; 32],
+    /// The score after it.
+    pub score: f64,
+    /// The head of the chain after it.
+    pub head: Head,
+}
+
+/// Stores the journals of episodes. Entries become durable in the order in which they are handed over.
+pub trait EpisodeStore: Send + Sync + 'static {
+    /// Keeps entries, all or none, and calls `committed` once they are durable. Never waits.
+    fn append(&self, entries: Vec<Entry>, committed: Committed);
+
+    /// Keeps entries and waits until they, and all that was handed over before them, are durable;
+    /// without entries it only waits. They are stored also if the caller is gone.
+    fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), StoreError>> {
+        committed(|committed| self.append(entries, committed))
+    }
+
+    /// Takes entries of an episode again, of which one was refused. Until then all later ones are, as they
+    /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
+    fn recovered(&self, _episode: EpisodeKey) {}
+
+    /// Finds an episode.
+    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>>;
+
+    /// All episodes that have not ended; those with a round clock first.
+    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>>;
+
+    /// The holders of seats of an episode with their seats, in order of their numbers; empty where the creator
+    /// holds all.
+    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>>;
+
+    /// The competition and the entrant whose attempt a run is, where it is one.
+    fn entrant(
+        &self,
+        run: RunKey,
+    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>>;
+
+    /// The public id of a key.
+    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>>;
+
+    /// The acts of the rounds `from..to` by round, without `response` and `reasoning`: no state follows from
+    /// these, and they may be large.
+    fn acts(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>>;
+
+    /// The acts of one round, whole.
+    fn round_acts(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+    ) -> BoxFuture<'_, Result<RoundActs, StoreError>>;
+
+    /// What one seat did in one round.
+    fn act(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+        agent: AgentId,
+    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>>;
+
+    /// The resolved rounds `from..to`.
+    fn rounds(
+        &self,
+        episode: EpisodeKey,
+        from: u32,
+        to: u32,
+    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>>;
+}

@@ -1,0 +1,151 @@
+//! Rows of queries as values, and the queries of readers.
+
+use jiff::Timestamp;
+use serde::de::DeserializeOwned;
+use sqlx::error::BoxDynError;
+use sqlx::query::Query;
+use sqlx::sqlite::{SqliteArguments, SqliteRow};
+use sqlx::{ColumnIndex, Decode, Row as _, Sqlite, Type};
+use swarmbench_engine::AgentId;
+
+use super::entries::Secret;
+use super::{Store, StoreError};
+use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, RunKey};
+use crate::journal::chain::Head;
+use crate::journal::record::RawRecord;
+use crate::keys::{OwnerKey, Role};
+
+/// The value of a column.
+pub(super) trait Column: Sized {
+    /// The type that SQLite gives.
+    type Stored: for<'r> Decode<'r, Sqlite> + Type<Sqlite>;
+
+    fn of(stored: Self::Stored) -> Result<Self, BoxDynError>;
+}
+
+/// The value of a row.
+pub(super) trait FromRow: Sized {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error>;
+}
+
+/// Reads a column by its name or its number.
+pub(super) fn get<T: Column>(
+    row: &SqliteRow,
+    column: impl ColumnIndex<SqliteRow>,
+) -> Result<T, sqlx::Error> {
+    T::of(row.try_get(column)?).map_err(sqlx::Error::Decode)
+}
+
+/// Rows whose columns have the names of the fields.
+macro_rules! from_row {
+    ($($type:ident { $($field:ident),* $(,)? })*) => {$(
+        impl super::rows::FromRow for $type {
+            fn from_row(row: &sqlx::sqlite::SqliteRow) -> Result<Self, sqlx::Error> {
+                Ok(Self { $($field: super::rows::get(row, stringify!($field))?),* })
+            }
+        }
+    )*};
+}
+pub(super) use from_row;
+
+/// A JSON text.
+pub(super) struct Json<T>(pub(super) T);
+
+macro_rules! columns {
+    ($($type:ty: $stored:ty => $of:expr;)*) => {$(
+        impl Column for $type {
+            type Stored = $stored;
+
+            fn of(stored: $stored) -> Result<Self, BoxDynError> {
+                $of(stored)
+            }
+        }
+    )*};
+}
+
+columns! {
+    i64: i64 => Ok;
+    u32: u32 => Ok;
+    u16: u16 => Ok;
+    bool: bool => Ok;
+    f64: f64 => Ok;
+    String: String => Ok;
+    Vec<u8>: Vec<u8> => Ok;
+    u64: i64 => |number| Ok(u64::try_from(number).unwrap_or(0));
+    EpisodeKey: i64 => |key| Ok(Self(key));
+    RunKey: i64 => |key| Ok(Self(key));
+    EntryKey: i64 => |key| Ok(Self(key));
+    CompetitionKey: i64 => |key| Ok(Self(key));
+    ImportKey: i64 => |key| Ok(Self(key));
+    OwnerKey: i64 => |key| Ok(Self(key));
+    AgentId: u16 => |agent| Ok(Self(agent));
+    EpisodeId: String => |id| Ok(Self::from_text(id));
+    Role: String => |role: String| Self::parse(&role).ok_or_else(|| format!("role {role:?}").into());
+    Timestamp: i64 => |millis| Ok(Self::from_millisecond(millis)?);
+    [u8; 32]: Vec<u8> => |bytes: Vec<u8>| Ok(bytes.try_into().map_err(|_| "a hash has 32 bytes")?);
+    Head: Vec<u8> => |bytes| <[u8; 32]>::of(bytes).map(Self);
+    Secret: Vec<u8> => |bytes| Ok(Self(bytes));
+    RawRecord: String => |text| Ok(Self::from_stored(text)?);
+}
+
+impl<T: DeserializeOwned> Column for Json<T> {
+    type Stored = String;
+
+    fn of(stored: String) -> Result<Self, BoxDynError> {
+        Ok(Self(serde_json::from_str(&stored)?))
+    }
+}
+
+impl<T: Column> Column for Option<T> {
+    type Stored = Option<T::Stored>;
+
+    fn of(stored: Self::Stored) -> Result<Self, BoxDynError> {
+        stored.map(T::of).transpose()
+    }
+}
+
+/// The first column.
+impl<T: Column> FromRow for T {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        get(row, 0)
+    }
+}
+
+/// The first columns, in order.
+macro_rules! tuple {
+    ($($type:ident $number:literal),*) => {
+        impl<$($type: Column),*> FromRow for ($($type,)*) {
+            fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+                Ok(($(get(row, $number)?,)*))
+            }
+        }
+    };
+}
+
+tuple!(A 0, B 1);
+tuple!(A 0, B 1, C 2);
+tuple!(A 0, B 1, C 2, D 3);
+
+type Select<'q> = Query<'q, Sqlite, SqliteArguments>;
+
+impl Store {
+    pub(super) async fn fetch_all<T: FromRow>(
+        &self,
+        query: Select<'_>,
+    ) -> Result<Vec<T>, StoreError> {
+        let rows = query.fetch_all(&mut *self.read().await?).await?;
+        Ok(rows.iter().map(T::from_row).collect::<Result<_, _>>()?)
+    }
+
+    pub(super) async fn fetch_one<T: FromRow>(&self, query: Select<'_>) -> Result<T, StoreError> {
+        Ok(T::from_row(&query.fetch_one(&mut *self.read().await?).await?)?)
+    }
+
+    pub(super) async fn fetch_optional<T: FromRow>(
+        &self,
+        query: Select<'_>,
+    ) -> Result<Option<T>, StoreError> {
+        let row = query.fetch_optional(&mut *self.read().await?).await?;
+        Ok(row.as_ref().map(T::from_row).transpose()?)
+    }
+}
