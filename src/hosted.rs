@@ -1,10 +1,9 @@
 //! Players that the server itself hosts.
 //!
 //! A hosted seat is played like any other: its player is shown the engine's observation of that seat
-//! and nothing else, and its acts go the way of all acts, to the barrier and into the journal. What a
-//! player decides follows from what it was shown before. So it is shown every round in which its agent
-//! lives, once and in order, also those that went by without it; after a restart that are all rounds
-//! so far, and the game continues as if nothing had happened.
+//! and nothing else, and its acts pass the barrier and enter the journal like all acts. A player's decision
+//! depends on its earlier observations. So it is shown every round in which its agent lives, once and in
+//! order, including those that it missed; after a restart these are all rounds so far.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,15 +28,14 @@ use crate::journal::JournalError;
 use crate::journal::record::{ActRecord, Source};
 use crate::work::{Cancelled, WorkError};
 
-/// Rounds of hosted games that are decided, or on their way to the disk, at once. Hosted games would play as
-/// fast as the disk goes; this leaves the larger part of each commit to everybody else.
+/// Rounds of hosted games that are being decided or committed at once. Hosted games would play as fast as the disk
+/// allows; this leaves most of each commit to other players.
 pub const HOSTED_ROUNDS_MAX: usize = 4;
 
-/// How long a game waits whose players could not be shown what they had seen, as too many others read.
+/// Pause before a game is played again after a temporary failure.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
 /// Permits of hosted games to play a round: a group has no more than three of four.
-#[must_use]
 pub fn turns() -> FairLimit {
     let shares = Shares {
         slots: HOSTED_ROUNDS_MAX,
@@ -51,31 +49,28 @@ pub fn turns() -> FairLimit {
     FairLimit::new("hosted_rounds_max", shares, Duration::MAX)
 }
 
-/// The name of the player that plays a task under this name, which may be that of each task's own.
-///
-/// # Errors
-/// Where no player of that name plays the task; the text names those that do.
+/// The built-in player for `name`, which may be [`DEFAULT_PLAYER`]. An error lists the players of the task.
 pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     let found = find(name, task).map_err(|error| error.to_string())?;
     Ok(found.name.to_owned())
 }
 
-/// Plays the server's seats of all episodes that come, until it is asked to stop.
+/// Plays the server's seats of the episodes it receives, until it is asked to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
     host: Host,
     stop: CancellationToken,
 ) {
-    let turns = turns();
+    let permits = turns();
     while let Either::Left((Some(handle), _)) =
         select(Box::pin(episodes.recv()), Box::pin(stop.cancelled())).await
     {
-        let (host, stop, turns) = (host.clone(), stop.clone(), turns.clone());
+        let (host, stop, permits) = (host.clone(), stop.clone(), permits.clone());
         tokio::spawn(async move {
             let id = handle.id.clone();
             let party = handle.party;
             loop {
-                let playing = Box::pin(party.scope(play(handle.clone(), &host, &turns)));
+                let playing = Box::pin(party.scope(play(handle.clone(), &host, &permits)));
                 match select(playing, Box::pin(stop.cancelled())).await {
                     // The database closes when the server stops.
                     Either::Left((Err(_), _)) if stop.is_cancelled() => return,
@@ -94,16 +89,13 @@ pub async fn run(
     }
 }
 
-/// Why hosted seats cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum HostedError {
-    /// An episode names a player that is not built in.
     #[error("{0}")]
     Unknown(String),
     /// Earlier observations cannot be replayed.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
-    /// A player failed.
     #[error(transparent)]
     Work(#[from] WorkError),
     /// An act could not be stored.
@@ -112,7 +104,7 @@ pub enum HostedError {
 }
 
 impl HostedError {
-    /// Whether the same will work later: too many others read or wanted heavy work at the moment.
+    /// Whether a retry may succeed: too many others are reading or waiting for heavy work.
     fn is_temporary(&self) -> bool {
         match self {
             Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => error.is_busy(),
@@ -125,10 +117,7 @@ impl HostedError {
 }
 
 /// Plays the server's seats of one episode to its end.
-///
-/// # Errors
-/// Where players or their memory cannot be created, or the journal fails.
-pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), HostedError> {
+pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
     loop {
@@ -142,7 +131,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                     None if handle.hosted().is_empty() => return Ok(()),
                     None => Players::new(&handle.spec, handle.hosted())?,
                 };
-                let _turn = turns.acquire_always(handle.party, Rank::Normal).await;
+                let _permit = permits.acquire_always(handle.party, Rank::Normal).await;
                 let round = snapshot.world.round();
                 let mut last = None;
                 while all.shown < round {
@@ -153,7 +142,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
                 if all.shown == round {
                     let decided;
                     (all, decided) = all.take_turn(&snapshot.world, host, handle.party).await?;
-                    // After a restart some of them may have acted before it.
+                    // After a restart some seats have already acted.
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
                         match outcome {
@@ -167,7 +156,7 @@ pub async fn play(handle: Handle, host: &Host, turns: &FairLimit) -> Result<(), 
             }
         }
         if published.changed().await.is_err() {
-            // Its actor is gone; its recovery sends it again.
+            // Its actor has ended; the recovery sends the episode again.
             return Ok(());
         }
     }
@@ -181,10 +170,7 @@ pub struct Players {
 }
 
 impl Players {
-    /// The players of these seats, by their names; they were shown nothing yet.
-    ///
-    /// # Errors
-    /// Where one is not built in.
+    /// The players of these seats, by their names. None has been shown a round yet.
     pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HostedError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
@@ -195,7 +181,7 @@ impl Players {
         Ok(Self { seats, shown: 0 })
     }
 
-    /// Shows all that live their observations of the next round, and asks what they do.
+    /// Shows the living agents' players the observations of the next round, and asks for their decisions.
     pub fn decide(&mut self, world: &World) -> Vec<(AgentId, Submission)> {
         let seats = self.seats.iter_mut().filter(|(agent, _)| world.is_alive(*agent));
         let decided = seats.map(|(agent, player)| (*agent, decision(world, *agent, &mut **player)));
@@ -204,9 +190,8 @@ impl Players {
         decided
     }
 
-    /// Has them decide when it is their turn, always off the async threads: hosted games would play as fast
-    /// as the disk goes, and so they leave the processors to everybody else. However many games there are,
-    /// each waits for its turn: it has one decision at a time.
+    /// Decides a round on a worker thread, however short it takes: hosted games would play as fast as the disk allows.
+    /// The queue needs no bound, as each game has one decision at a time.
     async fn take_turn(
         mut self,
         world: &Arc<World>,
@@ -241,8 +226,8 @@ fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submissio
     Submission { round: world.round(), record }
 }
 
-/// What a player may know of its seat before the game. Its own seed follows from the episode's, so that
-/// the same episode is played the same again, but tells nothing of it.
+/// What a player may know of its seat before the game. Its seed follows from the episode's, so that the same episode is
+/// played the same way again, but does not reveal it.
 fn seat(spec: &Spec, agent: AgentId) -> Seat {
     let mut hash = Sha256::new();
     hash.update("the player of a seat");
