@@ -40,11 +40,11 @@ use tokio_util::sync::CancellationToken;
 /// Players; each has several runs.
 const PLAYERS: i64 = 1000;
 
-/// Requests of each kind in each part of the measurement, and how many are asked at once.
+/// Requests of each kind in each part of the measurement, and concurrent clients.
 const REQUESTS: usize = 500;
 const CLIENTS: usize = 4;
 
-/// What is asked for.
+/// The measured requests.
 const QUERIES: [(&str, &str); 6] = [
     ("the first page", ""),
     ("the first page, mean of all runs", "pick=mean"),

@@ -1,11 +1,11 @@
-//! The memory that all worlds and all answers may take together: `memory_bytes_max`.
+//! The memory limit of all worlds and all answers together: `memory_bytes_max`.
 //!
-//! Before something large is made its bytes are reserved, and returned by dropping the [`Reservation`].
-//! What is small always passes, so that running games finish however full the server is.
+//! Bytes of large allocations are reserved first, and released by dropping the [`Reservation`].
+//! Small ones always pass, so that running games can finish on a full server.
 //!
-//! Memory for games is shared between groups as unfinished episodes are ([`episode::quota`](crate::episode::quota)): a group gets more as
-//! long as it then has no more than is free (`memory_of_free_percent_max`). So one group alone gets half, two get a
-//! third each, and a newcomer finds some. The first game of a group always gets what is free.
+//! Memory for games is shared between groups as unfinished episodes are ([`episode::quota`](crate::episode::quota)): a group may have as
+//! much as is still free afterwards (`memory_of_free_percent_max`). So one group alone gets half, two get a
+//! third each, and a new group finds some. The first game of a group may use all free memory.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,30 +13,26 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::fair::Group;
 
-/// What has at most so many bytes passes also where the budget is used up.
+/// An allocation of up to this size passes even where the budget is used up.
 pub const SMALL_BYTES: usize = 64 * 1024;
 
-/// Memory that was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoMemory {
-    /// The budget is used up.
     #[error("the memory limit of all worlds and answers, {0} bytes, is reached")]
     All(usize),
-    /// The group has its share.
     #[error(
         "these games have their share of the memory, {used} bytes: a competition, a key or an address may use as much as is free"
     )]
     Share {
-        /// The bytes that the group has.
+        /// Bytes that the group has reserved.
         used: usize,
-        /// How many percent of the free bytes a share is.
+        /// A group may have reserved this percentage of the free bytes.
         percent: u32,
     },
 }
 
 impl NoMemory {
     /// The name of the limit and its value.
-    #[must_use]
     pub const fn limit(self) -> (&'static str, usize) {
         match self {
             Self::All(most) => ("memory_bytes_max", most),
@@ -45,7 +41,6 @@ impl NoMemory {
     }
 }
 
-/// Bytes that may be used, and how many are.
 #[derive(Debug)]
 pub struct Budget {
     most: usize,
@@ -56,7 +51,7 @@ pub struct Budget {
 #[derive(Debug, Default)]
 struct Used {
     bytes: usize,
-    /// Of these, those of the games of each group.
+    /// The part of `bytes` that belongs to the games of each group.
     by_group: HashMap<Group, usize>,
 }
 
@@ -86,13 +81,9 @@ impl Used {
 
 impl Budget {
     /// A budget of `most` bytes. A group may use `of_free_percent` percent of the free bytes.
-    #[must_use]
     pub fn new(most: usize, of_free_percent: u32) -> Arc<Self> {
         Arc::new(Self { most, of_free_percent, used: Mutex::default() })
     }
-
-    /// A budget that is never used up.
-    #[must_use]
     pub fn unlimited() -> Arc<Self> {
         Self::new(usize::MAX, u32::MAX)
     }
@@ -101,10 +92,7 @@ impl Budget {
         self.used.lock().expect("nothing panics while it holds this")
     }
 
-    /// Reserves bytes where they are free, and within the share of the group for whose game they are.
-    ///
-    /// # Errors
-    /// Where they are not free, or the group has its share.
+    /// Reserves bytes if they are free and within the share of the group whose game they are for.
     pub fn reserve(
         self: &Arc<Self>,
         bytes: usize,
@@ -115,9 +103,6 @@ impl Budget {
         used.add(group, bytes);
         Ok(self.reservation(bytes, group))
     }
-
-    /// Whether bytes could be reserved now.
-    #[must_use]
     pub fn has(&self, bytes: usize, group: Option<Group>) -> bool {
         self.check(&self.lock(), bytes, group).is_ok()
     }
@@ -125,7 +110,7 @@ impl Budget {
     fn check(&self, used: &Used, bytes: usize, group: Option<Group>) -> Result<(), NoMemory> {
         let sum = used.bytes.checked_add(bytes).filter(|sum| *sum <= self.most);
         let free = self.most - sum.ok_or(NoMemory::All(self.most))?;
-        // Programs on the server's own machine share with nobody.
+        // Programs on the server's own machine are not limited to a share.
         let Some(group) = group.filter(|group| *group != Group::Server) else { return Ok(()) };
         let (of_group, percent) = (used.of(group), self.of_free_percent);
         let share = free as u128 * u128::from(percent) / 100;
@@ -136,7 +121,6 @@ impl Budget {
     }
 
     /// Reserves bytes, free or not.
-    #[must_use]
     pub fn take(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
         self.lock().add(group, bytes);
         self.reservation(bytes, group)
@@ -145,15 +129,9 @@ impl Budget {
     fn reservation(self: &Arc<Self>, bytes: usize, group: Option<Group>) -> Reservation {
         Reservation { budget: Arc::clone(self), group, bytes: AtomicUsize::new(bytes) }
     }
-
-    /// How many bytes are reserved.
-    #[must_use]
     pub fn used(&self) -> usize {
         self.lock().bytes
     }
-
-    /// The limit, in bytes.
-    #[must_use]
     pub const fn most(&self) -> usize {
         self.most
     }
@@ -161,6 +139,7 @@ impl Budget {
 
 /// Bytes that are reserved until this is dropped.
 #[derive(Debug)]
+#[must_use]
 pub struct Reservation {
     budget: Arc<Budget>,
     group: Option<Group>,
@@ -168,22 +147,16 @@ pub struct Reservation {
 }
 
 impl Reservation {
-    /// From now on it is so many bytes, free or not: what exists already cannot be refused.
+    /// Changes the number of reserved bytes, free or not: memory that is already in use cannot be refused.
     pub fn resize(&self, bytes: usize) {
         let mut used = self.budget.lock();
         let before = self.bytes.swap(bytes, Ordering::AcqRel);
         used.add(self.group, bytes);
         used.release(self.group, before);
     }
-
-    /// How many bytes it is.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         self.bytes.load(Ordering::Acquire)
     }
-
-    /// The group for whose game it is, if it is for one.
-    #[must_use]
     pub const fn group(&self) -> Option<Group> {
         self.group
     }
@@ -229,7 +202,6 @@ mod tests {
         assert!(budget.reserve(usize::MAX, None).is_err());
     }
 
-    /// Reserves games of ten bytes until one is refused.
     fn fill(budget: &Arc<Budget>, group: Option<Group>) -> (Vec<Reservation>, NoMemory) {
         let mut games = Vec::new();
         loop {

@@ -2,8 +2,8 @@
 //!
 //! A [`Party`] is a member of a group: an entrant of a competition, the holder of a key, an address. Shares
 //! are equal between groups first and between the members of a group second, so that a competition with a
-//! thousand free keys gets no more than a single key does. [`FairQueue`] decides who is next, and is pure;
-//! [`FairLimit`] hands out permits by it to async code, and [`work`](crate::work) runs jobs by it.
+//! thousand free keys gets no more than a single key does. [`FairQueue`] decides which request is next, and is
+//! pure; [`FairLimit`] uses it for permits of async code, and [`work`](crate::work) for jobs.
 
 use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap, VecDeque};
@@ -17,10 +17,9 @@ use tokio::sync::oneshot;
 use crate::ids::CompetitionKey;
 use crate::keys::OwnerKey;
 
-/// Between whom shares are equal first.
+/// Shares are equal between groups first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Group {
-    /// The server itself.
     Server,
     /// The entrants of a competition.
     Competition(CompetitionKey),
@@ -33,9 +32,8 @@ pub enum Group {
 /// For whom something is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Party {
-    /// The group.
     pub group: Group,
-    /// The member of a competition's group: an entrant's key.
+    /// The entrant, in the group of a competition.
     pub member: Option<OwnerKey>,
 }
 
@@ -45,28 +43,22 @@ tokio::task_local! {
 }
 
 impl Party {
-    /// The server, which does something of its own accord.
+    /// Work that no request asked for.
     pub const SERVER: Self = Self::of(Group::Server);
 
     /// A group that is its own only member.
-    #[must_use]
     pub const fn of(group: Group) -> Self {
         Self { group, member: None }
     }
-
-    /// An entrant of a competition.
-    #[must_use]
     pub const fn entrant(competition: CompetitionKey, owner: OwnerKey) -> Self {
         Self { group: Group::Competition(competition), member: Some(owner) }
     }
 
-    /// The party of the request that this task handles; the server where it handles none.
-    #[must_use]
+    /// The party of the request that this task handles; the server if it handles none.
     pub fn current() -> Self {
         CURRENT.try_with(Cell::get).unwrap_or(Self::SERVER)
     }
 
-    /// Runs a future for this party.
     pub async fn scope<F: Future>(self, future: F) -> F::Output {
         CURRENT.scope(Cell::new(self), future).await
     }
@@ -78,26 +70,22 @@ impl Party {
     }
 }
 
-/// What goes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rank {
-    /// A running game waits for it. It may use the reserve and goes before everything else.
+    /// A running game waits for it. It may use the reserve and is served first.
     Urgent,
-    /// Everything else.
     Normal,
 }
 
 impl Rank {
-    /// Both, in the order in which they go.
+    /// In the order in which they are served.
     const ALL: [Self; 2] = [Self::Urgent, Self::Normal];
 
-    /// The rank of the request that this task handles. What the server does of its own accord, games wait for.
-    #[must_use]
+    /// The rank of the request that this task handles. Games wait for work that no request asked for.
     pub fn current() -> Self {
         RANK.try_with(|rank| *rank).unwrap_or(Self::Urgent)
     }
 
-    /// Runs a future with this rank.
     pub async fn scope<F: Future>(self, future: F) -> F::Output {
         RANK.scope(self, future).await
     }
@@ -109,7 +97,7 @@ pub fn inherit<F: Future>(future: F) -> impl Future<Output = F::Output> {
     rank.scope(party.scope(future))
 }
 
-/// For whom a task works, and with which rank: for work outside of it, like the body of an answer.
+/// The party and the rank of a task, for work that is done outside of it, like the body of an answer.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
     party: Party,
@@ -117,28 +105,24 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// That of this task.
-    #[must_use]
     pub fn current() -> Self {
         Self { party: Party::current(), rank: Rank::current() }
     }
 
-    /// Does something as that task would.
+    /// Runs `work` for that party and with that rank.
     pub fn enter<T>(self, work: impl FnOnce() -> T) -> T {
         RANK.sync_scope(self.rank, || CURRENT.sync_scope(Cell::new(self.party), work))
     }
 }
 
-/// How much there is, and how much of it one party may use.
+/// The slots there are, and how many of them one party may use.
 #[derive(Clone, Copy, Debug)]
 pub struct Shares {
     /// Slots in use at once.
     pub slots: usize,
     /// Of these, slots that only urgent requests may use.
     pub reserve: usize,
-    /// Slots of one group at once.
     pub slots_per_group: usize,
-    /// Slots of one member of a group at once.
     pub slots_per_member: usize,
     /// Requests of each rank that wait at once.
     pub waiting: usize,
@@ -147,9 +131,8 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// Half of the slots for a group and for a member at most, nothing reserved, and a quarter of the waiting
-    /// requests for a group.
-    #[must_use]
+    /// Up to half of the slots for a group and for a member, no reserve, and a quarter of the waiting requests for a
+    /// group.
     pub const fn halved(slots: usize, waiting: usize) -> Self {
         let half = slots.div_ceil(2);
         Self {
@@ -163,7 +146,7 @@ impl Shares {
     }
 }
 
-/// One of something for each rank.
+/// A value for each rank.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ranked<T> {
     urgent: T,
@@ -194,7 +177,7 @@ impl Ranked<usize> {
 
 /// Requests of a member, or of all members of a group.
 trait Requests {
-    /// Whether one of this rank may have a slot, as far as the members' shares go.
+    /// Whether a request of this rank may have a slot, as far as the members' shares allow.
     fn is_ready(&self, rank: Rank) -> bool;
     fn is_empty(&self) -> bool;
 }
@@ -214,7 +197,7 @@ impl<T> Requests for Line<T> {
 }
 
 impl<T> Line<T> {
-    /// Drops requests that are not wanted; how many.
+    /// Drops requests that are not wanted, and returns how many.
     fn retain(&mut self, is_wanted: &mut impl FnMut(&T) -> bool) -> Ranked<usize> {
         let mut dropped = Ranked::default();
         for rank in Rank::ALL {
@@ -227,12 +210,11 @@ impl<T> Line<T> {
     }
 }
 
-/// A group's members.
 #[derive(Debug)]
 struct Members<T> {
     waiting: Ranked<usize>,
     accounts: Accounts<Option<OwnerKey>, Line<T>>,
-    /// How many idle members were counted last.
+    /// The number of idle members when they were last counted.
     idle: usize,
 }
 
@@ -282,21 +264,20 @@ impl<R: Requests> Account<R> {
 /// Groups, or the members of one group.
 #[derive(Debug)]
 struct Accounts<K, R> {
-    /// Slots of each at once.
+    /// Slots of each account at once.
     slots: usize,
     known: HashMap<K, Account<R>>,
     order: Order<K>,
-    /// The usage of the one that was served last: where new ones begin.
+    /// The usage of the account that was served last; new accounts start with it.
     floor: Duration,
 }
 
-/// Accounts by whose turn it is. A look at the first takes no time, and a change as much as the logarithm of
-/// how many there are.
+/// Accounts in the order in which they are served. Reading the first takes constant time, a change logarithmic time.
 #[derive(Debug)]
 struct Order<K> {
-    /// Those that may have a slot: by slots in use, then by usage.
+    /// Accounts that may have a slot: by slots in use, then by usage.
     ready: Ranked<BTreeSet<(usize, Duration, K)>>,
-    /// Those that neither wait nor run, by usage.
+    /// Accounts without requests, waiting or running, by usage.
     idle: BTreeSet<(Duration, K)>,
 }
 
@@ -328,17 +309,17 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         Self { slots, known: HashMap::new(), order, floor: Duration::ZERO }
     }
 
-    /// Changes an account that is known, and its place in the order.
+    /// Changes a known account, and its place in the order.
     fn change<T>(&mut self, name: K, change: impl FnOnce(&mut Account<R>) -> T) -> T {
-        let account = self.known.get_mut(&name).expect("who waits or runs is known");
+        let account = self.known.get_mut(&name).expect("an account that waits or runs is known");
         self.order.remove(name, account);
         let result = change(account);
         self.order.add(name, account, self.slots);
         result
     }
 
-    /// Adds a request to an account, which may be new. One that is known has used as much as a new one at least:
-    /// the others have not caught up with it.
+    /// Adds a request to an account, which may be new. A known account has used at least as much as a new one starts
+    /// with: it is forgotten once the others have caught up with it.
     fn add(&mut self, name: K, new: impl FnOnce() -> R, add: impl FnOnce(&mut R)) {
         let floor = self.floor;
         let begin = || Account { running: 0, used: floor, requests: new() };
@@ -346,15 +327,15 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         self.change(name, |account| add(&mut account.requests));
     }
 
-    /// Gives a slot to the account whose turn it is, and takes one of its requests.
+    /// Gives a slot to the next account, and takes one of its requests.
     fn pop<T>(&mut self, rank: Rank, take: impl FnOnce(&mut R) -> T) -> Option<(K, T)> {
         let (_, used, name) = *self.order.ready.of(rank).first()?;
         self.floor = self.floor.max(used);
-        let taken = self.change(name, |account| {
+        let request = self.change(name, |account| {
             account.running += 1;
             take(&mut account.requests)
         });
-        Some((name, taken))
+        Some((name, request))
     }
 
     /// Frees a slot of an account.
@@ -366,7 +347,7 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         });
     }
 
-    /// Who has requests.
+    /// Accounts with waiting requests.
     fn waiting(&self) -> Vec<K> {
         let waiting = |(_, account): &(&K, &Account<R>)| !account.requests.is_empty();
         self.known.iter().filter(waiting).map(|(name, _)| *name).collect()
@@ -378,25 +359,24 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         self.known.remove(&name).map(|account| account.requests)
     }
 
-    /// Forgets an idle account with which the others have caught up: it would begin where a new one does.
+    /// Forgets an idle account with which the others have caught up: a new one would start with the same usage.
     fn forget_caught_up(&mut self) -> Option<R> {
         let is_behind = self.order.idle.first().is_some_and(|(used, _)| *used <= self.floor);
         if is_behind { self.forget() } else { None }
     }
 }
 
-/// Groups and members, together, that neither wait nor run and whose usage is remembered still. Of more than
-/// these the one that has used the least is forgotten, which begins like a new one when it comes back.
+/// Idle groups and members, together, whose usage is remembered. Beyond this the one that has used the least is
+/// forgotten, and starts like a new one when it comes back.
 pub const PARTIES_REMEMBERED_MAX: usize = 16_384;
 
-/// Requests that wait for a slot, and who is next.
+/// Requests that wait for a slot, and the order in which they get one.
 ///
-/// Of the groups that wait the one with the fewest slots in use is next; of those with equally many the one
+/// Of the waiting groups the one with the fewest slots in use is next; of those with equally many the one
 /// that has used slots for the least time. The same holds for the members of the group. A group that comes
-/// back after a pause begins at the least time of the others, so that a pause earns nothing.
+/// back after a pause starts at the least time of the others, so that a pause gives no advantage.
 ///
-/// Every operation but [`FairQueue::retain`] takes as long as the logarithm of how many groups and members
-/// there are.
+/// Every operation except [`FairQueue::retain`] takes time logarithmic in the number of groups and members.
 #[derive(Debug)]
 pub struct FairQueue<T> {
     shares: Shares,
@@ -408,13 +388,7 @@ pub struct FairQueue<T> {
     idle_members: usize,
 }
 
-/// As many requests wait as may.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct QueueFull;
-
 impl<T> FairQueue<T> {
-    /// Nobody waits.
-    #[must_use]
     pub fn new(shares: Shares) -> Self {
         Self {
             shares,
@@ -427,35 +401,30 @@ impl<T> FairQueue<T> {
     }
 
     /// Requests that wait.
-    #[must_use]
     pub const fn waiting(&self) -> usize {
         self.waiting.all()
     }
 
     /// Slots in use.
-    #[must_use]
     pub const fn running(&self) -> usize {
         self.running
     }
 
-    /// Adds a request to the queue of its party.
-    ///
-    /// # Errors
-    /// Where too many of this rank wait, in all or of this group; the request comes back.
-    pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), (QueueFull, T)> {
+    /// Adds a request to the queue of its party, or returns it if too many of this rank wait, in all or of this group.
+    pub fn push(&mut self, party: Party, rank: Rank, request: T) -> Result<(), T> {
         let group = self.groups.known.get(&party.group);
         let of_group = group.map_or(0, |group| *group.requests.waiting.of(rank));
         if *self.waiting.of(rank) >= self.shares.waiting
             || of_group >= self.shares.waiting_per_group
         {
-            return Err((QueueFull, request));
+            return Err(request);
         }
         self.add(party, rank, request);
         Ok(())
     }
 
-    /// Adds a request to the queue of its party, also where too many wait: the caller bounds how many
-    /// of its kind there are.
+    /// Adds a request to the queue of its party, even if too many wait: the caller bounds how many of its kind there
+    /// are.
     pub fn add(&mut self, party: Party, rank: Rank, request: T) {
         let new_line = || Line(Ranked { urgent: VecDeque::new(), normal: VecDeque::new() });
         let add = |line: &mut Line<T>| line.0.of_mut(rank).push_back(request);
@@ -499,7 +468,7 @@ impl<T> FairQueue<T> {
         Some((Party { group, member }, rank, request))
     }
 
-    /// Frees the slot of a request that used it for so long.
+    /// Frees the slot of a request, which used it for this long.
     pub fn done(&mut self, party: Party, rank: Rank, used: Duration) {
         self.running -= 1;
         self.running_normal -= usize::from(rank == Rank::Normal);
@@ -509,7 +478,7 @@ impl<T> FairQueue<T> {
         self.settle(party.group);
     }
 
-    /// Drops requests that nobody waits for any more.
+    /// Drops requests that are no longer wanted.
     pub fn retain(&mut self, mut is_wanted: impl FnMut(&T) -> bool) {
         for name in self.groups.waiting() {
             let dropped = self.groups.change(name, |group| group.requests.retain(&mut is_wanted));
@@ -520,15 +489,15 @@ impl<T> FairQueue<T> {
         }
     }
 
-    /// Forgets those with whom the others have caught up, and idle ones beyond [`PARTIES_REMEMBERED_MAX`];
-    /// to be called after every change of a group.
+    /// Forgets accounts with which the others have caught up, and idle ones beyond [`PARTIES_REMEMBERED_MAX`]; to be
+    /// called after every change of a group.
     fn settle(&mut self, changed: Group) {
         self.change_idle(changed, |members| while members.forget_caught_up().is_some() {});
         while let Some(group) = self.groups.forget_caught_up() {
             self.idle_members -= group.idle;
         }
         while self.remembered() > PARTIES_REMEMBERED_MAX {
-            // Those of the group that has become one too many go first, so that it costs others little.
+            // Members of the changed group are forgotten first, so that others are hardly affected.
             if self.change_idle(changed, Accounts::forget).flatten().is_some() {
                 continue;
             }
@@ -537,12 +506,12 @@ impl<T> FairQueue<T> {
         }
     }
 
-    /// Groups and members that are idle.
+    /// Idle groups and members.
     fn remembered(&self) -> usize {
         self.groups.order.idle.len() + self.idle_members
     }
 
-    /// Changes the idle members of a group, where it is known, and counts them.
+    /// Changes the idle members of a group, if it is known, and counts them.
     fn change_idle<R>(
         &mut self,
         name: Group,
@@ -562,19 +531,18 @@ pub fn blocking<T>(party: Party, rank: Rank, work: impl FnOnce() -> T) -> T {
     RANK.sync_scope(rank, || CURRENT.sync_scope(Cell::new(party), work))
 }
 
-/// As many use something, or wait for it, as may.
+/// All slots are in use, and as many requests wait as may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("as many requests use this, or wait for it, as may ({name} is {slots})")]
 pub struct Busy {
     /// The name of the limit.
     pub name: &'static str,
-    /// Its value.
     pub slots: usize,
 }
 
 type Waiters = FairQueue<oneshot::Sender<Permit>>;
 
-/// Permits for something scarce, shared fairly. Cloning shares them.
+/// Permits for a scarce resource, shared fairly. Clones share them.
 #[derive(Clone, Debug)]
 pub struct FairLimit {
     name: &'static str,
@@ -585,6 +553,7 @@ pub struct FairLimit {
 
 /// A slot that is in use until this is dropped.
 #[derive(Debug)]
+#[must_use]
 pub struct Permit {
     queue: Arc<Mutex<Waiters>>,
     party: Party,
@@ -593,23 +562,19 @@ pub struct Permit {
 }
 
 impl FairLimit {
-    /// Permits of this name; a request waits for one at most so long.
-    #[must_use]
+    /// `name` is that of the limit; `patience` is how long a request waits for a permit.
     pub fn new(name: &'static str, shares: Shares, patience: Duration) -> Self {
         let queue = Arc::new(Mutex::new(FairQueue::new(shares)));
         Self { name, slots: shares.slots, patience, queue }
     }
 
-    /// A permit for the party, once it is its turn.
-    ///
-    /// # Errors
-    /// Where too many wait, or none is free in time.
+    /// A permit for the party. An error means that too many wait, or that none became free in time.
     pub async fn acquire(&self, party: Party, rank: Rank) -> Result<Permit, Busy> {
         let busy = Busy { name: self.name, slots: self.slots };
         let (grant, granted) = oneshot::channel();
         {
             let mut queue = lock(&self.queue);
-            if let Err((_, grant)) = queue.push(party, rank, grant) {
+            if let Err(grant) = queue.push(party, rank, grant) {
                 queue.retain(|waiting| !waiting.is_closed());
                 queue.push(party, rank, grant).map_err(|_| busy)?;
             }
@@ -631,7 +596,6 @@ impl FairLimit {
     }
 
     /// Slots in use, and requests that wait.
-    #[must_use]
     pub fn load(&self) -> (usize, usize) {
         let queue = lock(&self.queue);
         (queue.running(), queue.waiting())
@@ -642,7 +606,7 @@ fn lock(queue: &Mutex<Waiters>) -> MutexGuard<'_, Waiters> {
     queue.lock().expect("nothing panics while it holds this")
 }
 
-/// Hands free slots to those whose turn it is.
+/// Gives free slots to the next requests.
 fn dispatch(queue: &Arc<Mutex<Waiters>>) {
     loop {
         let mut waiters = lock(queue);
@@ -653,7 +617,7 @@ fn dispatch(queue: &Arc<Mutex<Waiters>>) {
         }
         drop(waiters);
         let permit = Permit { queue: Arc::clone(queue), party, rank, since: Instant::now() };
-        // A request that was given up at this moment gives its permit back here.
+        // If the request was cancelled meanwhile, the permit is dropped and freed here.
         drop(grant.send(permit));
     }
 }
@@ -692,8 +656,8 @@ mod tests {
         Party::entrant(CompetitionKey(1), OwnerKey(number))
     }
 
-    /// Serves everything that waits, one after another, each for its cost in milliseconds; by party,
-    /// how much of the first `until` milliseconds it got.
+    /// Serves all requests that wait, one after another, each for its cost in milliseconds. Returns how much of the
+    /// first `until` milliseconds each party got.
     fn serve(queue: &mut FairQueue<u64>, until: u64) -> HashMap<Party, u64> {
         let (mut now, mut got) = (0, HashMap::new());
         while now < until

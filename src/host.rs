@@ -3,9 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Lets this process open as many files as the host allows, and says how many that are; none means
-/// any number.
-#[must_use]
+/// Raises the limit of open files as far as the host allows, and returns it; `None` means no limit.
 pub fn raise_open_files() -> Option<u64> {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
@@ -18,9 +16,8 @@ pub fn raise_open_files() -> Option<u64> {
     }
 }
 
-/// How many bytes of memory this process may use: those of the machine, or fewer where its control groups or its
-/// address space are limited. None where the host does not tell.
-#[must_use]
+/// Bytes of memory that this process may use: those of the machine, or fewer if its control groups or its address space
+/// are limited. `None` if the host does not report it.
 pub fn memory_bytes() -> Option<usize> {
     let read = |path: &Path| std::fs::read_to_string(path).ok();
     let machine = read(Path::new("/proc/meminfo")).and_then(|text| total_memory(&text));
@@ -51,24 +48,21 @@ fn group_path(text: &str) -> Option<PathBuf> {
         .filter(|path| path.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
-/// The disk on which the database lies.
+/// The disk with the database.
 pub trait Disk: Send + Sync + 'static {
-    /// How much of it is free, in percent; none where the host does not tell.
+    /// `None` if the host does not report it.
     fn free_percent(&self) -> Option<f64>;
 
-    /// Whether less than so much is free.
     fn is_full(&self, free_percent_min: u32) -> bool {
         self.free_percent().is_some_and(|free| free < f64::from(free_percent_min))
     }
 }
 
-/// The host's disk that holds a directory.
+/// The disk of a directory.
 #[derive(Clone, Debug)]
 pub struct HostDisk(PathBuf);
 
 impl HostDisk {
-    /// The disk with the file `database`.
-    #[must_use]
     pub fn of(database: &std::path::Path) -> Self {
         let folder = database.parent().filter(|folder| !folder.as_os_str().is_empty());
         Self(folder.map_or_else(|| PathBuf::from("."), PathBuf::from))
@@ -77,24 +71,21 @@ impl HostDisk {
 
 impl Disk for HostDisk {
     fn free_percent(&self) -> Option<f64> {
-        let told = rustix::fs::statvfs(&self.0).ok().filter(|told| told.f_blocks > 0)?;
+        let disk = rustix::fs::statvfs(&self.0).ok().filter(|disk| disk.f_blocks > 0)?;
         #[expect(clippy::cast_precision_loss, reason = "a share needs no more than 53 bits")]
-        Some(told.f_bavail as f64 * 100.0 / told.f_blocks as f64)
+        Some(disk.f_bavail as f64 * 100.0 / disk.f_blocks as f64)
     }
 }
 
-/// A disk of which a test says how full it is.
+/// A disk for tests.
 #[derive(Debug)]
 pub struct ManualDisk(AtomicU8);
 
 impl ManualDisk {
-    /// A disk with so much free.
-    #[must_use]
     pub const fn new(free_percent: u8) -> Self {
         Self(AtomicU8::new(free_percent))
     }
 
-    /// From now on so much is free.
     pub fn set(&self, free_percent: u8) {
         self.0.store(free_percent, Ordering::Relaxed);
     }
@@ -111,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_host_tells_of_its_memory_is_read() {
+    fn limits_of_memory_are_read() {
         let meminfo = "MemTotal:       16316412 kB\nMemFree:  1 kB\n";
         assert_eq!(total_memory(meminfo), Some(16_316_412 * 1024));
         assert_eq!(total_memory("MemFree: 1 kB\n"), None);

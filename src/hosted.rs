@@ -1,10 +1,9 @@
 //! Players that the server itself hosts.
 //!
 //! A hosted seat is played like any other: its player is shown the engine's observation of that seat
-//! and nothing else, and its acts go the way of all acts, to the barrier and into the journal. What a
-//! player decides follows from what it was shown before. So it is shown every round in which its agent
-//! lives, once and in order, also those that went by without it; after a restart that are all rounds
-//! so far, and the game continues as if nothing had happened.
+//! and nothing else, and its acts pass the barrier and enter the journal like all acts. A player's decision
+//! depends on its earlier observations. So it is shown every round in which its agent lives, once and in
+//! order, including those that it missed; after a restart these are all rounds so far.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,15 +28,14 @@ use crate::journal::record::Decision;
 use crate::store::StoreError;
 use crate::work::{Cancelled, WorkError};
 
-/// Rounds of hosted games that are decided, or on their way to the disk, at once. Hosted games would play as
-/// fast as the disk goes; this leaves the larger part of each commit to all others.
+/// Rounds of hosted games that are being decided or committed at once. Hosted games would play as fast as the disk
+/// allows; this leaves most of each commit to other players.
 pub const HOSTED_ROUNDS_MAX: usize = 4;
 
-/// How long a game waits whose players could not be shown what they had seen, as too many others read.
+/// Pause before a game is played again after a temporary failure.
 const PLAY_AGAIN: Duration = Duration::from_secs(1);
 
 /// Permits of hosted games to play a round: a group has no more than three of four.
-#[must_use]
 pub fn permits() -> FairLimit {
     let shares = Shares {
         slots: HOSTED_ROUNDS_MAX,
@@ -51,16 +49,13 @@ pub fn permits() -> FairLimit {
     FairLimit::new("hosted_rounds_max", shares, Duration::MAX)
 }
 
-/// The name of the player that plays a task under this name, which may be that of each task's own.
-///
-/// # Errors
-/// Where no player of that name plays the task; the text names those that do.
+/// The built-in player for `name`, which may be [`DEFAULT_PLAYER`]. An error lists the players of the task.
 pub fn player(name: &str, task: TaskName) -> Result<String, String> {
     let found = find(name, task).map_err(|error| error.to_string())?;
     Ok(found.name.to_owned())
 }
 
-/// Plays the server's seats of all episodes that come, until it is asked to stop.
+/// Plays the server's seats of the episodes it receives, until it is asked to stop.
 pub async fn run(
     mut episodes: mpsc::UnboundedReceiver<Handle>,
     host: Host,
@@ -94,16 +89,13 @@ pub async fn run(
     }
 }
 
-/// Why hosted seats cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum HostedError {
-    /// An episode names a player that is not built in.
     #[error("{0}")]
     Unknown(String),
     /// Earlier observations cannot be replayed.
     #[error(transparent)]
     Recovery(#[from] RecoveryError),
-    /// A player failed.
     #[error(transparent)]
     Work(#[from] WorkError),
     /// An act could not be stored.
@@ -112,7 +104,7 @@ pub enum HostedError {
 }
 
 impl HostedError {
-    /// Whether the same will work later: too many others read or wanted heavy work at the moment.
+    /// Whether a retry may succeed: too many others are reading or waiting for heavy work.
     fn is_temporary(&self) -> bool {
         match self {
             Self::Recovery(RecoveryError::Journal(error)) | Self::Journal(error) => {
@@ -127,9 +119,6 @@ impl HostedError {
 }
 
 /// Plays the server's seats of one episode to its end.
-///
-/// # Errors
-/// Where players or their memory cannot be created, or the journal fails.
 pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<(), HostedError> {
     let mut published = handle.follow();
     let mut players: Option<Players> = None;
@@ -156,7 +145,7 @@ pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<()
                     let decided;
                     (all, decided) =
                         all.decide_off_thread(&snapshot.world, host, handle.party).await?;
-                    // After a restart some of them may have acted before it.
+                    // After a restart some seats have already acted.
                     let acts = decided.into_iter().filter(|(agent, _)| snapshot.waits_for(*agent));
                     for outcome in handle.submit(acts.collect()).await {
                         match outcome {
@@ -170,7 +159,7 @@ pub async fn play(handle: Handle, host: &Host, permits: &FairLimit) -> Result<()
             }
         }
         if published.changed().await.is_err() {
-            // Its actor has ended; its recovery sends a new handle.
+            // Its actor has ended; the recovery sends the episode again.
             return Ok(());
         }
     }
@@ -184,10 +173,7 @@ pub struct Players {
 }
 
 impl Players {
-    /// The players of these seats, by their names; they were shown nothing yet.
-    ///
-    /// # Errors
-    /// Where one is not built in.
+    /// The players of these seats, by their names. None has been shown a round yet.
     pub fn new(spec: &Spec, hosted: &[(AgentId, String)]) -> Result<Self, HostedError> {
         let made = hosted.iter().map(|(agent, name)| {
             let built_in = find(name, spec.config.task());
@@ -198,7 +184,7 @@ impl Players {
         Ok(Self { seats, shown: 0 })
     }
 
-    /// Shows all that live their observations of the next round, and asks what they do.
+    /// Shows the living agents' players the observations of the next round, and asks for their decisions.
     pub fn decide(&mut self, world: &World) -> Vec<(AgentId, Submission)> {
         let seats = self.seats.iter_mut().filter(|(agent, _)| world.is_alive(*agent));
         let decided = seats.map(|(agent, player)| (*agent, decision(world, *agent, &mut **player)));
@@ -207,8 +193,8 @@ impl Players {
         decided
     }
 
-    /// Has them decide off the async threads, always: hosted games would play as fast as the disk goes, and so
-    /// they leave the processors to all others. It is never refused: each game has one decision at a time.
+    /// Decides a round on a worker thread, however short it takes: hosted games would play as fast as the disk allows.
+    /// The queue needs no bound, as each game has one decision at a time.
     async fn decide_off_thread(
         mut self,
         world: &Arc<World>,
@@ -231,8 +217,8 @@ fn decision(world: &World, agent: AgentId, player: &mut dyn Player) -> Submissio
     Submission { round: world.round(), decision: Decision::of_player(act) }
 }
 
-/// What a player may know of its seat before the game. Its own seed follows from the episode's, so that
-/// the same episode is played the same again, but tells nothing of it.
+/// What a player may know of its seat before the game. Its seed follows from the episode's, so that the same episode is
+/// played the same way again, but does not reveal it.
 fn seat(spec: &Spec, agent: AgentId) -> Seat {
     let mut hash = Sha256::new();
     hash.update("the player of a seat");

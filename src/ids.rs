@@ -32,20 +32,14 @@ row_keys! {
 pub struct EpisodeId(String);
 
 impl EpisodeId {
-    /// A new id.
-    #[must_use]
     pub fn new(now: Timestamp, entropy: &dyn Entropy) -> Self {
         Self(dated_id("ep_", now, entropy))
     }
 
-    /// Takes an id as it was stored or sent; whether it exists is another question.
-    #[must_use]
+    /// An id as it was stored or sent; it may not exist.
     pub fn from_text(text: String) -> Self {
         Self(text)
     }
-
-    /// The id as it is shown.
-    #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -81,9 +75,6 @@ pub enum TokenKind {
 
 impl TokenKind {
     const ALL: [Self; 4] = [Self::Seat, Self::Swarm, Self::Key, Self::Invitation];
-
-    /// How its tokens begin.
-    #[must_use]
     pub const fn prefix(self) -> &'static str {
         match self {
             Self::Seat => "seat_",
@@ -94,8 +85,8 @@ impl TokenKind {
     }
 }
 
-/// A token in clear: a prefix, 192 random bits and a checksum. It is given out once and never
-/// stored; `Debug` does not show it.
+/// A token in clear: a prefix, 192 random bits and a checksum. It is shown once and never stored; `Debug` does not show
+/// it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
 
@@ -106,8 +97,6 @@ pub struct TokenHash(pub [u8; 32]);
 const RANDOM_BYTES: usize = 24;
 
 impl Token {
-    /// A new token.
-    #[must_use]
     pub fn new(kind: TokenKind, entropy: &dyn Entropy) -> Self {
         let mut bytes = [0; RANDOM_BYTES + 4];
         entropy.fill(&mut bytes[..RANDOM_BYTES]);
@@ -117,8 +106,7 @@ impl Token {
         Self(format!("{}{body}", kind.prefix()))
     }
 
-    /// Reads a token that was sent. One with a wrong checksum cannot have been given out.
-    #[must_use]
+    /// Reads a token that was sent. A token with a wrong checksum was never issued.
     pub fn parse(text: &str) -> Option<Self> {
         let body = text.strip_prefix(Self::kind_of(text)?.prefix())?;
         let bytes =
@@ -130,21 +118,14 @@ impl Token {
     fn kind_of(text: &str) -> Option<TokenKind> {
         TokenKind::ALL.into_iter().find(|kind| text.starts_with(kind.prefix()))
     }
-
-    /// What kind of token it is.
-    #[must_use]
     pub fn kind(&self) -> TokenKind {
         Self::kind_of(&self.0).expect("every token has a prefix")
     }
 
-    /// The token in clear, to be sent to its holder.
-    #[must_use]
+    /// The token in clear, for its holder.
     pub fn reveal(&self) -> &str {
         &self.0
     }
-
-    /// What is stored of it.
-    #[must_use]
     pub fn hash(&self) -> TokenHash {
         TokenHash(Sha256::digest(&self.0).into())
     }

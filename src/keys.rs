@@ -7,8 +7,7 @@ use crate::clock::Entropy;
 use crate::ids::{Token, TokenHash, TokenKind, dated_id};
 use crate::names;
 
-/// The number of a key in the database; short, and never shown. An episode that was created with
-/// a key belongs to it.
+/// The number of a key in the database; never shown. An episode that was created with a key belongs to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct OwnerKey(pub i64);
 
@@ -24,11 +23,9 @@ pub enum Role {
 }
 
 impl Role {
-    /// All of them.
     pub const ALL: [Self; 3] = [Self::Entrant, Self::Member, Self::Organizer];
 
-    /// Its name on the wire and in the database.
-    #[must_use]
+    /// The name on the wire and in the database.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Entrant => "entrant",
@@ -36,41 +33,29 @@ impl Role {
             Self::Organizer => "organizer",
         }
     }
-
-    /// The role with this name.
-    #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|role| role.name() == name)
     }
 }
 
-/// Characters of the name of a key.
 pub const NAME_CHARS_MAX: usize = 100;
 
-/// A key as it is stored: all but the key itself.
+/// A key without its token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// Its number; none as long as it is not stored.
+    /// `None` until it is stored.
     pub number: Option<OwnerKey>,
-    /// Its public id.
     pub id: String,
-    /// What its holder may do.
     pub role: Role,
-    /// Whose it is.
+    /// The name of the holder.
     pub name: String,
-    /// When it was made.
     pub created_at: Timestamp,
-    /// From when on it is worth nothing, if ever.
     pub expires_at: Option<Timestamp>,
-    /// When it was revoked, if it was.
     pub revoked_at: Option<Timestamp>,
 }
 
 impl Key {
-    /// Makes a key for somebody. The token is to be shown once.
-    ///
-    /// # Errors
-    /// What is wrong with the name.
+    /// Makes a key. The token is to be shown once. An error says what is wrong with the name.
     pub fn new(
         role: Role,
         name: &str,
@@ -91,14 +76,12 @@ impl Key {
         Ok((key, Token::new(TokenKind::Key, entropy)))
     }
 
-    /// Whether it opens anything at that time.
-    #[must_use]
+    /// Whether the key is accepted at that time.
     pub fn is_good(&self, now: Timestamp) -> bool {
         self.revoked_at.is_none() && self.expires_at.is_none_or(|at| now < at)
     }
 
-    /// Its status: `good`, `expired` or `revoked`.
-    #[must_use]
+    /// `good`, `expired` or `revoked`.
     pub fn state(&self, now: Timestamp) -> &'static str {
         match (self.revoked_at, self.is_good(now)) {
             (Some(_), _) => "revoked",
@@ -106,9 +89,6 @@ impl Key {
             (None, false) => "expired",
         }
     }
-
-    /// What is shown of it at a moment.
-    #[must_use]
     pub fn summary(&self, now: Timestamp) -> KeySummary {
         KeySummary {
             id: self.id.clone(),
@@ -122,11 +102,9 @@ impl Key {
     }
 }
 
-/// A key with the hash by which it is found.
+/// A key with the hash of its token, by which it is found.
 #[derive(Clone, Debug)]
 pub struct KeyRow {
-    /// The key.
     pub key: Key,
-    /// The hash of its token.
     pub hash: TokenHash,
 }

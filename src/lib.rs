@@ -3,17 +3,17 @@
 //!
 //! The modules, in the order in which data flows:
 //!
-//! - [`http`]: a request comes in; the only place that names axum. [`wire`] has the shapes of its JSON.
-//! - [`episode`]: the barrier, the actor that steps the engine, and what readers share.
+//! - [`http`]: routes and connections; the only place that names axum. [`wire`] has the shapes of its JSON.
+//! - [`episode`]: the barrier, the actor that steps the engine, and the snapshots that readers share.
 //! - [`journal`]: the records of an episode, and how it is replayed.
 //! - [`store`]: the database; the only place that names sqlx.
-//! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that nobody knows before the end.
+//! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that are secret until the end.
 //! - [`prompt`]: observations as text for language models.
-//! - [`server`]: all of the above, started and stopped.
-//! - [`llm`]: language models, asked over the network or played from a cassette.
-//! - [`players`]: how a player meets a server. [`loadtest`]: many at once. [`cli`]: the commands.
-//! - [`fair`], [`work`]: who gets the next share of something scarce, and heavy work done by it.
-//! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several of them need.
+//! - [`server`]: starts and stops all of the above.
+//! - [`llm`]: requests to language models, over the network or from a cassette.
+//! - [`players`]: a client of the server that plays. [`loadtest`]: many of them at once. [`cli`]: the commands.
+//! - [`fair`], [`work`]: fair shares of scarce resources, and worker threads that use them.
+//! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.
 
 #![expect(
     missing_docs,

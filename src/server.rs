@@ -1,4 +1,4 @@
-//! The server as a whole: opened, run, stopped. `main` and the tests start the same one.
+//! Opens, runs and stops the whole server. `main` and the tests start the same one.
 
 use std::io;
 use std::net::SocketAddr;
@@ -30,24 +30,20 @@ use crate::store::{OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
 
-/// How long the server waits before it retries to recover what was running before a restart.
+/// Pause before the server retries to recover unfinished episodes and runs.
 const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
 
-/// How often idle episodes, waiting runs and caches are swept.
+/// Interval between sweeps of idle episodes, waiting runs and caches.
 const SWEEP: Duration = Duration::from_mins(1);
 
-/// What a server is made of; the defaults are the host's own.
+/// The replaceable parts of a server; the defaults are the host's own.
 #[derive(Clone)]
 pub struct Parts {
-    /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
-    /// Where randomness comes from.
     pub entropy: Arc<dyn Entropy>,
-    /// How full the disk of the database is; the host's own where there is none.
+    /// The disk of the database; `None` for the host's own.
     pub disk: Option<Arc<dyn Disk>>,
-    /// What is taken at most.
     pub limits: Limits,
-    /// To whom the server opens.
     pub access: Access,
 }
 
@@ -63,11 +59,10 @@ impl Default for Parts {
     }
 }
 
-/// Open files that are not connections: the database, refused connections, and some in reserve.
+/// Open files that are not connections: the database, refused connections, and a reserve.
 const FILES_RESERVED: u64 = 256;
 
-/// Lets this process open as many files as the host allows, and takes no more connections than fit.
-#[must_use]
+/// Raises the limit of open files as far as the host allows, and limits connections to it.
 pub fn fit_open_files(limits: Limits) -> Limits {
     let files = raise_open_files();
     let fitting = within_files(&limits, files);
@@ -82,59 +77,45 @@ pub fn fit_open_files(limits: Limits) -> Limits {
     fitting
 }
 
-/// Takes `given` bytes of memory for all worlds and answers, or half of what this process may use.
-#[must_use]
-pub fn fit_memory(limits: Limits, given: Option<usize>) -> Limits {
+/// Limits the memory of worlds and answers to `memory_max` bytes, or to half of what this process may use.
+pub fn fit_memory(limits: Limits, memory_max: Option<usize>) -> Limits {
     let half = memory_bytes().map(|bytes| bytes / 2);
-    let memory_bytes_max = given.or(half).unwrap_or(limits.memory_bytes_max);
+    let memory_bytes_max = memory_max.or(half).unwrap_or(limits.memory_bytes_max);
     Limits { memory_bytes_max, ..limits }
 }
 
-/// The limits where so many files may be open; none means any number.
+/// The limits with room for this many open files; `None` means no limit.
 fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
     let fit = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
     let fit = usize::try_from(fit).unwrap_or(usize::MAX);
     Limits { connections_max: limits.connections_max.min(fit), ..*limits }
 }
 
-/// Connections that the host accepts before this process does. With the usual 128 some of many that come at once try
-/// again only after a second.
+/// Connections that the host queues before this process accepts them. With the usual 128, some of many simultaneous
+/// connections are retried only after a second.
 const ACCEPT_BACKLOG: u32 = 4096;
 
-/// Listens on an address, so that many may connect at once.
-///
-/// # Errors
-/// Where the address cannot be had.
+/// Listens on an address, with room for [`ACCEPT_BACKLOG`] connections.
 pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-    // Connections of an earlier run that the host has not forgotten do not matter.
+    // The port may still have closing connections of an earlier server.
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
     socket.listen(ACCEPT_BACKLOG)
 }
 
-/// A server could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// Its database could not be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// Its database could not be read.
     #[error(transparent)]
     Journal(#[from] StoreError),
 }
 
 /// A server over an open database.
-pub struct Server {
-    app: App,
-    limits: Limits,
-}
+pub struct Server(App);
 
 impl Server {
-    /// Opens the database and gets everything ready to run.
-    ///
-    /// # Errors
-    /// Where the database cannot be opened or read.
     pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
         let store = Store::open(database).await?;
@@ -156,9 +137,9 @@ impl Server {
         }
         let journal: Arc<dyn EpisodeStore> = Arc::new(store.clone());
         let workers = Workers::of_this_host();
-        // Episodes run on these threads, also where a request of low priority takes them up.
-        let threads = Handle::current();
-        let spawn: Spawn = Arc::new(move |task| drop(threads.spawn(task)));
+        // Episodes run on these threads even if a request of low priority recovers them.
+        let runtime = Handle::current();
+        let spawn: Spawn = Arc::new(move |task| drop(runtime.spawn(task)));
         let registry = Registry::new(
             journal,
             Arc::clone(&clock),
@@ -193,31 +174,27 @@ impl Server {
             has_keys,
             stop,
         });
-        Ok(Self { app, limits })
+        Ok(Self(app))
     }
 
-    /// Whether a key was ever made for this server.
-    #[must_use]
+    /// Whether a key was ever created on this server.
     pub fn has_keys(&self) -> bool {
-        self.app.has_keys
+        self.0.has_keys
     }
 
-    /// Closes the database again without serving.
+    /// Closes the database without serving.
     pub async fn close(self) {
-        self.app.store.clone().close().await;
+        self.0.store.clone().close().await;
     }
 
-    /// Serves until `shutdown` completes; then waits end, open requests are answered, and what was
-    /// handed to the journal is committed.
-    ///
-    /// # Errors
-    /// Where the unfinished episodes cannot be listed.
+    /// Serves until `shutdown` completes. Then waiting requests return, open requests are answered, and queued entries
+    /// are committed.
     pub async fn run(
         self,
         listener: TcpListener,
         shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), StartError> {
-        let Self { app, limits } = self;
+        let Self(app) = self;
         let stop = app.stop.clone();
         if let Some(hosted) = app.registry.take_hosted() {
             let playing = hosted::run(hosted, app.registry.host().clone(), stop.clone());
@@ -232,22 +209,23 @@ impl Server {
         services.spawn(close_competitions(app.clone()));
         services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
-        let serving = serve(listener, router(app.clone()), limits, trusted_proxies, stop.clone());
+        let serving =
+            serve(listener, router(app.clone()), app.limits, trusted_proxies, stop.clone());
         let serving = tokio::spawn(serving);
         shutdown.await;
         tracing::info!("stopping");
         stop.cancel();
-        // A panic in there was logged where it happened.
+        // A panic was already logged.
         drop(serving.await);
-        // All of them read the database: it is closed when the last one has stopped.
+        // They read the database, so it is closed after the last one has stopped.
         services.shutdown().await;
         app.store.clone().close().await;
         Ok(())
     }
 }
 
-/// Reads the clock often enough to notice that the process was stopped, and logs that and
-/// of doubts about the time of day once each.
+/// Reads the clock often enough to notice that the process was stopped. Logs each stop, and each doubt about the time
+/// of day once.
 async fn watch_clock(clock: Arc<dyn Clock>) {
     let mut lost = clock.lost();
     let mut was_in_doubt = false;
@@ -271,7 +249,6 @@ async fn watch_clock(clock: Arc<dyn Clock>) {
     }
 }
 
-/// Recovers what was running before a restart.
 async fn recover_with_retries(app: App) {
     while let Err(error) = recover_all(&app).await {
         tracing::error!(%error, "unfinished episodes and runs cannot be recovered; trying again");
@@ -290,14 +267,14 @@ async fn recover_all(app: &App) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Advances a run whenever one of its games has ended.
+/// Advances a run when one of its games has ended.
 async fn advance_runs(app: App) {
     if let Some(ended) = app.registry.take_ended() {
         app.runs.advance_ended(ended).await;
     }
 }
 
-/// Closes competitions when their time is over.
+/// Closes competitions when they are over.
 async fn close_competitions(app: App) {
     closing::run(&app.store, &app.runs, &*app.clock).await;
 }
@@ -311,7 +288,7 @@ async fn sweep(app: App) {
             tracing::error!(%error, "runs cannot be advanced");
         }
         app.tidy();
-        // Where something is wrong that is logged, and the writer finds it with its next commit.
+        // An error is logged there, and the writer finds it at its next commit.
         drop(app.store.check_files());
         app.clock.sleep_until(after(app.clock.now(), SWEEP)).await;
     }

@@ -33,25 +33,20 @@ pub struct Standings {
 
 #[derive(Debug, Default)]
 struct CachedBoards {
-    /// What has changed and is not read again yet.
+    /// Changes that are not read yet.
     changes: Vec<Change>,
-    /// None until the first request.
+    /// `None` until the first request.
     boards: Option<Arc<Boards>>,
-    /// None until the first request.
+    /// `None` until the first request.
     mixed: Option<Arc<MixedGames>>,
 }
 
 impl Standings {
-    /// The boards of this database. Nothing is read yet.
-    #[must_use]
     pub fn new(store: Store) -> Self {
         Self { store, cached: Mutex::default() }
     }
 
     /// All boards, with everything that is durable now.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn boards(&self) -> Result<Arc<Boards>, StoreError> {
         let mut cached = self.cached.lock().await;
         self.catch_up(&mut cached).await?;
@@ -65,7 +60,7 @@ impl Standings {
             let Some(run) = runs.last() else { break };
             last = Some(run.run);
             for run in runs.into_iter().filter(|run| run.is_over) {
-                boards.insert(over(run)?);
+                boards.insert(finished_run(run)?);
             }
         }
         boards.set_imported(self.imported().await?);
@@ -75,9 +70,6 @@ impl Standings {
     }
 
     /// All finished games of several holders, with everything that is durable now.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn mixed(&self) -> Result<Arc<MixedGames>, StoreError> {
         let mut cached = self.cached.lock().await;
         self.catch_up(&mut cached).await?;
@@ -101,22 +93,22 @@ impl Standings {
         Ok(mixed)
     }
 
-    /// Reads again what has changed. The caller may be dropped at any moment: a change is forgotten only once
-    /// it is seen to.
+    /// Reads what has changed. The caller may be dropped at any moment, so a change is removed from the list after it
+    /// was read.
     async fn catch_up(&self, cached: &mut CachedBoards) -> Result<(), StoreError> {
         match self.store.writer().changes().take() {
             Some(changes) => cached.changes.extend(changes),
             None => *cached = CachedBoards::default(),
         }
         if cached.boards.is_none() && cached.mixed.is_none() {
-            // Whatever is read from now on has it.
+            // The first read includes them.
             cached.changes.clear();
         }
         while let Some(&change) = cached.changes.last() {
             match change {
                 Change::Run(run) => self.read_run(cached, run).await?,
                 Change::Imports => {
-                    // All of them come at once, mostly.
+                    // Many games are imported together: one read serves all.
                     cached.changes.retain(|change| *change != Change::Imports);
                     cached.changes.push(Change::Imports);
                     let games = self.imported().await?;
@@ -140,7 +132,7 @@ impl Standings {
 
     async fn read_run(&self, cached: &mut CachedBoards, run: RunKey) -> Result<(), StoreError> {
         let Some(boards) = &mut cached.boards else { return Ok(()) };
-        let found = self.store.run_on_boards(run).await?.map(over).transpose()?;
+        let found = self.store.run_on_boards(run).await?.map(finished_run).transpose()?;
         let boards = Arc::make_mut(boards);
         match found {
             Some(run) => boards.insert(run),
@@ -165,7 +157,7 @@ impl Standings {
     }
 }
 
-/// The boards that are there before anybody has played.
+/// The boards that exist before anybody has played.
 fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
     let suites = RULES.iter().flat_map(|rules| {
         Suite::BUILT_IN.iter().filter_map(move |name| Suite::built_in(name, rules))
@@ -176,7 +168,6 @@ fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
     })
 }
 
-/// What is played on a board.
 fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
     let settings = &suite.settings;
     BoardSuite {
@@ -197,7 +188,7 @@ fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
     }
 }
 
-/// A game from files as a board takes it, if it is one of a task that there is.
+/// An imported game as a board shows it, if its task is known.
 fn imported(game: ImportedGame) -> Option<Imported> {
     let settings = game.settings;
     Some(Imported {
@@ -219,8 +210,8 @@ fn imported(game: ImportedGame) -> Option<Imported> {
     })
 }
 
-/// A stored run as a board takes it.
-fn over(stored: BoardRun) -> Result<FinishedRun, StoreError> {
+/// A stored run as a board shows it.
+fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let broken = |problem: String| {
         StoreError::broken(format!("the run {} cannot be read: {problem}", stored.id))
     };
@@ -245,7 +236,7 @@ fn over(stored: BoardRun) -> Result<FinishedRun, StoreError> {
         })
         .collect::<Result<Vec<_>, StoreError>>()?;
     let is_hosted = definition.player.is_some();
-    // That a built-in player plays is certain; that it is what its creator calls it is not, unless that is its name.
+    // The server vouches for a hosted player only under the player's own name.
     let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
     let is_own_name = own_name.as_ref() == Some(&definition.model);
     let template = definition.template_digest();
@@ -274,7 +265,7 @@ fn over(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     Ok(FinishedRun { key: stored.run.0, board, suite, result })
 }
 
-/// A stored game of several holders as cross-play takes it.
+/// A stored game of several holders as cross-play shows it.
 fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     let broken = |problem: String| {
         let number = stored.episode.0;
@@ -301,7 +292,7 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     })
 }
 
-/// The settings that decide a game but task, seed and rules.
+/// The settings that decide a game, except task, seed and rules.
 fn settings(config: &RecordedConfig) -> SuiteSettings {
     SuiteSettings {
         control: config.control.clone(),

@@ -1,11 +1,10 @@
 //! Heavy work: a fixed number of threads of low priority, shared fairly.
 //!
 //! Work of more than a few milliseconds leaves the async threads: steps of large worlds, replays, prompts,
-//! boards, decisions of built-in players. It runs on [`Workers`], one thread a core. Their priority is lower
-//! than that of the async threads (on Linux), so that a light request never waits for a core; who is next is
-//! decided by a [`FairQueue`], so that nobody's heavy work keeps others from theirs; one thread is
-//! reserved for work that a running game waits for, and another does that only when nothing else waits, so
-//! that neither kind keeps the other from all threads.
+//! boards, decisions of built-in players. It runs on [`Workers`], one thread per core. Their priority is lower
+//! than that of the async threads (on Linux), so that a light request never waits for a core. A [`FairQueue`]
+//! decides which job is next, so that no party can block the others. One thread is reserved for urgent jobs,
+//! and another prefers normal ones, so that neither kind can occupy all threads.
 //!
 //! Whole requests that no running game waits for, and those with large bodies, are handled on async threads of the
 //! same low priority: [`Workers::in_background`].
@@ -23,19 +22,15 @@ use tracing::Instrument as _;
 
 use crate::fair::{FairQueue, Party, Rank, Shares};
 
-/// How much lower the priority of worker threads is than that of the others: their nice value.
+/// The nice value of worker threads.
 const NICE: i32 = 10;
 
-/// Jobs that wait at once.
 pub const JOBS_WAITING_MAX: usize = 4096;
 
-/// Jobs of one group that wait at once.
 pub const JOBS_WAITING_PER_GROUP_MAX: usize = 1024;
 
-/// Work that was not done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WorkError {
-    /// As many jobs wait as may.
     #[error(
         "the queue of heavy work is full, {JOBS_WAITING_PER_GROUP_MAX} jobs of a group and {JOBS_WAITING_MAX} in all"
     )]
@@ -45,21 +40,19 @@ pub enum WorkError {
     BrokeOff,
 }
 
-/// Tells running work whether anybody still waits for its result.
+/// Tells running work whether its caller still waits for the result.
 pub struct Cancelled<'a>(&'a (dyn Fn() -> bool + 'a));
 
 impl Cancelled<'_> {
-    /// Somebody waits for sure.
     pub const NEVER: Cancelled<'static> = Cancelled(&|| false);
 
     /// Whether the caller is gone: further work is wasted.
-    #[must_use]
     pub fn is_cancelled(&self) -> bool {
         (self.0)()
     }
 }
 
-/// Something to do. It says itself whether it is still wanted.
+/// A queued piece of work.
 trait Job: Send {
     fn is_wanted(&self) -> bool;
     fn kind(&self) -> &'static str;
@@ -87,7 +80,7 @@ impl<T: Send, F: FnOnce(&Cancelled<'_>) -> T + Send> Job for Task<T, F> {
             let is_closed = || done.is_closed();
             catch_unwind(AssertUnwindSafe(|| work(&Cancelled(&is_closed))))
         };
-        // The panic was logged where it happened; dropping the sender wakes the waiter.
+        // A panic was already logged; dropping the sender wakes the waiter.
         if let Ok(result) = result {
             drop(done.send(result));
         }
@@ -119,37 +112,37 @@ impl Shared {
     fn push(&self, party: Party, rank: Rank, job: Box<dyn Job>) -> Result<(), WorkError> {
         {
             let queue = &mut self.state().queue;
-            if let Err((_, job)) = queue.push(party, rank, job) {
+            if let Err(job) = queue.push(party, rank, job) {
                 queue.retain(|job| job.is_wanted());
                 queue.push(party, rank, job).map_err(|_| WorkError::Busy)?;
             }
         }
-        // Not all threads may do what comes next: each looks for itself.
+        // Not every thread may take the next job: each one checks.
         self.wake.notify_all();
         Ok(())
     }
 }
 
-/// Threads for heavy work. Cloning shares them; they end with the last clone.
+/// Threads for heavy work. Clones share them; they end with the last clone.
 #[derive(Clone)]
 pub struct Workers(Option<Arc<Owner>>);
 
-/// What ends the threads.
+/// Ends the threads when it is dropped.
 struct Owner {
     shared: Arc<Shared>,
     threads: usize,
-    /// Async threads of low priority. None where the host gave no more threads.
+    /// Async threads of low priority; `None` if the host refused more threads.
     background: Option<Runtime>,
 }
 
 /// What a thread does first.
 #[derive(Clone, Copy)]
 enum Duty {
-    /// Only what a running game waits for.
+    /// Only urgent jobs.
     Urgent,
-    /// What no game waits for; what games wait for when there is nothing else.
+    /// Normal jobs first, then urgent ones.
     Normal,
-    /// What comes first.
+    /// Urgent jobs first, then normal ones.
     Any,
 }
 
@@ -175,21 +168,19 @@ impl Drop for Owner {
     fn drop(&mut self) {
         self.shared.state().stopped = true;
         self.shared.wake.notify_all();
-        // The last clone may be dropped on one of these threads, which cannot wait for itself.
+        // The last clone may be dropped on one of these threads, so this must not wait for them.
         self.background.take().into_iter().for_each(Runtime::shutdown_background);
     }
 }
 
 impl Workers {
-    /// One thread a core, and at least two.
-    #[must_use]
+    /// One thread per core, and at least two.
     pub fn of_this_host() -> Self {
         let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
         Self::new(cores.max(2))
     }
 
-    /// So many threads, at least two: all but one also do what no game waits for.
-    #[must_use]
+    /// At least two threads: all but one also do normal jobs.
     pub fn new(threads: usize) -> Self {
         let threads = threads.max(2);
         let queue = FairQueue::new(Shares {
@@ -213,18 +204,14 @@ impl Workers {
         Self(Some(Arc::new(Owner { shared, threads, background })))
     }
 
-    /// No threads: all work is done at once by its caller. Then its result does not depend on
-    /// the host, for tests that have to go the same way again.
-    #[must_use]
+    /// No threads: callers do their work themselves. Then the order does not depend on the host, for tests that repeat
+    /// a run.
     pub const fn inline() -> Self {
         Self(None)
     }
 
-    /// Does work for a party, once it is its turn. Work that nobody waits for any more is not begun, and can
-    /// stop early by asking [`Cancelled`]. The time that it took is counted under the name of its kind.
-    ///
-    /// # Errors
-    /// Where too much waits, or the work panicked.
+    /// Does work for a party in its turn. Work whose caller is gone is not begun, and can stop early by asking
+    /// [`Cancelled`]. Its time is counted under `kind`.
     pub async fn run<T: Send + 'static>(
         &self,
         kind: &'static str,
@@ -235,11 +222,8 @@ impl Workers {
         self.hand_over(kind, work, |shared, job| shared.push(party, rank, job)).await
     }
 
-    /// Does work that has to be done, however much waits: the caller bounds how much of it there is, as an
-    /// actor does, which resolves one round at a time.
-    ///
-    /// # Errors
-    /// Where the work panicked.
+    /// Does work however much waits: the caller bounds how much of it there is, as an actor does, which resolves one
+    /// round at a time.
     pub async fn run_always<T: Send + 'static>(
         &self,
         kind: &'static str,
@@ -272,9 +256,6 @@ impl Workers {
     }
 
     /// Runs a future on async threads of low priority. It is dropped when its caller is.
-    ///
-    /// # Errors
-    /// Where the threads have stopped.
     pub async fn in_background<T: Send + 'static>(
         &self,
         work: impl Future<Output = T> + Send + 'static,
@@ -284,16 +265,13 @@ impl Workers {
         };
         let task = AbortOnDropHandle::new(background.spawn(work.in_current_span()));
         task.await.map_err(|error| match error.try_into_panic() {
-            // It is answered where panics of all requests are.
+            // The handler for panics of all requests answers it.
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => WorkError::BrokeOff,
         })
     }
 
-    /// Runs a task on async threads of low priority to its end; gives it back where there are none.
-    ///
-    /// # Errors
-    /// The task, where these workers have no threads.
+    /// Runs a task on async threads of low priority to its end; returns it if there are none.
     pub fn spawn_in_background(
         &self,
         task: BoxFuture<'static, ()>,
@@ -306,15 +284,11 @@ impl Workers {
             None => Err(task),
         }
     }
-
-    /// How many threads there are.
-    #[must_use]
     pub fn threads(&self) -> usize {
         self.0.as_deref().map_or(1, |owner| owner.threads)
     }
 
     /// Jobs that run, and jobs that wait.
-    #[must_use]
     pub fn load(&self) -> (usize, usize) {
         let Some(Owner { shared, .. }) = self.0.as_deref() else { return (0, 0) };
         let state = shared.state();
@@ -322,8 +296,8 @@ impl Workers {
     }
 }
 
-/// Async threads of low priority, one a core. Threads that they start, such as those of new database connections,
-/// have the same priority.
+/// Async threads of low priority, one per core. Threads that they start, such as those of new database connections,
+/// inherit the priority.
 fn background(threads: usize) -> Option<Runtime> {
     let mut builder = Builder::new_multi_thread();
     builder.worker_threads(threads).thread_name("background").enable_all();
@@ -333,7 +307,6 @@ fn background(threads: usize) -> Option<Runtime> {
         .ok()
 }
 
-/// What a worker thread does.
 fn work(shared: &Shared, duty: Duty) {
     lower_priority();
     let mut state = shared.state();
@@ -353,19 +326,19 @@ fn work(shared: &Shared, duty: Duty) {
             metrics::histogram!("swarmbench_heavy_seconds", "kind" => kind)
                 .record(started.elapsed());
         } else {
-            // Whatever it holds goes now, and not under the lock of the queue.
+            // Its memory is freed here, not under the lock of the queue.
             drop(job);
         }
         state = shared.state();
         state.queue.done(party, rank, started.elapsed());
-        // The slot that is free now may be what another thread needs for what waits.
+        // Another thread may need the freed slot for a waiting job.
         if state.queue.waiting() > 0 {
             shared.wake.notify_all();
         }
     }
 }
 
-/// Lowers the priority of this thread. Elsewhere than on Linux that would be the whole process.
+/// Lowers the priority of this thread. On other systems than Linux it would lower that of the whole process.
 #[cfg(target_os = "linux")]
 fn lower_priority() {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
@@ -393,7 +366,7 @@ mod tests {
         Party::of(Group::Owner(OwnerKey(number)))
     }
 
-    /// Keeps the one thread for normal work busy until the sender is dropped.
+    /// Blocks the one thread for normal jobs until the sender is dropped.
     async fn block(workers: &Workers) -> (mpsc::Sender<()>, tokio::task::JoinHandle<()>) {
         let (release, held) = mpsc::channel::<()>();
         let (started, is_started) = oneshot::channel();

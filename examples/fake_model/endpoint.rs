@@ -1,4 +1,4 @@
-//! The endpoint, for tests too: what it answers follows from the prompt alone.
+//! The endpoint, for tests too: its answers depend only on the prompt.
 
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};

@@ -1,21 +1,21 @@
 //! `swarmbench audit`
 
-use super::play::table;
-use crate::players::client::Client;
-use crate::wire::competition::AuditLog;
+use super::options::ServerArgs;
+use super::output::table;
+use super::pages::{Page, pages};
+use crate::wire::competition::AuditEntry;
+
+/// Entries that the server sends in one page.
+const PAGE_ENTRIES_MAX: usize = 1000;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The server asks for an organizer's key: put it into SWARMBENCH_KEY. Every line was kept in the same \
-    transaction as what it tells of. `local` is whoever worked on the server's own machine, with `swarmbench key`."
+    after_help = "The server asks for an organizer's key: put it into SWARMBENCH_KEY. Every entry was stored in the same \
+    transaction as the change that it describes. `local` stands for a user of the server's own machine, with `swarmbench key`."
 )]
 pub(super) struct Args {
-    /// The address of the server.
-    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-    server: String,
-    /// An organizer's key.
-    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
-    key: Option<String>,
+    #[command(flatten)]
+    server: ServerArgs,
     /// The maximum number of entries, newest first.
     #[arg(long, default_value_t = 50)]
     limit: usize,
@@ -25,30 +25,22 @@ pub(super) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let mut client = Client::new(&args.server)?;
-    if let Some(key) = args.key {
-        client = client.with_key(key);
-    }
+    let client = args.server.client()?;
+    let limit = args.limit.clamp(1, PAGE_ENTRIES_MAX).to_string();
+    let mut entries: Vec<AuditEntry> = Vec::new();
+    let add = |page: Page<AuditEntry>| {
+        entries.extend(page.items);
+        page.next_cursor.filter(|_| entries.len() < args.limit)
+    };
+    pages(&client, "/api/v1/audit", &[("limit", &limit)], add).await?;
+    entries.truncate(args.limit);
     let mut shown = table(&["when", "who", "what", "to", "detail"]);
-    let mut left = args.limit;
-    let mut cursor: Option<String> = None;
-    while left > 0 {
-        let limit = left.min(1000).to_string();
-        let mut query = vec![("limit", limit.as_str())];
-        query.extend(cursor.as_deref().map(|cursor| ("cursor", cursor)));
-        let page: AuditLog = client.get_with("/api/v1/audit", &query).await?;
-        left -= page.items.len().min(left);
-        for audit_entry in page.items {
-            if args.json {
-                println!("{}", serde_json::to_string(&audit_entry)?);
-            }
-            let (at, detail) = (audit_entry.at.to_string(), audit_entry.detail.to_string());
-            shown.add_row([at, audit_entry.who, audit_entry.action, audit_entry.subject, detail]);
+    for entry in entries {
+        if args.json {
+            println!("{}", serde_json::to_string(&entry)?);
         }
-        cursor = page.next_cursor;
-        if cursor.is_none() {
-            break;
-        }
+        let (at, detail) = (entry.at.to_string(), entry.detail.to_string());
+        shown.add_row([at, entry.who, entry.action, entry.subject, detail]);
     }
     if !args.json {
         println!("{shown}");

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount};
 
+use super::output::{progress_bar, set};
 use crate::store::backup::{Backup, back_up};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The server may go on meanwhile: its database is only read. A backup that is broken off leaves \
-    FILE.partial (and FILE.partial-journal), which the next one to the same FILE replaces.\n\n\
+    after_help = "The server may keep running: its database is only read. An interrupted backup leaves \
+    FILE.partial (and FILE.partial-journal), which the next backup to the same FILE replaces.\n\n\
     To restore: stop the server; move its database away, together with the files of the same name that end in -wal \
     and -shm; copy FILE to the database's place; start the server."
 )]
@@ -22,14 +23,8 @@ pub(super) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let style = "{bar:30} {bytes} of at most {total_bytes}";
-    let bar = ProgressBar::new(0)
-        .with_style(ProgressStyle::with_template(style).expect("a valid template"));
-    let backup = back_up(&args.db, &args.file, |written, of| {
-        bar.set_length(of);
-        bar.set_position(written);
-    })
-    .await;
+    let bar = progress_bar("{bar:30} {bytes} of at most {total_bytes}");
+    let backup = back_up(&args.db, &args.file, |written, of| set(&bar, written, of)).await;
     bar.finish_and_clear();
     let Backup { episodes, acts, rounds, bytes } = backup?;
     let (db, file) = (args.db.display(), args.file.display());

@@ -3,23 +3,18 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use indicatif::HumanCount;
 
+use super::output::{progress_bar, set};
 use crate::store::OpenError;
 use crate::store::rebuild::{RebuildError, Rebuilt, rebuild};
 
-#[derive(Debug, clap::Args)]
-pub(super) struct Args {
-    #[command(subcommand)]
-    command: Command,
-}
-
 #[derive(Debug, clap::Subcommand)]
-enum Command {
+pub(super) enum Command {
     /// Drop the results that boards show, and rebuild them from the journals.
     #[command(
-        after_help = "The server has to be stopped. Either all is made again or nothing is changed. With --replay \
-        every episode of the boards is also played again, and every hash, digest, act and score is compared, which \
+        after_help = "The server has to be stopped. Either all results are rebuilt or none is changed. With --replay \
+        every episode of the boards is also replayed, and every hash, digest, act and score is compared, which \
         takes longer."
     )]
     Rebuild {
@@ -32,16 +27,10 @@ enum Command {
     },
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Command::Rebuild { db, replay } = args.command;
-    let style = "{bar:30} episode {pos} of {len}, {eta} left";
-    let bar = ProgressBar::new(0)
-        .with_style(ProgressStyle::with_template(style).expect("a valid template"));
-    let rebuilt = rebuild(&db, replay, |done, of| {
-        bar.set_length(of);
-        bar.set_position(done);
-    })
-    .await;
+pub(super) async fn run(command: Command) -> anyhow::Result<()> {
+    let Command::Rebuild { db, replay } = command;
+    let bar = progress_bar("{bar:30} episode {pos} of {len}, {eta} left");
+    let rebuilt = rebuild(&db, replay, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
     let Rebuilt { rows, differing } = match rebuilt {
         Err(error @ RebuildError::Open(OpenError::InUse(_))) => {
@@ -49,18 +38,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         other => other?,
     };
-    let how = if replay {
-        "made again from journals that were all played again"
-    } else {
-        "made again from the journals"
-    };
+    let how = if replay { "rebuilt from replayed journals" } else { "rebuilt from the journals" };
     println!("{}: {} results {how}", db.display(), HumanCount(rows));
     match differing {
-        0 => println!("All are as they were."),
-        _ => println!(
-            "{} are not as they were: boards may show other numbers now.",
-            HumanCount(differing)
-        ),
+        0 => println!("None has changed."),
+        _ => println!("{} have changed: boards may show other numbers.", HumanCount(differing)),
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use jiff::SignedDuration;
 use serde_json::json;
 
-use crate::players::client::Client;
+use super::options::ServerArgs;
 use crate::wire::clock::ConfirmedClock;
 
 #[derive(Debug, clap::Args)]
@@ -20,27 +20,19 @@ pub(super) struct Args {
 enum Command {
     /// Confirm that the clock of the server's host is right, when the server doubts its time of day.
     Confirm {
-        /// The address of the server.
-        #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-        server: String,
-        /// An organizer's key.
-        #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
-        key: Option<String>,
+        #[command(flatten)]
+        server: ServerArgs,
     },
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Command::Confirm { server, key } = args.command;
-    let mut client = Client::new(&server)?;
-    if let Some(key) = key {
-        client = client.with_key(key);
-    }
-    let confirmed = client.post("/api/v1/clock/confirm", &json!({})).await?;
-    print!("{}", told(&confirmed));
+    let Command::Confirm { server } = args.command;
+    let confirmed = server.client()?.post("/api/v1/clock/confirm", &json!({})).await?;
+    print!("{}", shown(&confirmed));
     Ok(())
 }
 
-fn told(confirmed: &ConfirmedClock) -> String {
+fn shown(confirmed: &ConfirmedClock) -> String {
     let ConfirmedClock { now, moved_ms, doubt } = confirmed;
     let before = *now - SignedDuration::from_millis(*moved_ms);
     let doubt = doubt.as_deref().unwrap_or("the time of day was not in doubt");
@@ -52,11 +44,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_clock_that_was_set_back_is_told() {
+    fn a_clock_that_was_set_back_is_shown() {
         let now = "2026-03-01T11:00:00Z".parse().expect("a time");
         let doubt = Some("it has jumped".to_owned());
-        let told = told(&ConfirmedClock { now, moved_ms: -3_600_000, doubt });
+        let shown = shown(&ConfirmedClock { now, moved_ms: -3_600_000, doubt });
         let expected = "before  2026-03-01T12:00:00Z\nnow     2026-03-01T11:00:00Z (-3600000 ms)\ndoubt   it has jumped\n";
-        assert_eq!(told, expected);
+        assert_eq!(shown, expected);
     }
 }

@@ -46,7 +46,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let base = format!("http://{}", listener.local_addr()?);
     let (stop, stopped) = oneshot::channel::<()>();
     let serving = tokio::spawn(server.run(listener, async {
-        // The other end is dropped when it is done.
+        // Dropping the sender stops the server.
         drop(stopped.await);
     }));
     println!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
@@ -55,7 +55,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         () = super::asked_to_stop() => None,
     };
     if played.is_some() {
-        println!("The data lies in {}", db.display());
+        println!("The database is {}", db.display());
         println!("{}", how_to_join(&base));
         if !args.exit {
             println!("The server runs until Ctrl-C.");
@@ -67,7 +67,6 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Plays all tasks at once and shows the scores.
 async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
     let client = Client::new(base)?;
     let bars = MultiProgress::new();
@@ -88,13 +87,13 @@ async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A database in a directory of its own that nobody else uses.
+/// A new database, in a directory of this process.
 fn fresh_database() -> anyhow::Result<PathBuf> {
     let directory = std::env::temp_dir().join(format!("swarmbench-demo-{}", std::process::id()));
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
     let db = directory.join("swarmbench.db");
-    // What an earlier process with the same number left is not fresh.
+    // An earlier process may have had the same id.
     for end in ["", "-wal", "-shm"] {
         let mut old = db.clone().into_os_string();
         old.push(end);

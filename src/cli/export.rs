@@ -4,23 +4,24 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount};
 use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
+use super::options::client;
+use super::output::{progress_bar, set};
 use super::play::task;
 use crate::dataset::export::{Export, Exported, ImportedGames, Selection, TableName};
 use crate::dataset::files::{Archive, Files, Folder};
 use crate::episode::Status;
 use crate::ids::EpisodeId;
-use crate::players::client::Client;
 use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "The database is only read; its server may go on meanwhile. What is not complete has .partial behind \
-    its name.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts work on the folder. \
+    after_help = "The database is only read; its server may keep running. An incomplete export has a name that ends in \
+    .partial.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts read the folder. \
     `jsonl` and `parquet` write the two tables acts and rounds into it.\n\nExamples:\n  \
     swarmbench export games --db swarmbench.db\n  \
     swarmbench export games.zip --task Transport --model my-model\n  \
@@ -33,7 +34,7 @@ pub(super) struct Args {
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// Download an archive from this server instead, of all that your key may read.
+    /// Download an archive from this server instead, of all episodes that your key may read.
     #[arg(long, conflicts_with_all = ["imported", "format"])]
     server: Option<String>,
     /// Your key, for `--server`.
@@ -97,8 +98,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         download(&args, &server, &partial).await?;
         None
     } else {
-        let place = (to.clone(), partial.clone());
-        let work = move || write(&args, &place.1, is_archive);
+        let partial = partial.clone();
+        let work = move || write(&args, &partial, is_archive);
         Some(tokio::task::spawn_blocking(work).await??)
     };
     std::fs::rename(&partial, &to)
@@ -112,7 +113,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             HumanCount(acts)
         );
         for (episode, problem) in &broken {
-            eprintln!("left out: {episode} does not play again: {problem}");
+            eprintln!("left out: {episode} cannot be replayed: {problem}");
         }
         if !broken.is_empty() {
             bail!("{} episodes are left out; the others are written", broken.len());
@@ -127,18 +128,12 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Exported> {
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(&args.db))?;
-    let bar = ProgressBar::new(0).with_style(
-        ProgressStyle::with_template("{bar:30} {pos} of {len} games, {elapsed}")
-            .expect("a valid template"),
-    );
-    let progress = |done, of| {
-        bar.set_length(of);
-        bar.set_position(done);
-    };
+    let bar = progress_bar("{bar:30} {pos} of {len} games, {elapsed}");
+    let progress = |done, of| set(&bar, done, of);
     let mut files: Box<dyn Files> = if is_archive {
         Box::new(Archive::new(create(partial)?))
     } else {
-        std::fs::create_dir(partial).with_context(|| unmade(partial))?;
+        std::fs::create_dir(partial).with_context(|| not_created(partial))?;
         Box::new(Folder::new(partial.to_owned()))
     };
     let task = args.task.map(|task| task.name().to_owned());
@@ -177,22 +172,17 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
     Ok(exported)
 }
 
-/// Leftovers of an earlier attempt are not overwritten.
-fn unmade(path: &Path) -> String {
+fn not_created(path: &Path) -> String {
     let path = path.display();
-    format!("{path} cannot be made; if it is left of an export that broke off, remove it")
+    format!("{path} cannot be created; if it is left over from an interrupted export, remove it")
 }
 
 fn create(path: &Path) -> anyhow::Result<File> {
-    File::create_new(path).with_context(|| unmade(path))
+    File::create_new(path).with_context(|| not_created(path))
 }
 
-/// Downloads the archive of a server.
 async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<()> {
-    let mut client = Client::new(server)?;
-    if let Some(key) = args.key.clone() {
-        client = client.with_key(key);
-    }
+    let client = client(server, args.key.clone())?;
     let task = args.task.map(|task| task.name().to_owned());
     let status = args.status.map(|status| status.name().to_owned());
     let query: Vec<(&str, &String)> = [
@@ -205,9 +195,7 @@ async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<(
     .into_iter()
     .filter_map(|(name, value)| Some((name, value.as_ref()?)))
     .collect();
-    let bar = ProgressBar::new_spinner().with_style(
-        ProgressStyle::with_template("{spinner} {bytes} {elapsed}").expect("a valid template"),
-    );
+    let bar = progress_bar("{spinner} {bytes} {elapsed}");
     let mut file = create(partial)?;
     client.download("/api/v1/exports/dataset.zip", &query, &mut bar.wrap_write(&mut file)).await?;
     bar.finish_and_clear();

@@ -2,21 +2,23 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
-use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use anyhow::bail;
+use indicatif::{HumanCount, ProgressBar};
 
+use super::options::open_database;
+use super::output::{progress_bar, set};
 use crate::clock::{Clock, SystemClock};
 use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Taker, read};
+use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::imports::ImportRow;
-use crate::store::{OpenError, Store};
 
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Reads what the public toolkit writes, and what `swarmbench export` writes: meta_log.json with \
-    game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/evaluate/dataset.md). What is missing or \
-    broken is told by its name and skipped, the rest is imported. The same data again changes nothing. Imported games \
+    game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/evaluate/dataset.md). Missing and \
+    broken files are reported and skipped, the others are imported. Importing the same data again changes nothing. Imported games \
     are unverified: they are shown as they were recorded, at /api/v1/imports of a server on this database.\n\n\
     Examples:\n  swarmbench import experiment_v01 --db swarmbench.db\n  swarmbench import games.zip"
 )]
@@ -29,23 +31,16 @@ pub(super) struct Args {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let store = match Store::open(&args.db).await {
-        Ok(store) => store,
-        Err(error @ OpenError::InUse(_)) => {
-            return Err(error).context("a server runs on this database: stop it for the import");
-        }
-        Err(error) => return Err(error.into()),
-    };
-    let keeper = Keeper::new(store.clone());
+    let store = open_database(&args.db, "stop it for the import").await?;
+    let mut importer = Importer::new(store.clone());
     let from = args.from.clone();
     let work = move || {
-        let mut keeper = keeper;
-        let result = read(&from, &Bounds::default(), &mut keeper);
-        keeper.bar.finish_and_clear();
-        (keeper, result)
+        let result = read(&from, &Bounds::default(), &mut importer);
+        importer.bar.finish_and_clear();
+        (importer, result)
     };
-    let (keeper, result) = tokio::task::spawn_blocking(work).await?;
-    let Keeper { added, completed, known, acts, problems, .. } = keeper;
+    let (importer, result) = tokio::task::spawn_blocking(work).await?;
+    let Importer { added, completed, known, acts, problems, .. } = importer;
     store.close().await;
     for Problem { file, problem } in &problems {
         eprintln!("skipped: {file}: {problem}");
@@ -61,13 +56,13 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     );
     result?;
     if added + completed + known == 0 {
-        bail!("{} holds no game that can be read", args.from.display());
+        bail!("{} has no game that can be read", args.from.display());
     }
     Ok(())
 }
 
-/// Keeps games, and counts.
-struct Keeper {
+/// Stores games, and counts them.
+struct Importer {
     store: Store,
     runtime: tokio::runtime::Handle,
     bar: ProgressBar,
@@ -78,14 +73,12 @@ struct Keeper {
     problems: Vec<Problem>,
 }
 
-impl Keeper {
+impl Importer {
     fn new(store: Store) -> Self {
-        let style = "{bar:30} {pos} of {len} games, {elapsed}";
-        let style = ProgressStyle::with_template(style).expect("a valid template");
         Self {
             store,
             runtime: tokio::runtime::Handle::current(),
-            bar: ProgressBar::new(0).with_style(style),
+            bar: progress_bar("{bar:30} {pos} of {len} games, {elapsed}"),
             added: 0,
             completed: 0,
             known: 0,
@@ -95,7 +88,7 @@ impl Keeper {
     }
 }
 
-impl Taker for Keeper {
+impl Taker for Importer {
     fn game(&mut self, game: ImportRow) -> anyhow::Result<()> {
         let found = self.runtime.block_on(self.store.find_import(&game.id))?;
         match found {
@@ -108,7 +101,7 @@ impl Taker for Keeper {
         }
         self.acts += game.acts;
         let entry = Entry::Import { game: Box::new(game), at: SystemClock.now() };
-        // One after the other: only one game is in memory.
+        // It is stored before the next one is read, so that only one game is in memory.
         Ok(self.runtime.block_on(self.store.keep(vec![entry]))?)
     }
 
@@ -117,7 +110,6 @@ impl Taker for Keeper {
     }
 
     fn progress(&mut self, done: u64, of: u64) {
-        self.bar.set_length(of);
-        self.bar.set_position(done);
+        set(&self.bar, done, of);
     }
 }

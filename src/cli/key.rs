@@ -2,23 +2,22 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{anyhow, bail};
 use jiff::{Span, SpanRelativeTo, Timestamp};
 use serde_json::json;
 
-use super::play::table;
+use super::options::{Source, client, open_database};
+use super::output::{cell, table};
 use crate::clock::{Clock, SystemClock, SystemEntropy};
 use crate::keys::{Key, KeyRow, Role};
-use crate::players::client::Client;
 use crate::store::entries::{AuditRow, Entry};
-use crate::store::{OpenError, Store};
 use crate::wire::key::KeyRequest;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "A server without keys is open to every program on its machine. From the first key on, \
-    whoever creates episodes has to show one: `Authorization: Bearer secret_…`, or SWARMBENCH_KEY for the commands \
-    of this program. A database is not open again once it had a key, not even when all are revoked.\n\n\
+    after_help = "A server without keys is open to every program on its machine. Once there is a key, creating \
+    episodes needs one: `Authorization: Bearer secret_…`, or SWARMBENCH_KEY for the commands \
+    of this program. Revoking all keys does not open the server again.\n\n\
     Examples:\n  \
     swarmbench key create --name alice --role organizer       (the server is stopped)\n  \
     swarmbench key create --name 'team blue' --expires 30d --server http://127.0.0.1:8080\n  \
@@ -34,14 +33,13 @@ pub(super) struct Args {
 enum Command {
     /// Create a key. It is shown only once.
     Create {
-        /// The name of its holder.
+        /// The name of the holder.
         #[arg(long)]
         name: String,
-        /// The role of its holder.
+        /// The role of the holder.
         #[arg(long, value_enum, default_value = "member")]
         role: Role,
-        /// Its expiry, if any: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: it never
-        /// expires.
+        /// The expiry: a time such as 2027-01-31T12:00:00Z, or a span such as 30d. Default: never.
         #[arg(long, value_parser = expiry)]
         expires: Option<Timestamp>,
         #[command(flatten)]
@@ -94,13 +92,13 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
         Command::Create { name, role, expires, keys } => {
             let (key, secret) = match keys.open().await? {
-                Opened::Server(client) => {
+                Source::Server(client) => {
                     let role = Some(role.name().to_owned());
                     let created =
                         client.create_key(&KeyRequest { name, role, expires_at: expires }).await?;
                     (created.key, created.secret)
                 }
-                Opened::Database(store) => {
+                Source::Database(store) => {
                     let now = SystemClock.now();
                     let (key, token) = Key::new(role, &name, expires, now, &SystemEntropy)
                         .map_err(|problem| anyhow!("the name {problem}"))?;
@@ -116,7 +114,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             println!("{secret}");
             eprintln!(
                 "\nThis is the key of {:?} ({}, {}). It cannot be shown again: keep it safe, and send it as\n  \
-                 Authorization: Bearer {}…\nThe commands of this program take it from the environment variable SWARMBENCH_KEY.",
+                 Authorization: Bearer {}…\nThe commands of this program read it from the environment variable SWARMBENCH_KEY.",
                 key.name,
                 key.role,
                 key.id,
@@ -125,8 +123,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
         Command::List { keys } => {
             let keys = match keys.open().await? {
-                Opened::Server(client) => client.keys().await?.items,
-                Opened::Database(store) => {
+                Source::Server(client) => client.keys().await?.items,
+                Source::Database(store) => {
                     let now = SystemClock.now();
                     let keys = store.keys().await?;
                     store.close().await;
@@ -135,24 +133,23 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             };
             let mut table =
                 table(&["id", "name", "role", "state", "created", "expires", "revoked"]);
-            let time = |at: Option<Timestamp>| at.map_or_else(String::new, |at| at.to_string());
             for key in &keys {
                 table.add_row([
                     key.id.clone(),
                     key.name.clone(),
                     key.role.clone(),
                     key.state.clone(),
-                    time(Some(key.created_at)),
-                    time(key.expires_at),
-                    time(key.revoked_at),
+                    key.created_at.to_string(),
+                    cell(key.expires_at),
+                    cell(key.revoked_at),
                 ]);
             }
             println!("{table}");
         }
         Command::Revoke { id, keys } => {
             let key = match keys.open().await? {
-                Opened::Server(client) => client.revoke_key(&id).await?,
-                Opened::Database(store) => {
+                Source::Server(client) => client.revoke_key(&id).await?,
+                Source::Database(store) => {
                     let now = SystemClock.now();
                     let find = async || {
                         let keys = store.keys().await?;
@@ -175,7 +172,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What is done on the server's own machine, for the audit log.
+/// An entry of the audit log for a change on the server's own machine.
 fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -> Entry {
     Entry::Audit(Box::new(AuditRow {
         at: SystemClock.now(),
@@ -186,27 +183,17 @@ fn audit_entry(action: &'static str, subject: &str, detail: serde_json::Value) -
     }))
 }
 
-enum Opened {
-    Server(Client),
-    Database(Store),
-}
-
 impl KeyStore {
-    async fn open(self) -> anyhow::Result<Opened> {
+    async fn open(self) -> anyhow::Result<Source> {
         let Self { db, server, key } = self;
         if let Some(server) = server {
             let Some(key) = key else {
                 bail!("a running server asks for an organizer's key: put it into SWARMBENCH_KEY");
             };
-            return Ok(Opened::Server(Client::new(&server)?.with_key(key)));
+            return Ok(Source::Server(client(&server, Some(key))?));
         }
-        match Store::open(&db).await {
-            Ok(store) => Ok(Opened::Database(store)),
-            Err(error @ OpenError::InUse(_)) => Err(error).context(
-                "a server runs on this database: name it with --server http://…, and put an organizer's key into \
-                 SWARMBENCH_KEY; the first key of a database is made while its server is stopped",
-            ),
-            Err(error) => Err(error.into()),
-        }
+        let what_to_do = "name it with --server http://…, and put an organizer's key into SWARMBENCH_KEY; the first key \
+            of a database is made while its server is stopped";
+        Ok(Source::Database(open_database(&db, what_to_do).await?))
     }
 }

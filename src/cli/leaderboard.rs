@@ -2,18 +2,16 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use swarmbench_engine::TaskName;
 
-use super::play::table;
+use super::options::{ServerArgs, Source, open_database};
+use super::output::{mean, rank, table, total};
 use crate::board::collection::Question;
 use crate::board::cross_play::pairs;
 use crate::board::interval::Memory;
 use crate::board::page;
-use crate::players::client::Client;
 use crate::standings::Standings;
-use crate::store::{OpenError, Store};
 use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
 use crate::wire::table::Table as _;
 
@@ -30,7 +28,7 @@ const WIDE: u16 = 132;
 )]
 pub(super) struct Args {
     #[command(flatten)]
-    source: Source,
+    source: SourceArgs,
     /// The suite: its name, or name@digest where several have that name (standard).
     #[arg(long)]
     suite: Option<String>,
@@ -43,7 +41,7 @@ pub(super) struct Args {
     /// Rank by `total`, or by the mean of a task (total).
     #[arg(long)]
     sort: Option<String>,
-    /// How the runs of a player become one row: best, last or mean (best).
+    /// Which run of a player is its row: best, last or mean (best).
     #[arg(long)]
     pick: Option<String>,
     /// Hide the results of the paper.
@@ -61,7 +59,7 @@ pub(super) struct Args {
 #[command(after_help = "Example:\n  swarmbench cross-play --task Foraging --csv > cross-play.csv")]
 pub(super) struct CrossPlayArgs {
     #[command(flatten)]
-    source: Source,
+    source: SourceArgs,
     /// Games of this task only.
     #[arg(long, value_parser = super::play::task)]
     task: Option<TaskName>,
@@ -73,42 +71,20 @@ pub(super) struct CrossPlayArgs {
     csv: bool,
 }
 
-/// Where the results are: on a running server, or in a database that no server uses.
 #[derive(Debug, clap::Args)]
-struct Source {
-    /// The address of the server.
-    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-    server: String,
-    /// Your key, if the server is private.
-    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
-    key: Option<String>,
+struct SourceArgs {
+    #[command(flatten)]
+    server: ServerArgs,
     /// Instead of a server: a database file that no server uses.
     #[arg(long)]
     db: Option<PathBuf>,
 }
 
-enum Opened {
-    Server(Client),
-    Database(Store),
-}
-
-impl Source {
-    async fn open(self) -> anyhow::Result<Opened> {
-        let Some(db) = self.db else {
-            let client = Client::new(&self.server)?;
-            return Ok(Opened::Server(match self.key {
-                Some(key) => client.with_key(key),
-                None => client,
-            }));
-        };
+impl SourceArgs {
+    async fn open(self) -> anyhow::Result<Source> {
+        let Some(db) = self.db else { return Ok(Source::Server(self.server.client()?)) };
         anyhow::ensure!(db.is_file(), "there is no database {}", db.display());
-        match Store::open(&db).await {
-            Ok(store) => Ok(Opened::Database(store)),
-            Err(error @ OpenError::InUse(_)) => {
-                Err(error).context("a server runs on this database: name it with --server instead")
-            }
-            Err(error) => Err(error.into()),
-        }
+        Ok(Source::Database(open_database(&db, "name it with --server instead").await?))
     }
 }
 
@@ -116,8 +92,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let Args { source, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
     let question = Question { suite, rules, task, sort, pick, no_reference, imported };
     let board = match source.open().await? {
-        Opened::Server(client) => client.leaderboard(&question).await?,
-        Opened::Database(store) => {
+        Source::Server(client) => client.leaderboard(&question).await?,
+        Source::Database(store) => {
             let boards = Standings::new(store.clone()).boards().await?;
             let ranked = boards.ranked(&question);
             store.close().await;
@@ -135,17 +111,17 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
     let CrossPlayArgs { source, task, rules, csv } = args;
     let found = match source.open().await? {
-        Opened::Server(client) => {
+        Source::Server(client) => {
             client.cross_play(task.map(TaskName::name), rules.as_deref()).await?
         }
-        Opened::Database(store) => {
+        Source::Database(store) => {
             let games = Standings::new(store.clone()).mixed().await?;
             store.close().await;
-            let asked = games.values().filter(|game| {
+            let selected = games.values().filter(|game| {
                 task.is_none_or(|task| game.setting.task == task)
                     && rules.as_ref().is_none_or(|rules| game.setting.rules == *rules)
             });
-            page::cross_play(&pairs(asked.map(|game| &**game)), 0, usize::MAX)
+            page::cross_play(&pairs(selected.map(|game| &**game)), 0, usize::MAX)
         }
     };
     if csv {
@@ -157,16 +133,16 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
 }
 
 fn show(board: &Leaderboard) {
-    // What is no terminal takes lines of any length.
+    // A file or a pipe takes lines of any length.
     let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
     let Leaderboard { suite, digest, rules, pick, sort, .. } = board;
     println!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
     if board.items.is_empty() {
-        println!("nobody has played it to the end yet");
+        println!("no run has finished yet");
         return;
     }
     println!("{}", rows(board, width));
-    println!("? nobody vouches for this name   * a row of the paper");
+    println!("? this name is not vouched for   * a row of the paper");
     println!("declared, enforced: whether each seat decided for itself");
     if width < WIDE {
         println!("{WIDE} columns, or --csv, also show confidence intervals and failures");
@@ -184,33 +160,32 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
     let mut shown = table(&headings);
     fit(&mut shown, width);
     for row in &board.items {
-        let mut cells = vec![row.rank.map_or_else(|| "–".to_owned(), |rank| rank.to_string())];
-        cells.push(player(row));
+        let mut cells = vec![rank(row.rank), player(row)];
         cells.extend(
             board.tasks.iter().map(|task| row.tasks.get(task).map_or_else(String::new, score)),
         );
-        cells.push(row.total.map_or_else(String::new, |total| format!("{total:.2}")));
+        cells.push(total(row.total));
         if is_wide {
             cells.push(row.difference.as_ref().map_or_else(String::new, |difference| {
-                let sure = match (difference.low, difference.high) {
+                let interval = match (difference.low, difference.high) {
                     (Some(low), Some(high)) => format!("95 %: {low:.2} to {high:.2}"),
                     _ => "one seed: no interval".to_owned(),
                 };
-                format!("{:.2}\n{sure}", difference.mean)
+                format!("{:.2}\n{interval}", difference.mean)
             }));
-            cells.push(wrong(row));
+            cells.push(failures(row));
         }
         shown.add_row(cells);
     }
-    for (place, column) in shown.column_iter_mut().enumerate() {
-        if place != 1 && place < board.tasks.len() + 3 {
+    for (number, column) in shown.column_iter_mut().enumerate() {
+        if number != 1 && number < board.tasks.len() + 3 {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
     shown
 }
 
-/// Breaks cells so that the table fits a terminal.
+/// Breaks lines in cells so that the table fits a terminal.
 pub(super) fn fit(table: &mut Table, width: u16) {
     if width < u16::MAX {
         table.set_content_arrangement(ContentArrangement::Dynamic).set_width(width);
@@ -243,16 +218,16 @@ fn player(row: &BoardRow) -> String {
         row.runs.filter(|&runs| runs > 1).map(|runs| format!("{runs} runs")),
     ];
     for line in [settings.as_slice(), run.as_slice()] {
-        let said: Vec<&str> = line.iter().flatten().map(String::as_str).collect();
-        if !said.is_empty() {
+        let parts: Vec<&str> = line.iter().flatten().map(String::as_str).collect();
+        if !parts.is_empty() {
             text.push('\n');
-            text.push_str(&said.join(", "));
+            text.push_str(&parts.join(", "));
         }
     }
     text
 }
 
-/// The score of a task, with its deviation below it, and how many games there were where some are missing.
+/// The score of a task, with its deviation below it, and the number of games if some are missing.
 fn score(score: &TaskScore) -> String {
     let (Some(mean), Some(deviation)) = (score.mean, score.deviation) else {
         return "–".to_owned();
@@ -264,9 +239,9 @@ fn score(score: &TaskScore) -> String {
     format!("{mean:.2}\n±{deviation:.2}{games}")
 }
 
-fn wrong(row: &BoardRow) -> String {
+fn failures(row: &BoardRow) -> String {
     let percent = |share: f64| format!("{:.1} %", share * 100.0);
-    let said = [
+    let parts = [
         row.invalid_share
             .filter(|&share| share > 0.0)
             .map(|share| format!("{} invalid", percent(share))),
@@ -276,12 +251,12 @@ fn wrong(row: &BoardRow) -> String {
             .filter(|&voided| voided > 0)
             .map(|voided| format!("{voided} voided by the host")),
     ];
-    said.into_iter().flatten().collect::<Vec<_>>().join("\n")
+    parts.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
 
 fn show_cross_play(found: &CrossPlay) {
     if found.items.is_empty() {
-        println!("no finished episode had seats of several holders yet");
+        println!("no episode with seats of several holders has finished yet");
         return;
     }
     let mut shown = table(&["task", "rules", "models", "games", "score", "settings"]);
@@ -293,7 +268,7 @@ fn show_cross_play(found: &CrossPlay) {
             models: [a, b],
             vouched,
             games,
-            mean,
+            mean: score,
             deviation,
         } = pair;
         let mark = if *vouched { "" } else { " ?" };
@@ -302,12 +277,12 @@ fn show_cross_play(found: &CrossPlay) {
             rules.clone(),
             format!("{a}\n{b}{mark}"),
             games.to_string(),
-            format!("{mean:.2} ± {deviation:.2}"),
+            mean(Some(*score), Some(*deviation)),
             unusual(settings),
         ]);
     }
     println!("{shown}");
-    println!("? nobody vouches for one of these names");
+    println!("? one of these names is not vouched for");
 }
 
 /// The settings that are not those of the standard one.
@@ -315,8 +290,8 @@ fn unusual(settings: &serde_json::Map<String, serde_json::Value>) -> String {
     let standard = serde_json::to_value(crate::run::suite::SuiteSettings::default());
     let standard = standard.unwrap_or_default();
     let other = settings.iter().filter(|(name, value)| standard.get(name) != Some(value));
-    let said: Vec<String> = other.map(|(name, value)| format!("{name} {value}")).collect();
-    if said.is_empty() { "standard".to_owned() } else { said.join("\n") }
+    let parts: Vec<String> = other.map(|(name, value)| format!("{name} {value}")).collect();
+    if parts.is_empty() { "standard".to_owned() } else { parts.join("\n") }
 }
 
 #[cfg(test)]
@@ -358,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_says_what_is_to_be_known_and_fits_a_terminal() {
+    fn a_row_has_all_columns_and_fits_a_terminal() {
         let board = Leaderboard {
             suite: "standard".to_owned(),
             digest: "0123456789ab".to_owned(),
@@ -371,7 +346,7 @@ mod tests {
             next_cursor: None,
         };
         let narrow = rows(&board, 80).to_string();
-        // Long names are broken, and all is there.
+        // Long names are broken, and nothing is missing.
         for expected in
             ["?", "alice", "T 0.7", "aborted", "declared", "9.60", "±0.49", "4/5", "48.00"]
         {

@@ -7,10 +7,11 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 use comfy_table::{CellAlignment, Table};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 
-use super::play::table;
+use super::options::ServerArgs;
+use super::output::{progress_bar, set, table};
 use crate::loadtest::connection::{Answers, Target};
 use crate::loadtest::games::SEATS;
 use crate::loadtest::latencies::Spread;
@@ -25,18 +26,14 @@ const FILES_RESERVED: u64 = 100;
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Use it only on a server of your own: it creates thousands of episodes, which stay in the server's \
-    database, and takes all of the processors that it can get."
+    database, and uses all processors."
 )]
 pub(super) struct Args {
     /// The scenarios; default: obs, acts and play.
     #[arg(value_enum)]
     scenarios: Vec<Scenario>,
-    /// The address of the server.
-    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-    server: String,
-    /// A key that may create episodes, if the server needs one.
-    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
-    key: Option<String>,
+    #[command(flatten)]
+    server: ServerArgs,
     /// Print all measurements as JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -83,7 +80,6 @@ pub(super) struct Args {
     bare_handler: bool,
 }
 
-/// What can be tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Scenario {
     /// Observations per second, compared with a bare handler that sends the same bytes.
@@ -107,7 +103,6 @@ fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "must be from 0.01 to 3600".to_owned())
 }
 
-/// All measurements.
 #[derive(Debug, Default, Serialize)]
 struct Report {
     server: String,
@@ -128,22 +123,20 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if args.bare_handler {
         return Ok(bare_handler::serve(telemetry::render).await?);
     }
-    let target = Target::new(&args.server, args.key.clone()).await?;
+    let ServerArgs { server, key } = args.server.clone();
+    let target = Target::new(&server, key).await?;
     let metrics = Metrics::of(&target)
         .await
-        .with_context(|| format!("{} does not answer; does a server run there?", args.server))?;
-    let mut report = Report { server: args.server.clone(), ..Report::default() };
+        .with_context(|| format!("{server} does not answer; does a server run there?"))?;
+    let mut report = Report { server, ..Report::default() };
     if target.addr().ip().is_loopback() {
         report.notes.push(
-            "client and server share this machine: what the client takes is missing to the server"
+            "client and server share this machine, so the client takes processor time from the server"
                 .to_owned(),
         );
     }
     let connections_max = connections(&args, &metrics, &mut report.notes);
-    let bar = ProgressBar::new(0).with_style(
-        ProgressStyle::with_template("{msg:40} {bar:30} {pos:>7}/{len:7}")
-            .expect("a valid template"),
-    );
+    let bar = progress_bar("{msg:40} {bar:30} {pos:>7}/{len:7}");
     measure(&args, &target, connections_max, &progress(&bar), &mut report).await?;
     bar.finish_and_clear();
     if args.json {
@@ -162,11 +155,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 fn progress(bar: &ProgressBar) -> Progress {
     let bar = bar.clone();
     Arc::new(move |what, done, of| {
-        bar.set_length(of);
-        bar.set_position(done);
+        set(&bar, done, of);
         if bar.message() != what {
             bar.set_message(what.to_owned());
-            // Where there is no terminal a bar shows nothing, so a line does.
+            // A bar shows nothing without a terminal.
             if bar.is_hidden() {
                 eprintln!("{what} ({of})");
             }
@@ -190,7 +182,7 @@ fn connections(args: &Args, metrics: &Metrics, notes: &mut Vec<String>) -> usize
     most
 }
 
-/// Measures what was named, one after the other, so that nothing disturbs anything.
+/// Runs the scenarios one after the other, so that they do not disturb each other.
 async fn measure(
     args: &Args,
     target: &Target,
@@ -254,7 +246,6 @@ async fn measure(
     Ok(())
 }
 
-/// What was answered in all scenarios.
 fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
     (report.obs.iter().map(|obs| &obs.answers))
         .chain(report.acts.iter().map(|acts| &acts.answers))
@@ -411,7 +402,7 @@ fn show_polls(polls: &polls::Report) {
     println!("{shown}");
     let memory = polls.memory_before_bytes.zip(polls.memory_held_bytes).zip(polls.bytes_per_poll);
     let Some(((before, held), grown)) = memory else {
-        println!("the server does not tell its memory");
+        println!("the server does not report its memory");
         return;
     };
     println!(

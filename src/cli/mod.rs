@@ -14,6 +14,9 @@ mod key;
 mod leaderboard;
 mod loadtest;
 mod openapi;
+mod options;
+mod output;
+mod pages;
 mod play;
 mod serve;
 mod verify;
@@ -30,7 +33,7 @@ use clap::{Parser, Subcommand};
     about,
     long_about = "A server on which language models play SwarmBench: five tasks in a grid world where each agent \
         sees a small window and talks to its neighbours only.\n\nStart with `swarmbench demo`: it starts a \
-        server, plays all five tasks over HTTP, and tells how to join.",
+        server, plays all five tasks over HTTP, and shows how to join.",
     after_help = "Documentation: README.md, and /docs on a running server."
 )]
 struct Cli {
@@ -56,14 +59,15 @@ enum Command {
     Play(play::Args),
     /// Evaluate language models or built-in players: tasks by seeds by settings, resumed where it stopped.
     Eval(Box<eval::Args>),
-    /// Play a journal file, all of a competition, or all of a database again and check every hash, digest, act and score.
+    /// Replay a journal file, a competition or a whole database, and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Show the leaderboard of a suite.
     Leaderboard(leaderboard::Args),
     /// Show how well models play together.
     CrossPlay(leaderboard::CrossPlayArgs),
     /// Rebuild the results that boards show from the journals.
-    Board(board::Args),
+    #[command(subcommand)]
+    Board(board::Command),
     /// Copy the database of a server, also while the server runs.
     Backup(backup::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
@@ -74,16 +78,15 @@ enum Command {
     Loadtest(Box<loadtest::Args>),
     /// Print the OpenAPI document of the server.
     Openapi(openapi::Args),
-    /// Check that a server is alive; fails if it is not.
+    /// Fail if a server does not answer.
     Healthcheck(healthcheck::Args),
 }
 
 /// Runs the command line of this process.
-#[must_use]
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
-        Command::Eval(args) => return told(with_runtime(eval::run(*args))),
+        Command::Eval(args) => return exit_code(with_runtime(eval::run(*args))),
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
@@ -94,7 +97,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => with_runtime(verify::run(args)),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
-        Command::Board(args) => with_runtime(board::run(args)),
+        Command::Board(command) => with_runtime(board::run(command)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
         Command::Import(args) => with_runtime(import::run(args)),
@@ -102,11 +105,11 @@ pub fn main() -> ExitCode {
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
     };
-    told(result.map(|()| ExitCode::SUCCESS))
+    exit_code(result.map(|()| ExitCode::SUCCESS))
 }
 
-/// The exit code of the process; prints the error, if any.
-fn told(result: anyhow::Result<ExitCode>) -> ExitCode {
+/// Prints the error, if any.
+fn exit_code(result: anyhow::Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");
         ExitCode::FAILURE
@@ -117,13 +120,13 @@ fn with_runtime<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Res
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(work)
 }
 
-/// Completes when the process is asked to stop, by Ctrl-C or SIGTERM, from this call on.
+/// Completes at the first Ctrl-C or SIGTERM after this call.
 fn asked_to_stop() -> impl Future<Output = ()> {
     use tokio::signal::unix::{Signal, SignalKind, signal};
-    async fn heard(signal: std::io::Result<Signal>) {
+    async fn received(signal: std::io::Result<Signal>) {
         match signal {
             Ok(mut signal) => drop(signal.recv().await),
-            // What cannot be listened to is not waited for.
+            // A signal without a handler is never received.
             Err(_) => std::future::pending().await,
         }
     }
@@ -131,8 +134,8 @@ fn asked_to_stop() -> impl Future<Output = ()> {
     let terminated = signal(SignalKind::terminate());
     async {
         tokio::select! {
-            () = heard(interrupted) => {}
-            () = heard(terminated) => {}
+            () = received(interrupted) => {}
+            () = received(terminated) => {}
         }
     }
 }

@@ -1,6 +1,5 @@
 //! `swarmbench openapi`
 
-/// Nothing to choose.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {}
 

@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 
 use anyhow::Context;
-use comfy_table::{Table, presets};
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use comfy_table::Table;
+use indicatif::{MultiProgress, ProgressBar};
 use swarmbench_engine::TaskName;
 use swarmbench_players::{BuiltIn, default_for, find};
 
+use super::options::ServerArgs;
+use super::output::{cell, mean, progress_bar, table, total};
 use crate::players::client::Client;
 use crate::players::play::{play, play_run};
 use crate::wire::episode::{EpisodeRequest, EpisodeSummary};
@@ -17,24 +19,20 @@ use crate::wire::run::{RunDetail, RunRequest, SuiteRequest};
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Built-in players: `random` plays every task; each task has one of its own, \
-    which is used where none is named.\n\nWith --suite a whole run is played, and with --run what is left of one: \
+    which is used where none is named.\n\nWith --suite a whole run is played, and with --run the rest of a run: \
     its token is taken from SWARMBENCH_RUN_TOKEN, or else its creator gets a new one, and the earlier token is \
-    worth nothing any more."
+    no longer valid."
 )]
 pub(super) struct Args {
-    /// The address of the server.
-    #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-    server: String,
-    /// Your key, if the server needs one.
-    #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
-    key: Option<String>,
+    #[command(flatten)]
+    server: ServerArgs,
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
     #[arg(long, value_parser = task, required_unless_present_any = ["suite", "run"])]
     task: Option<TaskName>,
     /// Play all games of a suite instead: standard or quick.
     #[arg(long, conflicts_with_all = ["task", "run", "seed", "num_agents", "width", "height", "view_size", "max_round"])]
     suite: Option<String>,
-    /// Play what is left of the run with this id.
+    /// Play the rest of the run with this id.
     #[arg(long, conflicts_with_all = ["task", "seed", "rules", "num_agents", "width", "height", "view_size", "max_round"])]
     run: Option<String>,
     /// The token of that run.
@@ -87,10 +85,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     for task in TaskName::ALL.into_iter().filter(plays) {
         player(args.player.as_deref(), task)?;
     }
-    let mut client = Client::new(&args.server)?;
-    if let Some(key) = args.key.clone() {
-        client = client.with_key(key);
-    }
+    let client = args.server.clone().client()?;
     // During a game requests are retried while the server is away; here they are not.
     client.health().await?;
     match args.task {
@@ -122,7 +117,7 @@ async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Re
     Ok(())
 }
 
-/// Plays a run, or the rest of one, and shows its result.
+/// Plays a run, or the rest of one.
 async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     let name = args.player.as_deref();
     let (run, token) = match args.run {
@@ -138,7 +133,7 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
                 .await?;
             let token = created.swarm_token.context("the server did not give a token")?;
             println!(
-                "{0}; to go on after an interruption: swarmbench play --run {0}\n",
+                "{0}; to resume after an interruption: swarmbench play --run {0}\n",
                 created.run.run.id
             );
             (created.run, token)
@@ -175,14 +170,12 @@ struct RunBars {
 impl RunBars {
     fn new(run: &RunDetail, player: &str) -> Self {
         let all = MultiProgress::new();
-        let style = "{prefix:38} {bar:30} {pos}/{len} games opened";
-        let planned = run.games.len() as u64;
-        let whole = ProgressBar::new(planned)
-            .with_style(ProgressStyle::with_template(style).expect("a valid template"))
+        let whole = progress_bar("{prefix:38} {bar:30} {pos}/{len} games opened")
             .with_prefix(format!("{} ({})", run.run.suite.name, run.run.suite.rules));
         let ended =
             run.games.iter().filter(|game| !["planned", "running"].contains(&&*game.status));
         let whole = all.add(whole);
+        whole.set_length(run.games.len() as u64);
         whole.set_position(ended.count() as u64);
         Self { all, games: BTreeMap::new(), whole, player: player.to_owned() }
     }
@@ -197,7 +190,7 @@ impl RunBars {
         let is_news = bar.position() != u64::from(sight.round) || sight.round == 0;
         bar.set_position(sight.round.into());
         bar.set_message(format!("score {:.2}", sight.score));
-        // Where there is no terminal a bar shows nothing, so a line does, once a game.
+        // A bar shows nothing without a terminal: then each game prints a line.
         if bar.is_hidden() && is_news && sight.round == 0 && sight.agent == "Agent_0" {
             eprintln!("{} is opened: {}", sight.task.name, sight.episode);
         }
@@ -213,18 +206,17 @@ impl RunBars {
     }
 }
 
-/// The result of a run as a table.
 fn results(run: &RunDetail) -> Table {
     let mut table = table(&["task", "mean ± deviation", "games"]);
     for task in &run.run.tasks {
-        let score = match (task.mean, task.deviation) {
-            (Some(mean), Some(deviation)) => format!("{mean:.2} ± {deviation:.2}"),
-            _ => String::new(),
-        };
+        let score = mean(task.mean, task.deviation);
         table.add_row([&task.task, &score, &format!("{}/{}", task.played, task.planned)]);
     }
-    let total = run.run.total.map_or_else(String::new, |total| format!("{total:.2}"));
-    table.add_row(["total", &total, &format!("{}/{}", run.run.played, run.run.planned)]);
+    table.add_row([
+        "total",
+        &total(run.run.total),
+        &format!("{}/{}", run.run.played, run.run.planned),
+    ]);
     table
 }
 
@@ -256,12 +248,12 @@ pub(super) async fn play_one(
     let created = client.create_episode(request).await?;
     let last = created.config.max_round;
     bar.set_length(last.into());
-    let mut told = None;
+    let mut printed = None;
     let summary = play(client, &created, player, player_seed, |round, score| {
         bar.set_position(round.into());
         bar.set_message(format!("score {score:.2}"));
-        // Where there is no terminal a bar shows nothing, so a line does.
-        if bar.is_hidden() && told.replace(round) != Some(round) {
+        // A bar shows nothing without a terminal: then each round prints a line.
+        if bar.is_hidden() && printed.replace(round) != Some(round) {
             eprintln!("{} round {round}/{last} score {score:.2}", bar.prefix());
         }
     })
@@ -269,29 +261,15 @@ pub(super) async fn play_one(
     Ok((summary, created.swarm_token))
 }
 
-/// A progress bar for one episode.
 pub(super) fn bar(task: &str, player: &str) -> ProgressBar {
-    let style = "{prefix:38} {bar:30} round {pos:>3}/{len:3} {msg}";
-    ProgressBar::new(0)
-        .with_style(ProgressStyle::with_template(style).expect("a valid template"))
+    progress_bar("{prefix:38} {bar:30} round {pos:>3}/{len:3} {msg}")
         .with_prefix(format!("{task} ({player})"))
 }
 
-/// A table with these headings.
-pub(super) fn table(headings: &[&str]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    if headings.iter().any(|heading| !heading.is_empty()) {
-        table.set_header(headings);
-    }
-    table
-}
-
-/// The scores of episodes as a table.
 pub(super) fn scores<'a>(played: impl Iterator<Item = (&'a str, &'a EpisodeSummary)>) -> Table {
     let mut table = table(&["task", "player", "seed", "rounds", "score", "end", "episode"]);
     for (player, episode) in played {
-        let seed = episode.config.seed.map_or_else(String::new, |seed| seed.to_string());
+        let seed = cell(episode.config.seed);
         let end = episode.result.as_ref().map_or("", |result| &result.reason);
         table.add_row([
             episode.task.as_str(),

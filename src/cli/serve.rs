@@ -71,7 +71,7 @@ fn bytes(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "a number of bytes, at least 16MiB, such as 6GiB or 512MiB".to_owned())
 }
 
-/// With less nothing could be played.
+/// With less no game fits.
 const MEMORY_LEAST: usize = 16 << 20;
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -96,8 +96,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
         server.close().await;
         bail!(
-            "{} can be reached from other machines, and without keys this server asks nobody who they are. \
-             Make a key first: swarmbench key create --name YOU --role organizer --db {}; or listen on 127.0.0.1; \
+            "{} can be reached from other machines, and a server without keys is open to all of them. \
+             Create a key first: swarmbench key create --name YOU --role organizer --db {}; or listen on 127.0.0.1; \
              or add --open if everyone who can reach it may use it",
             args.addr,
             args.db.display()

@@ -3,25 +3,24 @@
 use std::cell::Cell;
 use std::io::{self, Read};
 
-/// What is read at most. Bytes are those that really come, whatever an archive says of itself.
+/// What is read at most. Bytes are counted as they are read: the sizes in an archive's directory are not trusted.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     /// Files of a folder, or entries of an archive.
     pub entries_max: usize,
-    /// Folders inside each other.
+    /// Nested folders.
     pub folders_max: usize,
-    /// Bytes of one file, unpacked.
+    /// Of one file, unpacked.
     pub file_bytes_max: u64,
-    /// Bytes of all files, unpacked.
+    /// Of all files, unpacked.
     pub total_bytes_max: u64,
-    /// How many times as large as in the archive a file may be, unpacked, once it has
-    /// [`RATIO_FREE_BYTES`].
+    /// Unpacked size divided by packed size of a file in an archive, checked beyond [`RATIO_FREE_BYTES`].
     pub ratio_max: u64,
-    /// Arrays and objects inside each other.
+    /// Nested arrays and objects.
     pub depth_max: u32,
 }
 
-/// Bytes of a file to which no ratio applies: little text may well be very repetitive.
+/// The first bytes of a file are exempt from the ratio: a short text may be very repetitive.
 pub const RATIO_FREE_BYTES: u64 = 4 * 1024 * 1024;
 
 impl Default for Bounds {
@@ -37,11 +36,11 @@ impl Default for Bounds {
     }
 }
 
-/// A file that is read within bounds. Beyond them reading fails.
+/// A file that is read within bounds. Reading beyond them fails.
 pub struct Bounded<'a, R> {
     file: R,
     bounds: &'a Bounds,
-    /// Bytes that the file takes in its archive.
+    /// Its size in its archive.
     packed: Option<u64>,
     bytes: u64,
     /// Bytes of all files so far.
@@ -52,7 +51,6 @@ pub struct Bounded<'a, R> {
 }
 
 impl<'a, R: Read> Bounded<'a, R> {
-    /// Reads `file`, of which `packed` bytes are in an archive, if it is in one.
     pub const fn new(
         file: R,
         packed: Option<u64>,
@@ -81,7 +79,7 @@ impl<'a, R: Read> Bounded<'a, R> {
         Ok(())
     }
 
-    /// Follows how many arrays and objects are open; text that is not JSON is found out elsewhere.
+    /// Counts the nested arrays and objects; invalid JSON is found by the parser.
     fn measure(&mut self, bytes: &[u8]) -> io::Result<()> {
         for byte in bytes {
             if self.in_text {

@@ -12,13 +12,13 @@ use parquet::schema::types::Type;
 
 use super::tables::{Cell, Column, Kind};
 
-/// Rows of a group.
+/// A group of rows is written when it has this many rows.
 const ROWS_MAX: usize = 8192;
 
-/// Bytes of text after which a group is written.
+/// A group of rows is also written when its texts have this many bytes.
 const BYTES_MAX: usize = 8 * 1024 * 1024;
 
-/// A table on its way into a Parquet file.
+/// A table that is being written as a Parquet file.
 pub struct Table<W: Write + Send> {
     file: SerializedFileWriter<W>,
     columns: &'static [Column],
@@ -27,10 +27,7 @@ pub struct Table<W: Write + Send> {
 }
 
 impl<W: Write + Send> Table<W> {
-    /// An empty table. `name` is the name of its rows.
-    ///
-    /// # Errors
-    /// Where `out` cannot be written to; so for all functions here.
+    /// `name` is the name of the schema of a row.
     pub fn new(out: W, name: &str, columns: &'static [Column]) -> Result<Self> {
         let fields = columns.iter().map(|column| field(*column)).collect::<Result<_>>()?;
         let schema = Type::group_type_builder(name).with_fields(fields).build()?;
@@ -43,10 +40,6 @@ impl<W: Write + Send> Table<W> {
         Ok(Self { file, columns, rows: Vec::new(), bytes: 0 })
     }
 
-    /// Adds a row.
-    ///
-    /// # Errors
-    /// Where a group cannot be written.
     pub fn add(&mut self, row: Vec<Cell>) -> Result<()> {
         let texts = row.iter().map(|cell| match cell {
             Cell::Text(text) => text.len(),
@@ -60,10 +53,6 @@ impl<W: Write + Send> Table<W> {
         Ok(())
     }
 
-    /// Writes what is left, and the end of the file.
-    ///
-    /// # Errors
-    /// Where it cannot be written.
     pub fn finish(mut self) -> Result<()> {
         if !self.rows.is_empty() {
             self.write_group()?;

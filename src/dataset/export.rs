@@ -1,9 +1,8 @@
 //! Writing: stored episodes, replayed one after the other, one round at a time.
 //!
-//! An export reads a few rounds at once and keeps one episode's world in memory, however many there are; the
-//! texts of acts are read part by part.
-//! It works on a thread of its own: it computes, it reads the store, and it waits for the reader of what
-//! it writes.
+//! An export reads a few rounds at once and has one episode's world in memory, however many episodes there are; the
+//! texts of acts are read part by part. It needs a thread of its own: it computes, reads the store, and waits for the
+//! reader of its output.
 
 use std::collections::HashSet;
 use std::io::{self, Write};
@@ -14,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::columns::Table;
 use super::files::Files;
-use super::format::{self, AgentRow, GameRow, META, Meta};
+use super::format::{self, META};
 use super::game::{Game, GameAct, Turn};
 use super::imported;
 use super::tables::{self, Cell, Column, Named};
@@ -25,59 +24,48 @@ use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
 
-/// Rounds that are read at once.
+/// Rounds per read.
 const CHUNK: u32 = 8;
 
-/// Episodes of which is read at once what they are.
+/// Episodes per page of the list.
 const PAGE: u32 = 100;
 
-/// Bytes of acts that are read at once, with their texts.
+/// Bytes of acts, with their texts, per read.
 const ACTS_BYTES: usize = 256 * 1024;
 
-/// Bytes that are gathered before they are compressed or sent on.
+/// Bytes that are buffered before they are compressed or sent.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// An export broke off.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The store cannot be read.
     #[error(transparent)]
     Journal(#[from] StoreError),
-    /// What was made cannot be written.
     #[error("it cannot be written: {0}")]
     Io(#[from] io::Error),
-    /// A table cannot be written.
     #[error("the table cannot be written: {0}")]
     Table(#[from] parquet::errors::ParquetError),
-    /// There is no such episode.
     #[error("there is no episode {0}")]
     Unknown(String),
-    /// Nobody waits for it any more.
+    /// The receiver of the export has hung up.
     #[error("it was stopped")]
     Stopped,
 }
 
-/// Which table of what kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableName {
-    /// One row an act.
+    /// One row per act.
     Acts,
-    /// One row a state.
+    /// One row per state.
     Rounds,
 }
 
 impl TableName {
-    /// Its columns.
-    #[must_use]
     pub const fn columns(self) -> &'static [Column] {
         match self {
             Self::Acts => tables::ACTS,
             Self::Rounds => tables::ROUNDS,
         }
     }
-
-    /// Its name.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Acts => "acts",
@@ -86,33 +74,28 @@ impl TableName {
     }
 }
 
-/// Which episodes are exported: all that have ended, where the filter names no status.
+/// The episodes to export: all that have ended if the filter names no status.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    /// What they have in common.
     pub filter: Filter,
-    /// This one alone.
+    /// Only this one.
     pub episode: Option<EpisodeId>,
 }
 
-/// What an export holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
-    /// Episodes.
     pub episodes: u64,
-    /// Rounds that were resolved.
+    /// Resolved rounds.
     pub rounds: u64,
-    /// Acts that were sent in them.
     pub acts: u64,
-    /// Episodes that are left out, as they do not play again, with the reason.
+    /// Episodes that are left out because they cannot be replayed, with the reason.
     pub broken: Vec<(String, String)>,
 }
 
-/// Stored episodes that are to be exported.
 pub struct Export<'a> {
     store: &'a Store,
     runtime: Handle,
-    /// Of all episodes that were selected no more than this is remembered.
+    /// The numbers of the selected episodes: nothing else of them stays in memory.
     keys: Vec<EpisodeKey>,
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
@@ -120,12 +103,9 @@ pub struct Export<'a> {
 }
 
 impl<'a> Export<'a> {
-    /// Selects what there is now. `may` says of each episode whether it may be exported; `progress` is called with how
-    /// many episodes of how many are written; `stop` ends it early. Not to be called on a thread that serves
-    /// others.
-    ///
-    /// # Errors
-    /// Where the store cannot be read, or does not have the requested episode.
+    /// Selects what there is now. `may` decides whether an episode may be exported; `progress` is called with the
+    /// number of episodes written and the number of all; `stop` ends the export early. It blocks: not to be called on
+    /// an async thread.
     pub fn select(
         store: &'a Store,
         selection: &Selection,
@@ -142,8 +122,7 @@ impl<'a> Export<'a> {
         };
         let mut keys = Vec::new();
         if let Some(id) = episode {
-            let found = runtime.block_on(store.find_summary(id))?;
-            let found = found.filter(wanted);
+            let found = runtime.block_on(store.find_summary(id))?.filter(wanted);
             keys.push(found.ok_or_else(|| ExportError::Unknown(id.to_string()))?.episode);
         } else {
             let mut before = None;
@@ -163,10 +142,7 @@ impl<'a> Export<'a> {
         Ok(Self { store, runtime, keys, exported, progress: Box::new(progress), stop })
     }
 
-    /// Writes the files of the toolkit: the states and the acts of every episode, at last the index.
-    ///
-    /// # Errors
-    /// Where the store cannot be read, or `files` cannot be written.
+    /// Writes the files of the toolkit: the states and the acts of every episode, and then the index.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
         let mut written = Vec::new();
         for (done, key) in self.keys.clone().into_iter().enumerate() {
@@ -174,13 +150,13 @@ impl<'a> Export<'a> {
             let Some((stored, mut game)) = self.sound(key)? else { continue };
             let run_id = stored.id.as_str();
             {
-                let mut list = List::begin(files.begin(&format::game_file(run_id))?)?;
+                let mut list = List::array(files.begin(&format::game_file(run_id))?)?;
                 list.add(&game.layout())?;
                 self.play(&stored, &mut game, |game, turn| Ok(list.add(&game.after(turn))?))?;
                 list.end()?;
             }
             let mut game = lay_out(&stored)?;
-            let mut list = List::begin(files.begin(&format::agent_file(run_id))?)?;
+            let mut list = List::array(files.begin(&format::agent_file(run_id))?)?;
             self.play_acts(&stored, &mut game, |game, turn, act| {
                 Ok(list.add(&game.act(turn, act))?)
             })?;
@@ -189,23 +165,18 @@ impl<'a> Export<'a> {
         }
         self.index(&written, files.begin(META)?)?;
         files.finish()?;
-        Ok(self.told())
+        Ok(self.finish())
     }
 
-    /// Writes the index of the episodes with these numbers.
     fn index(&mut self, keys: &[EpisodeKey], out: &mut dyn Write) -> Result<(), ExportError> {
-        let mut entries = Entries::begin(out)?;
+        let mut entries = List::object(out)?;
         for key in keys {
             let Some(stored) = self.stored(*key)? else { continue };
-            entries.add(stored.id.as_str(), &lay_out(&stored)?.meta(&stored.status))?;
+            entries.add_field(stored.id.as_str(), &lay_out(&stored)?.meta(&stored.status))?;
         }
         Ok(entries.end()?)
     }
 
-    /// Writes a table as JSON Lines.
-    ///
-    /// # Errors
-    /// Where the store cannot be read, or `out` cannot be written to.
     pub fn lines(self, table: TableName, out: impl Write) -> Result<Exported, ExportError> {
         let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
         let exported = self.rows(table, |row| {
@@ -217,10 +188,6 @@ impl<'a> Export<'a> {
         Ok(exported)
     }
 
-    /// Writes a table as a Parquet file.
-    ///
-    /// # Errors
-    /// Where the store cannot be read, or `out` cannot be written to.
     pub fn parquet(
         self,
         table: TableName,
@@ -253,16 +220,15 @@ impl<'a> Export<'a> {
                 })?,
             }
         }
-        Ok(self.told())
+        Ok(self.finish())
     }
 
-    fn told(mut self) -> Exported {
+    fn finish(mut self) -> Exported {
         let all = self.keys.len() as u64;
         (self.progress)(all, all);
         self.exported
     }
 
-    /// What is stored of an episode.
     fn stored(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, ExportError> {
         let all = Filter { readable: Readable::All, ..Filter::default() };
         let next = Some(EpisodeKey(key.0 + 1));
@@ -270,8 +236,8 @@ impl<'a> Export<'a> {
         Ok(found.into_iter().find(|stored| stored.episode == key))
     }
 
-    /// An episode that was selected, laid out; none where its journal does not play again. Nothing of that
-    /// one is written: a file that was begun could not be taken back.
+    /// A selected episode at its layout, or `None` if its journal cannot be replayed. It is replayed before anything is
+    /// written, because a file that was begun cannot be withdrawn.
     fn sound(&mut self, key: EpisodeKey) -> Result<Option<(StoredEpisode, Game)>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
         let (mut rounds, mut acts) = (0, 0);
@@ -298,7 +264,7 @@ impl<'a> Export<'a> {
         Ok(Some((stored, game)))
     }
 
-    /// Plays an episode that was found sound.
+    /// Replays an episode that passed [`Self::sound`].
     fn play(
         &self,
         stored: &StoredEpisode,
@@ -311,7 +277,7 @@ impl<'a> Export<'a> {
         })
     }
 
-    /// Plays an episode that was found sound, act by act with the texts of each.
+    /// Replays an episode that passed [`Self::sound`], act by act, with the texts of each.
     fn play_acts(
         &self,
         stored: &StoredEpisode,
@@ -357,7 +323,6 @@ impl<'a> Export<'a> {
     }
 }
 
-/// Imported games that are to be exported.
 pub struct ImportedGames<'a> {
     store: &'a Store,
     runtime: Handle,
@@ -366,10 +331,7 @@ pub struct ImportedGames<'a> {
 }
 
 impl<'a> ImportedGames<'a> {
-    /// Selects what there is now. Not to be called on a thread that serves others.
-    ///
-    /// # Errors
-    /// Where the store cannot be read.
+    /// Selects what there is now. It blocks: not to be called on an async thread.
     pub fn select(
         store: &'a Store,
         task: Option<String>,
@@ -388,11 +350,8 @@ impl<'a> ImportedGames<'a> {
         Ok(Self { store, runtime, keys, progress: Box::new(progress) })
     }
 
-    /// Writes them as they were read. Of several with one name the oldest is written, as files have one
-    /// name each.
-    ///
-    /// # Errors
-    /// Where the store cannot be read, or `files` cannot be written.
+    /// Writes the games as they were imported. Of several with one name the oldest is written, as a file name can be
+    /// used once.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
         let mut exported = Exported::default();
         let mut names = HashSet::new();
@@ -405,12 +364,12 @@ impl<'a> ImportedGames<'a> {
                 exported.broken.push((stored.id, problem));
                 continue;
             }
-            let mut list = List::begin(files.begin(&format::game_file(&stored.run_id))?)?;
+            let mut list = List::array(files.begin(&format::game_file(&stored.run_id))?)?;
             self.each(&stored, |round| {
                 Ok(list.add(&imported::game_row(&stored.task, round).map_err(unreadable)?)?)
             })?;
             list.end()?;
-            let mut list = List::begin(files.begin(&format::agent_file(&stored.run_id))?)?;
+            let mut list = List::array(files.begin(&format::agent_file(&stored.run_id))?)?;
             self.each(&stored, |round| {
                 let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows);
                 rows.map_err(unreadable)?.iter().try_for_each(|row| Ok(list.add(row)?))
@@ -421,10 +380,11 @@ impl<'a> ImportedGames<'a> {
             exported.acts += stored.acts;
             written.push(*key);
         }
-        let mut entries = Entries::begin(files.begin(META)?)?;
+        let mut entries = List::object(files.begin(META)?)?;
         for key in written {
             let Some(stored) = self.stored(key)? else { continue };
-            entries.add(&stored.run_id, &imported::meta(&stored.meta).map_err(unreadable)?)?;
+            entries
+                .add_field(&stored.run_id, &imported::meta(&stored.meta).map_err(unreadable)?)?;
         }
         entries.end()?;
         files.finish()?;
@@ -459,11 +419,9 @@ fn unreadable(problem: String) -> ExportError {
     ExportError::Journal(StoreError::broken(problem))
 }
 
-/// Why an episode was not played to its end.
 enum Fault {
-    /// Its journal does not play again.
+    /// The journal cannot be replayed.
     Broken(String),
-    /// Something else failed.
     Error(ExportError),
 }
 
@@ -477,7 +435,6 @@ fn check(stop: &CancellationToken) -> Result<(), ExportError> {
     if stop.is_cancelled() { Err(ExportError::Stopped) } else { Ok(()) }
 }
 
-/// An episode that was found sound, laid out.
 fn lay_out(stored: &StoredEpisode) -> Result<Game, ExportError> {
     Game::new(stored).map_err(|problem| changed(stored, &problem))
 }
@@ -487,64 +444,41 @@ fn changed(stored: &StoredEpisode, problem: &str) -> ExportError {
     ExportError::Journal(StoreError::broken(format!("episode {}: {problem}", stored.id)))
 }
 
-/// A JSON array, written element by element.
+/// A JSON array or object, written element by element, each on a line of its own.
 struct List<'a> {
     out: io::BufWriter<&'a mut dyn Write>,
     is_empty: bool,
+    end: &'static [u8],
 }
 
 impl<'a> List<'a> {
-    fn begin(out: &'a mut dyn Write) -> io::Result<Self> {
+    fn array(out: &'a mut dyn Write) -> io::Result<Self> {
+        Self::begin(out, b"[", b"\n]\n")
+    }
+
+    fn object(out: &'a mut dyn Write) -> io::Result<Self> {
+        Self::begin(out, b"{", b"\n}\n")
+    }
+
+    fn begin(out: &'a mut dyn Write, begin: &[u8], end: &'static [u8]) -> io::Result<Self> {
         let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
-        out.write_all(b"[")?;
-        Ok(Self { out, is_empty: true })
+        out.write_all(begin)?;
+        Ok(Self { out, is_empty: true, end })
     }
 
-    fn add(&mut self, row: &impl Row) -> io::Result<()> {
-        separate(&mut self.out, &mut self.is_empty)?;
-        Ok(serde_json::to_writer(&mut self.out, row)?)
+    fn add(&mut self, element: &impl Serialize) -> io::Result<()> {
+        self.out.write_all(if std::mem::take(&mut self.is_empty) { b"\n" } else { b",\n" })?;
+        Ok(serde_json::to_writer(&mut self.out, element)?)
     }
 
-    fn end(mut self) -> io::Result<()> {
-        self.out.write_all(b"\n]\n")?;
-        self.out.flush()
-    }
-}
-
-/// What files are lists of.
-trait Row: Serialize {}
-
-impl Row for GameRow {}
-
-impl Row for AgentRow {}
-
-/// A JSON object, written entry by entry.
-struct Entries<'a> {
-    out: io::BufWriter<&'a mut dyn Write>,
-    is_empty: bool,
-}
-
-impl<'a> Entries<'a> {
-    fn begin(out: &'a mut dyn Write) -> io::Result<Self> {
-        let mut out = io::BufWriter::with_capacity(BUFFER_BYTES, out);
-        out.write_all(b"{")?;
-        Ok(Self { out, is_empty: true })
-    }
-
-    fn add(&mut self, name: &str, meta: &Meta) -> io::Result<()> {
-        separate(&mut self.out, &mut self.is_empty)?;
-        serde_json::to_writer(&mut self.out, name)?;
+    fn add_field(&mut self, name: &str, value: &impl Serialize) -> io::Result<()> {
+        self.add(&name)?;
         self.out.write_all(b": ")?;
-        Ok(serde_json::to_writer(&mut self.out, meta)?)
+        Ok(serde_json::to_writer(&mut self.out, value)?)
     }
 
     fn end(mut self) -> io::Result<()> {
-        self.out.write_all(b"\n}\n")?;
+        self.out.write_all(self.end)?;
         self.out.flush()
     }
-}
-
-/// Every element is on a line of its own.
-fn separate(out: &mut impl Write, is_empty: &mut bool) -> io::Result<()> {
-    out.write_all(if std::mem::take(is_empty) { b"\n" } else { b",\n" })
 }

@@ -1,5 +1,4 @@
-//! Where the files of an export go: into a folder, or into an archive that is written from its beginning
-//! to its end.
+//! The files of an export: in a folder, or in an archive that is written as a stream.
 
 use std::cell::Cell;
 use std::fs::File;
@@ -12,28 +11,20 @@ use zip::{CompressionMethod, ZipWriter};
 
 /// Takes files one after the other.
 pub trait Files {
-    /// Begins a file; what is written from now on belongs to it.
-    ///
-    /// # Errors
-    /// Where it cannot be written; so for all functions here.
+    /// Begins a file; everything written before the next call belongs to it.
     fn begin(&mut self, name: &str) -> io::Result<&mut dyn Write>;
 
-    /// All files are there.
-    ///
-    /// # Errors
-    /// Where the last ones cannot be written.
+    /// Completes the last file and the archive.
     fn finish(&mut self) -> io::Result<()>;
 }
 
-/// A folder that exists.
+/// An existing folder.
 pub struct Folder {
     path: PathBuf,
     open: Option<BufWriter<File>>,
 }
 
 impl Folder {
-    /// Writes into the folder `path`.
-    #[must_use]
     pub const fn new(path: PathBuf) -> Self {
         Self { path, open: None }
     }
@@ -58,14 +49,13 @@ impl Files for Folder {
     }
 }
 
-/// A zip archive. Sizes stand behind each file (as nobody knows them before), in 64 bits.
+/// A zip archive, written as a stream: the size of a file follows its data, in 64 bits.
 pub struct Archive<W: Write> {
     zip: Option<ZipWriter<StreamWriter<Gate<W>>>>,
     is_shut: Rc<Cell<bool>>,
 }
 
 impl<W: Write> Archive<W> {
-    /// Writes an archive to `out`.
     pub fn new(out: W) -> Self {
         let is_shut = Rc::new(Cell::new(false));
         let gate = Gate { out, is_shut: Rc::clone(&is_shut) };
@@ -74,13 +64,13 @@ impl<W: Write> Archive<W> {
 }
 
 impl<W: Write> Drop for Archive<W> {
-    /// An archive that broke off gets no end: it would look whole.
+    /// An incomplete archive gets no end record: it would look complete.
     fn drop(&mut self) {
         self.is_shut.set(true);
     }
 }
 
-/// Lets bytes through until it is shut.
+/// Passes bytes on until it is shut.
 struct Gate<W> {
     out: W,
     is_shut: Rc<Cell<bool>>,

@@ -8,23 +8,19 @@ use serde_json::{Map, Value};
 pub const META: &str = "meta_log.json";
 
 /// The name of the file with the states of a run.
-#[must_use]
 pub fn game_file(run_id: &str) -> String {
     format!("game_log_{run_id}.json")
 }
 
-/// The name of the file with what the agents of a run did.
-#[must_use]
+/// The name of the file with the acts of a run.
 pub fn agent_file(run_id: &str) -> String {
     format!("agent_log_{run_id}.json")
 }
 
-/// Characters of a run's id.
 pub const RUN_ID_CHARS_MAX: usize = 128;
 
-/// Whether a text may be a part of a file's name: letters, digits, `-`, `_`, spaces and parentheses, of
-/// which the toolkit makes its ids (a time and the name of a thread).
-#[must_use]
+/// Whether a text may be part of a file name: letters, digits, `-`, `_`, spaces and parentheses. The toolkit makes its
+/// ids of a time and the name of a thread.
 pub fn is_run_id(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | ' ' | '(' | ')');
     (1..=RUN_ID_CHARS_MAX).contains(&text.len()) && text.chars().all(plain) && text.trim() == text
@@ -33,25 +29,20 @@ pub fn is_run_id(text: &str) -> bool {
 /// The settings of a run: a value of the index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
-    /// Who plays: a name, or a list with the name of each agent's model.
+    /// One name, or a list with the name of each agent's model.
     pub model: Value,
-    /// The task. Logs of the toolkit's first versions call it `level`.
+    /// Logs of the toolkit's first versions call it `level`.
     #[serde(alias = "level")]
     pub task: String,
-    /// How many agents play.
     pub num_agents: u32,
-    /// After how many rounds the run ends at the latest.
     pub max_round: u32,
-    /// Columns of the map.
     pub width: u32,
-    /// Rows of the map.
     pub height: u32,
-    /// The seed of the layout.
     pub seed: u64,
     /// Rows and columns of an agent's window.
     pub view_size: u32,
-    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, and
-    /// `run` where there is one.
+    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, and `run` if the
+    /// game belongs to one.
     #[serde(flatten)]
     pub rest: Map<String, Value>,
 }
@@ -59,70 +50,58 @@ pub struct Meta {
 /// A state of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GameRow {
-    /// When it was logged: seconds since 1970.
+    /// Seconds since 1970.
     pub timestamp: Option<f64>,
-    /// The task.
     #[serde(alias = "level")]
     pub task: String,
-    /// How many rounds were resolved; 0 is the layout.
+    /// Resolved rounds; 0 is the layout.
     pub round: u32,
     /// Rows of cells of one character.
     pub grid: Vec<Vec<String>>,
     /// All agents, also those that have left the map.
     pub agents: Vec<AgentAt>,
-    /// The score.
     pub score: f64,
-    /// What was said in the round that led here.
+    /// Messages of the last resolved round.
     pub messages: Vec<Said>,
 }
 
-/// Where an agent is.
+/// The position of an agent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AgentAt {
-    /// Its name.
     pub id: String,
-    /// Its column.
+    /// Column.
     pub x: i32,
-    /// Its row.
+    /// Row.
     pub y: i32,
 }
 
-/// A message as it was sent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Said {
-    /// In which round.
     pub round: u32,
-    /// By whom.
     pub agent_name: String,
-    /// The text.
     pub message: String,
 }
 
 /// What an agent did in a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AgentRow {
-    /// When: seconds since 1970.
+    /// Seconds since 1970.
     pub timestamp: Option<f64>,
-    /// The task.
     #[serde(alias = "level")]
     pub task: String,
-    /// The round that was decided; its state is the one with the same number.
+    /// The round of the act; the state before it has the same number.
     pub round: u32,
-    /// The agent's name.
     pub agent_id: String,
-    /// What the agent saw: rows of cells, its own number in its own.
+    /// Rows of cells of the agent's window, its own cell with its own number.
     pub view: Option<Vec<Vec<String>>>,
-    /// The text for the language model.
     pub prompt: Option<String>,
-    /// What the language model answered.
+    /// The answer of the language model.
     pub response: Option<String>,
-    /// What the agent did.
     pub action: Option<String>,
-    /// What the agent said.
     pub message: Option<String>,
-    /// How long the language model took, in seconds.
+    /// Latency of the language model, in seconds.
     pub api_call_time: Option<f64>,
-    /// Whether the action did what its name says.
+    /// Whether the action had its effect.
     pub action_success: Option<bool>,
     /// Tokens of all the agent's answers so far.
     pub total_llm_tokens: Option<u64>,

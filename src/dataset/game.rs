@@ -17,46 +17,41 @@ use crate::store::port::StoredEpisode;
 use crate::wire::observation::Sight;
 use crate::wire::status::Status;
 
-/// An episode on its way from its layout to its last resolved round.
+/// An episode that is being replayed.
 pub struct Game {
-    /// Its opening record.
     pub opening: Opening,
     config: Arc<Config>,
     description: String,
     replayer: Replayer,
     began_at: Timestamp,
-    /// By agent, tokens of its answers so far, where any were told.
+    /// By agent: tokens of its answers so far, if any were reported.
     tokens: Vec<Option<u64>>,
 }
 
-/// A round that was played again.
+/// A replayed round.
 pub struct Turn {
-    /// The round.
     pub round: u32,
     /// The state in which it was decided.
     pub before: Arc<World>,
     /// What was decided, in order of the agents' numbers.
     pub acts: Vec<GameAct>,
-    /// When it was resolved.
+    /// When the round was resolved.
     pub at: Timestamp,
 }
 
-/// An act of a round.
 pub struct GameAct {
-    /// Whose.
     pub agent: AgentId,
-    /// When it came.
+    /// When it was received.
     pub at: Timestamp,
-    /// What it was.
     pub record: ActRecord,
-    /// Whether the action did what its name says.
+    /// Whether the action had its effect.
     pub took_effect: bool,
-    /// Tokens of all the agent's answers up to this one, where any were told.
+    /// Tokens of all the agent's answers up to this one, if any were reported.
     pub tokens: Option<u64>,
 }
 
 impl GameAct {
-    /// The same act with all of its record.
+    /// The same act with its complete record.
     #[must_use]
     pub fn with(&self, record: ActRecord) -> Self {
         let Self { agent, at, took_effect, tokens, .. } = *self;
@@ -65,10 +60,7 @@ impl GameAct {
 }
 
 impl Game {
-    /// Lays the episode out.
-    ///
-    /// # Errors
-    /// Where its opening cannot be read, or is not one that this program plays.
+    /// The episode at its layout.
     pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
         let opening = match stored.opening.read() {
             Ok(Record::Opening(opening)) => *opening,
@@ -94,10 +86,7 @@ impl Game {
         self.replayer.world()
     }
 
-    /// Plays the next round.
-    ///
-    /// # Errors
-    /// Where it does not lead to the state that was recorded.
+    /// Plays the next round, and compares the state with the recorded digest.
     pub fn play(&mut self, round: LoggedRound) -> Result<Turn, String> {
         let at = |fault: RoundFault| format!("round {}: {fault}", round.round);
         let before = Arc::clone(self.replayer.world());
@@ -108,10 +97,9 @@ impl Game {
         let to: Vec<AgentState> = self.world().agent_states().collect();
         let acts = round.acts.into_iter().map(|act| {
             let own = act.agent.index();
-            let told = act.record.usage.and_then(|usage| usage.completion_tokens);
-            if let Some(told) = told {
+            if let Some(used) = act.record.usage.and_then(|usage| usage.completion_tokens) {
                 let tokens = &mut self.tokens[own];
-                *tokens = Some(tokens.unwrap_or(0).saturating_add(told));
+                *tokens = Some(tokens.unwrap_or(0).saturating_add(used));
             }
             GameAct {
                 took_effect: took_effect(acts[own].action, &from[own], &to[own]),
@@ -125,7 +113,6 @@ impl Game {
     }
 
     /// The settings, as the index has them.
-    #[must_use]
     pub fn meta(&self, status: &str) -> Meta {
         let config = &self.opening.config;
         let size = |cells: i64| u32::try_from(cells).unwrap_or(u32::MAX);
@@ -155,15 +142,11 @@ impl Game {
                 .collect::<Map<_, _>>(),
         }
     }
-
-    /// The layout.
-    #[must_use]
     pub fn layout(&self) -> GameRow {
         self.row(self.began_at, Vec::new())
     }
 
-    /// The state after a round that was just played.
-    #[must_use]
+    /// The state after `turn`, the last round played.
     pub fn after(&self, turn: &Turn) -> GameRow {
         let said = turn.acts.iter().filter_map(|act| {
             Some(Said {
@@ -193,8 +176,7 @@ impl Game {
         }
     }
 
-    /// What an agent did in a round that was just played, with what it was shown.
-    #[must_use]
+    /// A row of the agent's file for an act of the last round played.
     pub fn act(&self, turn: &Turn, act: &GameAct) -> AgentRow {
         let seen = turn.before.observe(act.agent);
         let record = &act.record;
@@ -217,7 +199,7 @@ impl Game {
         }
     }
 
-    /// The text that the agent gets where it asks for one; none where the template fails.
+    /// The agent's prompt; `None` if the template fails.
     fn prompt(&self, seen: &Observation) -> Option<String> {
         let sight = Sight::of(
             seen,
@@ -230,8 +212,8 @@ impl Game {
     }
 }
 
-/// A move is one where the agent gets somewhere in its direction. `SWITCH` always works. Who stays, or does
-/// nothing, has no success.
+/// Whether an action had its effect: a move did if the agent got somewhere in its direction, `SWITCH` always, `STAY`
+/// and no action never.
 fn took_effect(action: Option<Action>, from: &AgentState, to: &AgentState) -> bool {
     match action.map(|action| (action, action.direction())) {
         Some((_, Some(direction))) => {
@@ -250,9 +232,7 @@ fn seconds(at: Timestamp) -> f64 {
     millis / 1000.0
 }
 
-/// The whole map, one character a cell. An agent is `A`, or `a` where its light is off or it carries no
-/// food.
-#[must_use]
+/// The whole map, one character per cell. An agent is `A`, or `a` if its light is off or it carries no food.
 pub fn grid(world: &World) -> Vec<Vec<String>> {
     let seen = world.spectator_view();
     let mut grid: Vec<Vec<String>> =
@@ -270,7 +250,7 @@ pub fn grid(world: &World) -> Vec<Vec<String>> {
     grid
 }
 
-/// What an agent sees. Its own cell has its own number, marked as those of others are.
+/// The window of an agent. Its own cell has its own number, marked like those of other agents.
 fn view(seen: &Observation, rules: RuleSet) -> Option<Vec<Vec<String>>> {
     let flag = seen.light_on.or(seen.carrying_food);
     let marked = flag.is_some_and(|flag| match rules {

@@ -14,25 +14,22 @@ use crate::store::imports::{ImportHash, ImportRow, ImportSettings, ImportedRound
 use crate::wire::Position;
 use crate::wire::episode::{State, StateAgent};
 
-/// Characters of the name of a model.
 const MODEL_CHARS_MAX: usize = 200;
 
-/// Bytes of a run's settings.
+/// The settings of a run, as JSON.
 const META_BYTES_MAX: usize = 16 * 1024;
 
 /// Rows and columns of a map, and of a window.
 const SIDE_MAX: u32 = 1024;
 
-/// Agents of a run.
 const AGENTS_MAX: u32 = 1024;
 
-/// Rounds of a run.
 const ROUNDS_MAX: u32 = 100_000;
 
 /// Characters of an agent's name.
 const NAME_CHARS_MAX: usize = 64;
 
-/// A state as it is stored: what the files tell of it, with each row of the grid as one text.
+/// A state as it is stored, with each row of the grid as one text.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredState {
     timestamp: Option<f64>,
@@ -41,7 +38,7 @@ struct StoredState {
     messages: Vec<Said>,
 }
 
-/// A game on its way from its files into the store.
+/// Checks the parts of a game as they are read, and makes the row of the store from them.
 pub struct Builder {
     run_id: String,
     meta: Meta,
@@ -49,16 +46,13 @@ pub struct Builder {
     rounds: Vec<ImportedRound>,
     names: Vec<String>,
     acts: u64,
-    /// The acts of the round that is being read, one a line.
+    /// The acts of the current round, one JSON object per line.
     open: Vec<u8>,
     open_round: u32,
 }
 
 impl Builder {
-    /// A game without states.
-    ///
-    /// # Errors
-    /// What in its settings cannot be.
+    /// A game without states. An error says which of its settings is invalid.
     pub fn new(run_id: &str, meta: Meta) -> Result<Self, String> {
         let model = model(&meta.model)?;
         if TaskName::parse(&meta.task).is_none() {
@@ -86,10 +80,6 @@ impl Builder {
         Ok(Self { run_id, meta, model, rounds, names, acts: 0, open: Vec::new(), open_round: 0 })
     }
 
-    /// Adds the next state.
-    ///
-    /// # Errors
-    /// What in it cannot be.
     pub fn add_state(&mut self, row: GameRow) -> Result<(), String> {
         let expected = self.rounds.len();
         if row.round as usize != expected {
@@ -122,7 +112,7 @@ impl Builder {
         } else if !row.agents.iter().map(|agent| &agent.id).eq(&self.names) {
             return Err(at("its agents are not those of the rounds before it".to_owned()));
         }
-        // An agent leaves the map by a step or two; nobody can be further away.
+        // An agent leaves the map by a step or two; a larger distance is not possible.
         let near = -256..=i32::try_from(2 * SIDE_MAX).expect("a small number");
         if row.agents.iter().any(|agent| !near.contains(&agent.x) || !near.contains(&agent.y)) {
             return Err(at("an agent is too far away".to_owned()));
@@ -151,10 +141,7 @@ impl Builder {
         Ok(rows.iter().map(|row| row.concat()).collect())
     }
 
-    /// Adds what an agent did. The rows of a round may come in any order.
-    ///
-    /// # Errors
-    /// What in it cannot be.
+    /// Adds an act. The acts of a round may be in any order.
     pub fn add_act(&mut self, row: &AgentRow) -> Result<(), String> {
         if row.round as usize >= self.rounds.len() {
             return Err(format!("an act of round {}, of which there is no state", row.round));
@@ -175,7 +162,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Puts the acts that were read to their round.
+    /// Compresses the acts that were read, into their round.
     fn pack(&mut self) {
         let open = std::mem::take(&mut self.open);
         if let Some(round) =
@@ -186,7 +173,6 @@ impl Builder {
         }
     }
 
-    /// Forgets all acts.
     pub fn without_acts(&mut self) {
         self.open.clear();
         self.acts = 0;
@@ -195,10 +181,6 @@ impl Builder {
         }
     }
 
-    /// The game.
-    ///
-    /// # Errors
-    /// Where it has no states.
     pub fn finish(mut self) -> Result<ImportRow, String> {
         self.pack();
         let last = self.rounds.last().ok_or("it has no states")?;
@@ -285,17 +267,11 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// The settings of a stored game, as its files have them.
-///
-/// # Errors
-/// Where what is stored cannot be read; so for all functions here.
 pub fn meta(stored: &str) -> Result<Meta, String> {
     serde_json::from_str(stored).map_err(|error| error.to_string())
 }
 
-/// A stored state as the files have it.
-///
-/// # Errors
-/// Where it cannot be read.
+/// A stored state, as the files have it.
 pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, String> {
     let state: StoredState =
         serde_json::from_str(&round.state).map_err(|error| error.to_string())?;
@@ -311,10 +287,7 @@ pub fn game_row(task: &str, round: &ImportedRound) -> Result<GameRow, String> {
     })
 }
 
-/// What the agents did in a round, as the files have it.
-///
-/// # Errors
-/// Where it cannot be read.
+/// The acts of a round, as the files have them.
 pub fn agent_rows(acts: &[u8]) -> Result<Vec<AgentRow>, String> {
     let mut lines = String::new();
     MultiGzDecoder::new(acts).read_to_string(&mut lines).map_err(|error| error.to_string())?;
@@ -322,10 +295,7 @@ pub fn agent_rows(acts: &[u8]) -> Result<Vec<AgentRow>, String> {
     lines.lines().map(row).collect()
 }
 
-/// A stored state in the shape in which the server shows states.
-///
-/// # Errors
-/// Where it cannot be read.
+/// A stored state as the API has it.
 pub fn state(task: &str, round: &ImportedRound) -> Result<State, String> {
     let row = game_row(task, round)?;
     let cell = |at: &AgentAt| {

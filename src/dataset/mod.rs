@@ -1,9 +1,9 @@
 //! The data format of the public toolkit, both ways, and tables of acts and rounds for data people.
 //!
 //! [`mod@format`] has the shapes of the format's files. [`game`] plays a stored episode again, round by
-//! round; [`export`] writes what comes of it: [`files`] says where to, [`tables`] are JSON Lines and
-//! [`columns`] is Parquet. [`read`] reads such files, which anybody may have written, within the bounds of
-//! [`bounds`], and makes of each a game that the store can keep. The format field by field: `docs/evaluate/dataset.md`.
+//! round; [`export`] writes it into [`files`], as tables in JSON Lines ([`tables`]) or in Parquet
+//! ([`columns`]). [`read`] reads such files, which are untrusted, within [`bounds`], and makes rows for the store of
+//! them ([`imported`]). The format field by field: `docs/evaluate/dataset.md`.
 
 pub mod bounds;
 pub mod columns;

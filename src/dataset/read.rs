@@ -1,7 +1,7 @@
 //! Reading: a folder or an archive with any number of batches, one game at a time.
 //!
 //! A batch is a folder with an index. Nothing is unpacked to the disk, and a name in an archive never
-//! becomes a path. A problem with a file is reported with the name of the file, and the others are read.
+//! becomes a path. A problem with a file is reported with its name, and the others are read.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -19,18 +19,15 @@ use super::format::{self, META, Meta, is_run_id};
 use super::imported::Builder;
 use crate::store::imports::ImportRow;
 
-/// What is wrong with most of what is no run id.
+/// Why most invalid run ids are invalid.
 const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spaces and parentheses";
 
-/// Bytes that are read at once.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// What is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
     /// The file, or the run.
     pub file: String,
-    /// What is wrong with it.
     pub problem: String,
 }
 
@@ -40,54 +37,29 @@ impl Problem {
     }
 }
 
-/// Nothing can be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The folder or archive cannot be read.
     #[error("{path} cannot be read: {source}")]
-    Io {
-        /// What was to be read.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// It is no archive.
+    Io { path: PathBuf, source: io::Error },
     #[error("{path} is neither a folder nor a zip archive that can be read: {source}")]
-    Archive {
-        /// What was to be read.
-        path: PathBuf,
-        /// Why.
-        source: zip::result::ZipError,
-    },
-    /// It is too large.
+    Archive { path: PathBuf, source: zip::result::ZipError },
     #[error("{path} has more than {most} files")]
-    Entries {
-        /// What was to be read.
-        path: PathBuf,
-        /// How many it may have.
-        most: usize,
-    },
+    Entries { path: PathBuf, most: usize },
 }
 
-/// Takes what is read.
+/// Receives what is read.
 pub trait Taker {
-    /// A game that is whole.
-    ///
-    /// # Errors
-    /// Where it cannot be kept; then nothing more is read.
+    /// A complete game. After an error nothing more is read.
     fn game(&mut self, game: ImportRow) -> anyhow::Result<()>;
 
-    /// Something that is skipped.
+    /// A file or a run that is skipped.
     fn problem(&mut self, problem: Problem);
 
-    /// How many games of how many were looked at.
+    /// How many games of how many were read.
     fn progress(&mut self, done: u64, of: u64);
 }
 
 /// Reads all games in a folder or archive.
-///
-/// # Errors
-/// Where it cannot be read at all, or a game cannot be kept.
 pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Result<()> {
     let mut place = Place::open(path, bounds, taker)?;
     let batches = Batches::of(place.names(), taker);
@@ -106,10 +78,10 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
         let mut runs = Vec::new();
         let read = match batch.index {
             Some(index) => reading.index(&mut place, index, &mut runs),
-            None => Err("is missing, so nobody knows who played".to_owned()),
+            None => Err("is missing, so the players are not known".to_owned()),
         };
         if let Err(why) = read {
-            let why = format!("{why}; it tells of {} runs", runs.len());
+            let why = format!("{why}; it has {} runs", runs.len());
             taker.problem(problem(Problem::new(META, why)));
         }
         let mut games = batch.games;
@@ -136,7 +108,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
     Ok(())
 }
 
-/// The files of a batch, by their places.
+/// The files of a batch, by their numbers in the [`Place`].
 #[derive(Default)]
 struct Batch {
     index: Option<usize>,
@@ -158,7 +130,7 @@ impl Batches {
         for (place, path) in names.into_iter().enumerate() {
             let (folder, name) = path.rsplit_once('/').unwrap_or(("", &path));
             if folder.split('/').any(|part| part == "__MACOSX") {
-                // What a packer of one system adds: attributes under the names of the files.
+                // Attributes of files, which the packer of one system adds.
                 continue;
             }
             let mut problem = |problem: &str| {
@@ -179,14 +151,14 @@ impl Batches {
                 *(if is_game { &mut logs.states } else { &mut logs.acts }) = Some(place);
             } else if Path::new(name).extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"))
             {
-                problem("is an archive inside, and is not opened; import it by itself");
+                problem("is a nested archive, and is not opened; import it by itself");
             }
         }
         Self(batches)
     }
 }
 
-/// Where files are read from; each has a number.
+/// Where files are read from. Every file has a number.
 enum Place {
     Folder(Vec<(String, PathBuf)>),
     Archive(Box<ZipArchive<BufReader<File>>>),
@@ -220,14 +192,14 @@ impl Place {
     fn names(&self) -> Vec<String> {
         match self {
             Self::Folder(files) => files.iter().map(|(name, _)| name.clone()).collect(),
-            // A name that is no text is not one of those that are looked for.
+            // A name that is not UTF-8 is none of those that are read.
             Self::Archive(archive) => (archive.file_names())
                 .map(|name| name.map(Cow::into_owned).unwrap_or_default())
                 .collect(),
         }
     }
 
-    /// Opens a file; also tells how many bytes it takes in an archive.
+    /// Opens a file. The second value is its packed size, if it is in an archive.
     fn file(&mut self, number: usize) -> io::Result<(Box<dyn Read + '_>, Option<u64>)> {
         match self {
             Self::Folder(files) => Ok((Box::new(File::open(&files[number].1)?), None)),
@@ -240,11 +212,11 @@ impl Place {
     }
 }
 
-/// What a folder has.
+/// The content of a folder.
 #[derive(Default)]
 struct Found {
     files: Vec<(String, PathBuf)>,
-    /// What is not read, and why.
+    /// Skipped files, with the reason.
     skipped: Vec<(String, String)>,
 }
 
@@ -282,14 +254,14 @@ fn walk(
         } else if kind.is_dir() {
             found.skip(&name, &format!("is more than {} folders deep", bounds.folders_max));
         } else {
-            found.skip(&name, "is a link or no file, and is not followed");
+            found.skip(&name, "is not a regular file, and is not followed");
         }
     }
     Ok(())
 }
 
-/// How many entries an archive says that it has. Its directory takes memory for each, so this is looked at
-/// before it is read.
+/// The number of entries that an archive declares. It is checked before the directory is read, which takes memory for
+/// each entry.
 fn declared(file: &mut File) -> io::Result<u64> {
     // The end of the directory is at most a comment of 64 KiB before the end of the file, and the one for many
     // entries right before it.
@@ -315,14 +287,13 @@ fn declared(file: &mut File) -> io::Result<u64> {
     Ok(most)
 }
 
-/// A reading with its bounds.
 struct Reading<'a> {
     bounds: &'a Bounds,
     total: Cell<u64>,
 }
 
 impl Reading<'_> {
-    /// Reads one game, and reports what is wrong with its files.
+    /// Reads one game, and reports the problems of its files.
     fn game(
         &self,
         place: &mut Place,
@@ -352,7 +323,7 @@ impl Reading<'_> {
         };
         if let Err(why) = read {
             builder.without_acts();
-            let why = format!("{why}; the game is taken without its acts");
+            let why = format!("{why}; the game is imported without its acts");
             wrong.push(Problem::new(format::agent_file(run_id), why));
         }
         match builder.finish() {
@@ -361,7 +332,7 @@ impl Reading<'_> {
         }
     }
 
-    /// Reads an array and hands its elements on, one at a time.
+    /// Reads an array and passes its elements on, one at a time.
     fn list<T: DeserializeOwned>(
         &self,
         place: &mut Place,
@@ -371,7 +342,7 @@ impl Reading<'_> {
         self.json(place, number, Elements { add, kind: std::marker::PhantomData })
     }
 
-    /// Reads an index. If it is truncated, `runs` has what comes before.
+    /// Reads an index. If it is truncated, `runs` has the entries before the end.
     fn index(
         &self,
         place: &mut Place,
@@ -391,13 +362,13 @@ impl Reading<'_> {
             serde_json::Deserializer::from_reader(BufReader::with_capacity(BUFFER_BYTES, file));
         let read = what.deserialize(&mut json).and_then(|()| json.end());
         read.map_err(|error| match error.classify() {
-            serde_json::error::Category::Eof => format!("breaks off: {error}"),
+            serde_json::error::Category::Eof => format!("is truncated: {error}"),
             _ => error.to_string(),
         })
     }
 }
 
-/// Takes the elements of an array.
+/// Reads the elements of an array.
 struct Elements<'a, T> {
     add: &'a mut dyn FnMut(T) -> Result<(), String>,
     kind: std::marker::PhantomData<T>,
@@ -426,7 +397,7 @@ impl<'de, T: DeserializeOwned> Visitor<'de> for Elements<'_, T> {
     }
 }
 
-/// Takes the runs of an index. One that is wrong leaves the others as they are.
+/// Reads the runs of an index. An invalid one does not affect the others.
 struct Runs<'a> {
     runs: &'a mut Vec<(String, Result<Meta, String>)>,
     most: usize,

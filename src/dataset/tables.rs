@@ -7,25 +7,19 @@ use serde::ser::{SerializeMap, Serializer};
 use super::game::{Game, GameAct, Turn, grid};
 use crate::journal::record::Source;
 
-/// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// UTF-8.
     Text,
-    /// A whole number, 64 bits.
     Whole,
-    /// A double.
     Real,
-    /// True or false.
     Flag,
-    /// A moment, in milliseconds of UTC.
+    /// In milliseconds of UTC.
     Time,
 }
 
-/// A column: its name and what it holds. Every value may be missing.
+/// Its name and what it holds. Every value may be missing.
 pub type Column = (&'static str, Kind);
 
-/// A value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 #[expect(missing_docs, reason = "the kinds of columns")]
@@ -91,7 +85,7 @@ pub const ROUNDS: &[Column] = &[
     ("grid", Kind::Text),
 ];
 
-/// A row under the names of its columns, as a line of JSON.
+/// A row as a line of JSON, with the names of its columns.
 pub struct Named<'a>(pub &'a [Column], pub &'a [Cell]);
 
 impl Serialize for Named<'_> {
@@ -112,11 +106,11 @@ fn whole(number: impl TryInto<i64>) -> Cell {
     number.try_into().map_or(Cell::Missing, Cell::Whole)
 }
 
-fn told(number: Option<u64>) -> Cell {
+fn optional(number: Option<u64>) -> Cell {
     number.map_or(Cell::Missing, whole)
 }
 
-/// What is the same in every row of an episode.
+/// The cells that are the same in every row of an episode.
 fn head(game: &Game) -> Vec<Cell> {
     let (opening, config) = (&game.opening, &game.opening.config);
     let known = |text: &String| Cell::Text(text.clone());
@@ -131,8 +125,7 @@ fn head(game: &Game) -> Vec<Cell> {
     ]
 }
 
-/// An act of a round that was just played.
-#[must_use]
+/// A row for an act of the last round played.
 pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
     let record = &act.record;
     let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
@@ -157,16 +150,15 @@ pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
         text(record.to.as_ref()),
         text(record.response.as_ref()),
         text(record.reasoning.as_ref()),
-        told(usage.prompt_tokens),
-        told(usage.completion_tokens),
-        told(usage.latency_ms),
+        optional(usage.prompt_tokens),
+        optional(usage.completion_tokens),
+        optional(usage.latency_ms),
         whole(record.bank_spent_ms),
     ]);
     cells
 }
 
-/// A state: the layout, or the one after a round that was just played.
-#[must_use]
+/// A row for the current state: `turn` is the round that led to it, or `None` for the layout.
 pub fn round(game: &Game, turn: Option<&Turn>, began_at: Timestamp) -> Vec<Cell> {
     let (config, world) = (&game.opening.config, game.world());
     let count = |wanted: &dyn Fn(&GameAct) -> bool| {

@@ -178,6 +178,7 @@ impl Registry {
     }
 
     /// With a budget of memory; without one there is no bound.
+    #[must_use]
     pub fn with_budget(mut self, budget: Arc<Budget>) -> Self {
         self.host.budget = budget;
         self

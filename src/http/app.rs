@@ -89,7 +89,7 @@ pub struct Shared {
     pub(super) entropy: Arc<dyn Entropy>,
     pub(super) disk: Arc<dyn Disk>,
     pub(crate) workers: Workers,
-    pub(super) limits: Limits,
+    pub(crate) limits: Limits,
     pub(crate) access: Access,
     pub(crate) has_keys: bool,
     pub(crate) stop: CancellationToken,

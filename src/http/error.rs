@@ -204,11 +204,13 @@ impl ApiError {
     }
 
     /// With the current round of the episode.
+    #[must_use]
     pub fn at_round(self, round: u32) -> Self {
         Self { round: Some(round), ..self }
     }
 
     /// With the time after which it is worth trying again.
+    #[must_use]
     pub fn retry_after(self, after: Duration) -> Self {
         Self { retry_after: Some(after), ..self }
     }

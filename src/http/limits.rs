@@ -37,6 +37,7 @@ macro_rules! limits {
 
         impl Limits {
             /// All limits by their names: those that can be set, and those that cannot.
+            #[expect(clippy::cast_lossless, reason = "usize has no lossless conversion")]
             pub fn table(&self) -> Vec<(&'static str, u64)> {
                 vec![
                     $((stringify!($first), self.$first as u64),)*

@@ -224,13 +224,13 @@ fn what_is_missing_or_broken_is_told_by_name_and_the_rest_is_read() {
     let names: Vec<(&str, u64)> =
         taken.games.iter().map(|game| (game.run_id.as_str(), game.acts)).collect();
     assert_eq!(names, [(without_acts.as_str(), 0), (first_run_of(&text).as_str(), 60)]);
-    assert!(taken.problem(&told(&states)).starts_with("breaks off"), "{:?}", taken.problems);
+    assert!(taken.problem(&told(&states)).starts_with("is truncated"), "{:?}", taken.problems);
     let said = taken.problem(&told(&acts));
-    assert!(said.starts_with("breaks off") && said.contains("without its acts"), "{said}");
+    assert!(said.starts_with("is truncated") && said.contains("without its acts"), "{said}");
     assert_eq!(taken.problem(&told(&file(&batches[0], "game", missing))), "is missing");
     assert!(taken.problem(&told(&file(&batches[0], "game", alone))).contains("meta_log.json"));
     let said = taken.problem(&told(&index));
-    assert!(said.starts_with("breaks off") && said.contains("1 runs"), "{said}");
+    assert!(said.starts_with("is truncated") && said.contains("1 runs"), "{said}");
     // The runs behind the place where the index breaks off are reported, too.
     assert_eq!(taken.problems.len(), 5 + 3, "{:?}", taken.problems);
 }

@@ -1,21 +1,21 @@
 //! Detects that the time of day is in doubt.
 //!
-//! The server keeps the time of day by a steady clock, one that nobody sets. The host's own is only
-//! compared with it: small differences are followed slowly, and after a jump neither is believed.
+//! The server's time of day runs on a steady clock, which cannot be set. The host's clock is compared with it: small
+//! differences are followed slowly, and after a jump neither is trusted.
 
 use std::fmt;
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 
-/// How far the host's time of day may lie from the server's. Programs that keep a host's clock change it
-/// by less at once.
+/// How far the host's time of day may lie from the server's. Time synchronization changes a host's clock by less at
+/// once.
 const JUMP_MIN: SignedDuration = SignedDuration::from_secs(1);
 
 /// Smaller differences are followed by one part in this many of the time that has passed.
 const FOLLOWED_PART: i64 = 100;
 
-/// Why the time of day is in doubt. As long as it is, nothing happens because of it that cannot be undone.
+/// Why the time of day is in doubt. Meanwhile nothing irreversible happens because of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// The host's clock has jumped by this much against the steady one.
@@ -44,7 +44,7 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// What the server takes for the time of day, against a steady clock.
+/// The server's time of day, relative to a steady clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Agreement {
     /// How far the server's time of day is ahead of the steady clock.
@@ -70,8 +70,8 @@ impl Agreement {
     pub(super) fn compare(&mut self, steady: Timestamp, host: Timestamp) -> Option<Doubt> {
         let difference = host.duration_since(steady);
         if let Some(newest) = self.newest {
-            // It is known to be wrong; whoever sets it right need not tell. Until then it is no earlier than
-            // what happened already: what has closed, frozen or expired stays so.
+            // The host's clock is known to be wrong, and may be corrected without notice. Until then the time of day is
+            // at least that of the newest entry: what has closed, frozen or expired stays so.
             self.ahead = difference.max(newest.duration_since(steady));
             if host < newest {
                 return Some(Doubt::Behind(newest));
@@ -91,12 +91,12 @@ impl Agreement {
         None
     }
 
-    /// Takes the host's time of day for right.
+    /// Accepts the host's time of day.
     pub(super) fn confirm(&mut self, steady: Timestamp, host: Timestamp) {
         *self = Self { ahead: host.duration_since(steady), compared_at: steady, newest: None };
     }
 
-    /// Something is known to have happened at `newest`.
+    /// The database has an entry of `newest`.
     pub(super) fn not_before(&mut self, newest: Timestamp) {
         self.newest = Some(newest);
     }
@@ -135,7 +135,7 @@ mod tests {
         for jump in [2_500, -14_000, 3_600_000, 1_001, -1_001] {
             let doubt = Some(Doubt::Jumped(ms(jump)));
             assert_eq!(agreement.compare(at(2_000), at(2_000 + jump)), doubt);
-            assert_eq!(agreement.ahead(), ms(0), "the server's own time goes on");
+            assert_eq!(agreement.ahead(), ms(0), "the server's own time continues");
             assert_eq!(agreement.compare(at(3_000), at(3_000)), None);
         }
         agreement.confirm(at(4_000), at(1_000));
@@ -151,7 +151,7 @@ mod tests {
             assert_eq!(agreement.compare(at(second * 1_000), at(second * 1_000 + 900)), None);
             assert_eq!(agreement.ahead(), ms((second * 10).min(900)));
         }
-        // However often it is asked.
+        // The number of calls makes no difference.
         let mut agreement = Agreement::new(at(0));
         for tick in 1..=1_000 {
             agreement.compare(at(tick), at(tick + 900));
@@ -166,13 +166,13 @@ mod tests {
         assert_eq!(agreement.compare(at(1_000), at(1_000)), Some(Doubt::Behind(at(5_000))));
         assert_eq!(agreement.compare(at(5_000), at(5_000)), None);
         assert_eq!(agreement.compare(at(6_000), at(4_000)), Some(Doubt::Jumped(ms(-2_000))));
-        // Somebody sets it right.
+        // The clock is corrected.
         let mut agreement = Agreement::new(at(0));
         agreement.not_before(at(5_000));
         assert_eq!(agreement.compare(at(1_000), at(1_000)), Some(Doubt::Behind(at(5_000))));
         assert_eq!(agreement.compare(at(2_000), at(9_000)), None);
         assert_eq!(agreement.ahead(), ms(7_000));
-        // Or an organizer says that it is.
+        // An organizer confirms it.
         let mut agreement = Agreement::new(at(0));
         agreement.not_before(at(5_000));
         agreement.confirm(at(1_000), at(1_000));

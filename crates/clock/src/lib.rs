@@ -1,13 +1,11 @@
-//! Time and randomness, the two things that a server takes from its host, as arguments.
+//! The host's time and randomness, as arguments.
 //!
-//! A crate of its own because the server and its clients both wait and draw ids, and neither knows the other.
+//! A crate of its own because the server and its clients both use it, and neither depends on the other.
 //!
-//! A server goes by two times (ADR 8). The *running time* is for all that takes time:
-//! rounds, waits, timeouts. It is never set, and stops while the process is stopped. The *time of
-//! day* is for what is written down and for what happens at a moment that was announced; nothing that
-//! cannot be undone happens because of it while it is in [`Doubt`]. Both begin at the same moment, so
-//! a running time is a timestamp, too: [`Clock::to_wall`] and [`Clock::running_at`] lead from one to the
-//! other.
+//! A server has two times (ADR 8). The *running time* is for durations: rounds, waits, timeouts. It is never set, and
+//! stops while the process is stopped. The *time of day* is for records and for announced moments; nothing irreversible
+//! happens because of it while it is in [`Doubt`]. Both begin at the same moment, so a running time is a timestamp,
+//! too: [`Clock::to_wall`] and [`Clock::running_at`] convert between the two.
 
 mod agreement;
 mod running;
@@ -67,14 +65,14 @@ pub trait Clock: Send + Sync + 'static {
         self.wall()
     }
 
-    /// Takes the host's time of day for right.
+    /// Accepts the host's time of day, which ends a doubt.
     fn confirm(&self) {}
 
-    /// Something happened at `newest` for certain: an earlier time of day is in doubt.
+    /// The database has an entry of `newest`: an earlier time of day is in doubt.
     fn not_before(&self, _newest: Timestamp) {}
 }
 
-/// The host's clock as it is, for programs that only ask and wait.
+/// The host's clock as it is, for clients.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SystemClock;
 
@@ -91,7 +89,7 @@ impl Clock for SystemClock {
     }
 }
 
-/// The clock of a server: it is to be looked at every [`BEAT`] at least. Cloning shares it.
+/// The clock of a server. It has to be read at least every [`BEAT`]. Clones share it.
 #[derive(Clone, Debug)]
 pub struct ServerClock(Arc<Started>);
 
@@ -139,7 +137,7 @@ impl Clock for ServerClock {
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
         let clock = self.clone();
         Box::pin(async move {
-            // Where the process was stopped meanwhile, some of the time has not passed.
+            // If the process was stopped meanwhile, the running time is not there yet.
             loop {
                 let wait = until(clock.now(), at);
                 if wait.is_zero() {
@@ -192,7 +190,7 @@ impl Clock for ServerClock {
 #[derive(Debug)]
 pub struct ManualClock {
     now: watch::Sender<Timestamp>,
-    /// What was done to the host.
+    /// The simulated host.
     host: Mutex<ManualHost>,
 }
 
@@ -220,12 +218,12 @@ impl ManualClock {
         self.now.send_modify(|now| *now = after(*now, by));
     }
 
-    /// Sets the host's time of day by `by` forward, or back.
+    /// Sets the host's time of day forward by `by`, or back if it is negative.
     pub fn step(&self, by: SignedDuration) {
         self.manual().ahead += by;
     }
 
-    /// Time passes while the process is stopped.
+    /// Lets `by` pass while the process is stopped.
     pub fn stop(&self, by: Duration) {
         self.manual().lost += by;
     }
@@ -248,7 +246,7 @@ impl Clock for ManualClock {
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
         let mut now = self.now.subscribe();
         Box::pin(async move {
-            // A clock that is gone moves no more.
+            // A dropped clock never reaches `at`.
             if now.wait_for(|now| *now >= at).await.is_err() {
                 std::future::pending::<()>().await;
             }
@@ -291,13 +289,13 @@ impl Clock for ManualClock {
     }
 }
 
-/// The moment `by` after `at`; the last representable one where that is too late.
+/// The moment `by` after `at`, or the last representable one.
 #[must_use]
 pub fn after(at: Timestamp, by: Duration) -> Timestamp {
     at.saturating_add(by).unwrap_or(Timestamp::MAX)
 }
 
-/// How long it is from `now` until `at`; zero where it has passed.
+/// The duration from `now` until `at`; zero if it has passed.
 #[must_use]
 pub fn until(now: Timestamp, at: Timestamp) -> Duration {
     Duration::try_from(at.duration_since(now)).unwrap_or_default()
@@ -315,7 +313,7 @@ fn to_millisecond(at: Timestamp) -> Timestamp {
 
 /// Where random bytes come from: ids, tokens and drawn seeds.
 pub trait Entropy: Send + Sync + 'static {
-    /// Fills `bytes` with bytes that nobody can foresee.
+    /// Fills `bytes` with unpredictable bytes.
     fn fill(&self, bytes: &mut [u8]);
 }
 

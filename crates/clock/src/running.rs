@@ -2,26 +2,26 @@
 
 use std::time::Duration;
 
-/// How often the server looks at its clock at least.
+/// The longest interval at which the server reads its clock.
 pub const BEAT: Duration = Duration::from_millis(50);
 
-/// Where nobody looked for longer than this, the process did not run: it was stopped, or the machine was.
+/// If the clock was not read for longer than this, the process or the machine was stopped.
 const STOPPED_MIN: Duration = Duration::from_millis(500);
 
-/// For how long the running time stays stopped after that: requests that arrived meanwhile are read first.
+/// The running time stays stopped for this long after that, until requests that arrived meanwhile are read.
 const CATCH_UP: Duration = Duration::from_millis(250);
 
 /// The running time, derived from a monotonic time that runs while the process is stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Running {
-    /// The monotonic time that is counted.
+    /// The monotonic time up to which the running time is known.
     seen: Duration,
-    /// How much of it was no running time.
+    /// The part of it in which the process was stopped.
     lost: Duration,
 }
 
 impl Running {
-    /// The running time at a monotonic time; to be asked at least every [`BEAT`].
+    /// The running time at a monotonic time; to be called at least every [`BEAT`].
     pub(super) fn at(&mut self, monotonic: Duration) -> Duration {
         let gap = monotonic.saturating_sub(self.seen);
         if gap > STOPPED_MIN {
@@ -32,7 +32,7 @@ impl Running {
         self.seen.saturating_sub(self.lost)
     }
 
-    /// How much time was no running time.
+    /// The time in which the process was stopped.
     pub(super) const fn lost(&self) -> Duration {
         self.lost
     }
@@ -47,14 +47,14 @@ mod tests {
     }
 
     #[test]
-    fn time_in_which_nothing_ran_is_no_time() {
+    fn the_running_time_stops_with_the_process() {
         let mut running = Running::default();
         for (monotonic, expected) in [
             (50, 50),
             (100, 100),
-            // A busy machine is late now and then.
+            // A busy machine is sometimes late.
             (600, 600),
-            // Stopped for 6 seconds; then what came in is read first.
+            // Stopped for 6 seconds, and until requests are read.
             (6_600, 600),
             (6_700, 600),
             (6_850, 600),

@@ -96,11 +96,11 @@ impl Action {
 /// An agent's decision for one round. The default is "no action, no message".
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Act {
-    /// What it does, if anything.
+    /// `None` does nothing.
     pub action: Option<Action>,
-    /// What it says, if anything.
+    /// `None` says nothing.
     pub message: Option<Message>,
-    /// Under centralized control, whom alone the commander tells it.
+    /// Under centralized control: the only receiver of the commander's message (rules: *Centralized control*).
     pub to: Option<AgentId>,
 }
 

@@ -150,8 +150,7 @@ fn receiver(value: &str) -> Option<AgentId> {
     })
 }
 
-/// A value without the emphasis, quotes and brackets around it, as far as they are meant: nobody
-/// means more than a few layers.
+/// A value without the emphasis, quotes and brackets around it, up to a few layers of them.
 fn unwrapped(value: &str) -> &str {
     const PAIRS: [(char, char); 9] = [
         ('[', ']'),

@@ -1,4 +1,4 @@
-//! The settings of an episode, checked: what the rest of the engine goes by.
+//! The settings of an episode, checked, as the rest of the engine uses them.
 
 use crate::names::{Control, RuleSet, TaskName};
 

@@ -1,4 +1,4 @@
-//! Who receives a message, and when (rules: *Messages*, *Centralized control*).
+//! The receivers of messages, and the rounds of delivery (rules: *Messages*, *Centralized control*).
 
 use crate::act::{Act, AgentId};
 use crate::body::{Board, Kind};
@@ -20,12 +20,12 @@ pub(crate) struct PendingMessage {
     pub(crate) audience: Audience,
 }
 
-/// To whom a message goes.
+/// The receivers of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Audience {
     /// To these agents; decided when it was sent.
     Decided(Vec<AgentId>),
-    /// To the agents that are present when it is delivered; to one alone where the commander named it.
+    /// To the agents that are present when it is delivered; or to the one that the commander named.
     Open { to: Option<AgentId> },
 }
 

@@ -1,4 +1,4 @@
-//! What is chosen by name: the task, the rule set, the control. Everything else in the engine stands above this.
+//! The settings that have names: task, rule set and control. This module uses no other module of the engine.
 
 /// One of the five tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

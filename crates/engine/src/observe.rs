@@ -121,9 +121,9 @@ pub struct Observation {
     pub max_round: u32,
     /// The score so far.
     pub score: f64,
-    /// Where the agent is; none once it has escaped.
+    /// Where the agent is; `None` once it has escaped.
     pub position: Option<Pos>,
-    /// What it sees around itself; none once it has escaped.
+    /// What it sees around itself; `None` once it has escaped.
     pub view: Option<View>,
     /// Whether its light is on; in Synchronization only.
     pub light_on: Option<bool>,

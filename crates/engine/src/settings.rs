@@ -1,7 +1,7 @@
 //! Settings that anyone may send, and the one place where they are checked.
 //!
-//! [`Settings`] are whatever was asked for; a [`Config`] is known to be playable: every layout fits,
-//! every cost is bounded, nothing in the engine has to check again.
+//! [`Settings`] are unchecked; a [`Config`] is known to be playable: every layout fits, every cost is bounded, nothing
+//! in the engine has to check again.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::names::{Control, RuleSet, TaskName};
 use crate::tasks;
 
-/// What an episode was asked to be; unchecked.
+/// The requested settings of an episode, unchecked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// The name of the task, such as `Transport`.

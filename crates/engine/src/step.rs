@@ -13,7 +13,7 @@ impl World {
     /// What an escaped agent decides is ignored.
     ///
     /// # Panics
-    /// Where the episode is over or `acts` has not one entry for each agent: the caller keeps count.
+    /// Where the episode is over, or `acts` does not have one entry for each agent.
     pub fn step(&mut self, acts: &[Act]) {
         self.step_with(acts, Solver::Flow).expect("the flow cannot fail");
     }

@@ -12,7 +12,7 @@ use crate::tasks::{self, Task};
 
 /// Everything that decides what happens next, and what every agent sees.
 ///
-/// Cloning shares what is past, so a clone costs about as much as the board.
+/// Clones share the remembered rounds, so a clone costs about as much as the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
     pub(crate) config: Arc<Config>,
@@ -25,11 +25,11 @@ pub struct World {
     pub(crate) past: VecDeque<Arc<Moment>>,
 }
 
-/// A round that is over, as far as it is remembered.
+/// The remembered part of a resolved round.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Moment {
     pub(crate) round: u32,
-    /// What there was to see when the round was decided.
+    /// The board before the round, which its observations showed.
     pub(crate) board: Board,
     pub(crate) flags: Vec<bool>,
     /// What was decided, by agent.
@@ -39,7 +39,7 @@ pub(crate) struct Moment {
 }
 
 impl Moment {
-    /// Remembers a round: the board from which it was decided, and the one that came of it.
+    /// Remembers a round: the board before it, and the one after it.
     pub(crate) fn new(
         round: u32,
         board: Board,

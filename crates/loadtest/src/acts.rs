@@ -18,25 +18,25 @@ use super::metrics::Metrics;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, median, per_second};
 
-/// More rounds than are played in any turn.
+/// More rounds than any turn plays.
 const ROUNDS_MAX: u32 = 100_000;
 
-/// What was measured.
+/// The results of one line: the server beside the bare writer.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// How acts were sent: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
     pub by: &'static str,
     /// Episodes of 12 seats at once.
     pub episodes: usize,
-    /// How often server and bare writer took turns, and how long a turn was.
+    /// Turns of server and bare writer.
     pub turns: usize,
-    /// See `turns`.
+    /// Duration of a turn.
     pub turn_s: f64,
     /// Durable acts a second of the server: the median over the turns.
     pub acts_per_s: f64,
     /// Durable acts a second of the bare writer: the median over the turns.
     pub bare_acts_per_s: f64,
-    /// The one by the other: the median over the turns.
+    /// Server by bare writer, acts a second: the median over the turns.
     pub ratio: f64,
     /// Journal entries in one commit of the server, and so of the bare writer: the median over the turns.
     pub entries_per_commit: f64,
@@ -44,20 +44,20 @@ pub struct Comparison {
     pub commits_per_s: f64,
     /// Commits a second of the bare writer: the median over the turns.
     pub bare_commits_per_s: f64,
-    /// Time that the server had the processors, for each act; where it tells.
+    /// Processor time of the server per act, in µs, if the server reports it.
     pub cpu_us: Option<f64>,
     /// Bytes of an act's record.
     pub record_bytes: usize,
     /// From sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Spread,
-    /// What was answered.
+    /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// Lets both write in turns; the bare writer in a folder below `dir`.
+/// Runs both in turns; the bare writer in a folder below `dir`.
 ///
 /// # Errors
-/// Where the server does not tell the size of its groups, or the bare writer cannot write.
+/// Where the server does not report the size of its groups, or the bare writer cannot write.
 pub async fn run(
     target: &Target,
     (dir, tables): (&Path, &Migrator),
@@ -81,11 +81,8 @@ pub async fn run(
             (player, 0)
         })
         .collect();
-    let first = games.first().ok_or_else(|| {
-        let samples = score.tally.answers().samples;
-        LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
-    })?;
-    // Every player has played a round before anything is measured.
+    let first = games::first(&games, &score.tally)?;
+    // Every player has played a round before the measurement begins.
     players = play(players, &score, Duration::ZERO).await;
     let record = record(target, first).await?;
     let record_bytes = record.len();
@@ -98,10 +95,10 @@ pub async fn run(
         let acts = score.acts.load(Ordering::Relaxed);
         let started = Instant::now();
         players = play(players, &score, turn).await;
-        let taken = started.elapsed();
+        let elapsed = started.elapsed();
         let after = Metrics::of(target).await?;
         let acts = score.acts.load(Ordering::Relaxed) - acts;
-        rates.push(per_second(acts, taken));
+        rates.push(per_second(acts, elapsed));
         let cpu_s = after.since(&before, "process_cpu_seconds_total");
         cpu.extend(cpu_s.map(|cpu_s| cpu_s * 1e6 / super::float(acts.max(1))));
         let entries = after.since(&before, "swarmbench_commit_entries_total");
@@ -111,10 +108,10 @@ pub async fn run(
                 LoadError::of("the bare writer cannot be compared")(&"/metrics has no commits")
             })?;
         groups.push(entries / count);
-        commits.push(count / taken.as_secs_f64());
+        commits.push(count / elapsed.as_secs_f64());
         let done = bare.run(entries / count, turn).await?;
-        bare_rates.push(per_second(done.acts, done.taken));
-        bare_commits.push(per_second(done.commits, done.taken));
+        bare_rates.push(per_second(done.acts, done.elapsed));
+        bare_commits.push(per_second(done.commits, done.elapsed));
     }
     bare.close().await?;
     drop(players);
@@ -138,7 +135,7 @@ pub async fn run(
     })
 }
 
-/// All players play for as long as `time`, at least a round; they do not look, as only the acts are measured.
+/// All players play for `time`, and at least one round. They do not observe, as only acts are measured.
 async fn play(
     players: Vec<(Player, u32)>,
     score: &Arc<Score>,
@@ -160,11 +157,11 @@ async fn play(
             }
         });
     }
-    // Failed clients were counted and no longer play.
+    // Failed clients were counted and do not play further.
     tasks.join_all().await.into_iter().flatten().collect()
 }
 
-/// The record of an act as the server keeps it, to the byte: from an episode's journal.
+/// The record of an act in the server's journal, byte by byte.
 async fn record(target: &Target, game: &Game) -> Result<String, LoadError> {
     #[derive(serde::Deserialize)]
     struct Line {

@@ -1,5 +1,5 @@
-//! The least that a writer does for an act: rows of the server's own tables, in groups of a given size, each group
-//! one transaction that is on the disk when it ends.
+//! The minimum that a writer does for an act: rows of the server's own tables, in groups of `entries` entries, each
+//! group one durable transaction.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -11,18 +11,18 @@ use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 use super::LoadError;
 use super::games::SEATS;
 
-/// Rows that one statement inserts at most: each binds six values, and SQLite takes some thousands.
+/// Rows per statement: each binds six values, and SQLite allows some thousands.
 const ROWS_MAX: usize = 1000;
 
-/// A database like a server's, in a folder of its own that goes with it.
+/// A database like a server's, in a folder of its own that is removed with it.
 #[derive(Debug)]
 pub struct BareCommit {
     connection: SqliteConnection,
     folder: Folder,
     episodes: usize,
-    /// Acts that were written of all episodes together.
+    /// Acts written so far, of all episodes.
     acts: usize,
-    /// What an act's record looks like.
+    /// The record of every act.
     record: String,
 }
 
@@ -31,25 +31,24 @@ struct Folder(std::path::PathBuf);
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What cannot be removed is left; nobody reads it.
+        // A folder that cannot be removed stays behind.
         drop(std::fs::remove_dir_all(&self.0));
     }
 }
 
-/// What was committed.
+/// The work of one turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Committed {
-    /// Acts.
+    /// Committed acts.
     pub acts: u64,
-    /// Transactions.
+    /// Committed transactions.
     pub commits: u64,
-    /// In this time.
-    pub taken: Duration,
+    /// Duration of the turn.
+    pub elapsed: Duration,
 }
 
 impl BareCommit {
-    /// A new database below `dir` with the server's tables, for acts that look like `record` of as many episodes at
-    /// once.
+    /// A new database below `dir` with the server's tables, for acts with this `record` of `episodes` episodes.
     ///
     /// # Errors
     /// Where it cannot be created.
@@ -73,17 +72,17 @@ impl BareCommit {
         Ok(Self { connection, folder, episodes: episodes.max(1), acts: 0, record })
     }
 
-    /// Commits groups of about `entries` entries for as long as `time`, at least one: the acts of whole rounds and the rounds,
-    /// in the order in which they come to a server that plays all episodes side by side.
+    /// Commits groups of about `entries` entries for `time`, and at least one: the acts of whole rounds and the rounds,
+    /// in the order in which a server stores episodes that are played side by side.
     ///
     /// # Errors
     /// Where a commit fails.
     pub async fn run(&mut self, entries: f64, time: Duration) -> Result<Committed, LoadError> {
         let failed = LoadError::of("the bare writer cannot commit");
-        // What is left over of a group goes into the next, so that the mean is the size that was asked for.
+        // The fraction left over from a group is added to the next, so that the mean size is `entries`.
         let mut due = 0.0;
         let started = Instant::now();
-        let mut done = Committed { acts: 0, commits: 0, taken: Duration::ZERO };
+        let mut done = Committed { acts: 0, commits: 0, elapsed: Duration::ZERO };
         loop {
             // Of 13 entries 12 are acts.
             due += entries * 12.0 / 13.0;
@@ -93,14 +92,14 @@ impl BareCommit {
             self.acts += acts;
             done.acts += acts as u64;
             done.commits += 1;
-            done.taken = started.elapsed();
-            if done.taken >= time {
+            done.elapsed = started.elapsed();
+            if done.elapsed >= time {
                 return Ok(done);
             }
         }
     }
 
-    /// Commits some acts from number `first` on, and the rounds that they complete.
+    /// Commits `acts` acts from number `first` on, and the rounds that they complete.
     async fn commit(&mut self, first: usize, acts: usize) -> Result<(), sqlx::Error> {
         let connection = &mut self.connection;
         sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await?;
@@ -150,7 +149,7 @@ impl BareCommit {
     }
 }
 
-/// A statement that inserts as many rows of six values.
+/// An `INSERT` of `rows` rows of six values.
 fn insert(into: &str, rows: usize) -> String {
     let values = vec!["(?, ?, ?, ?, ?, ?)"; rows].join(", ");
     format!("INSERT INTO {into} VALUES {values}")
@@ -186,7 +185,7 @@ mod tests {
         let tables = Migrator::new(Path::new(tables)).await.expect("the server's tables");
         let bare = BareCommit::open(&folder, &tables, 3, "{}".to_owned()).await;
         let mut bare = bare.expect("a database");
-        // No time: each call makes one commit. 19.5 entries are 18 acts.
+        // Without time each call makes one commit. Of 19.5 entries 18 are acts.
         for acts in [18, 18] {
             let done = bare.run(19.5, Duration::ZERO).await.expect("a commit");
             assert_eq!((done.acts, done.commits), (acts, 1));

@@ -1,7 +1,7 @@
 //! The minimum that a server does for an `/obs`: a handler of axum that sends the same bytes every time.
 //!
 //! It runs in a process of its own, like the server that it is compared with, so both share the machine with the
-//! client in the same way, and both tell at `/metrics` how long they had the processors.
+//! client in the same way, and both report their processor time at `/metrics`.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -16,14 +16,14 @@ use tokio::net::TcpListener;
 use super::LoadError;
 use super::connection::Target;
 
-/// The process that serves; it ends with this value.
+/// The process of the handler; it ends with this value.
 #[derive(Debug)]
 pub struct BareHandler {
     child: Child,
 }
 
 impl BareHandler {
-    /// Starts `command`, which is to call [`serve`], and tells where it listens.
+    /// Starts `command`, which is to call [`serve`], and returns its address.
     ///
     /// # Errors
     /// Where the process cannot be started.
@@ -49,14 +49,14 @@ impl BareHandler {
 
 impl Drop for BareHandler {
     fn drop(&mut self) {
-        // It ends when its input does, also where this process is killed.
+        // The process ends when its input does, even if this one is killed.
         drop(self.child.stdin.take());
         drop(self.child.wait());
     }
 }
 
-/// Reads the bytes to send from the standard input, prints where it listens, and serves until the input ends. `metrics`
-/// gives the text of `/metrics`.
+/// Reads the bytes to send from the standard input, prints its address, and serves until the input ends. `metrics`
+/// returns the text of `/metrics`.
 ///
 /// # Errors
 /// Where it cannot listen, or the input is not what [`BareHandler::start`] sends.
@@ -73,11 +73,11 @@ pub async fn serve(metrics: fn() -> String) -> std::io::Result<()> {
         .route("/metrics", get(move || async move { metrics() }));
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     std::thread::spawn(move || {
-        // The input is closed when the parent process is gone.
+        // The input is closed when the parent process has ended.
         drop(std::io::stdin().lock().read(&mut [0]));
         drop(end);
     });
-    // As the server does: small answers do not wait for more to send.
+    // Like the server: small answers do not wait for more bytes.
     let listener = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
     let served = axum::serve(listener, router);
     tokio::select! {

@@ -1,6 +1,6 @@
-//! A client that costs little: one keep-alive connection, requests that are written out beforehand, and of an
-//! answer only what is needed. Client and server mostly share a machine, so what the client costs is missing to
-//! the server, and would flatter a ratio in which it stands on both sides.
+//! A client at low cost: one keep-alive connection, requests that are prepared as bytes, and answers that are parsed
+//! only as far as needed. Client and server mostly share a machine, so every cost of the client slows the server down,
+//! and moves a ratio of server and bare program toward 1.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -18,13 +18,13 @@ use tokio::time::timeout;
 
 use super::LoadError;
 
-/// How long an answer may take, long polls included.
+/// Timeout of an answer, long polls included.
 const PATIENCE: Duration = Duration::from_secs(90);
 
-/// How often a request that was held back is sent again.
+/// Attempts for a request that the server answers with 429 or 503.
 const TRIES_MAX: u32 = 30;
 
-/// How many errors are kept word for word.
+/// Errors whose texts are recorded.
 const SAMPLES_MAX: usize = 5;
 
 /// Headers of an answer that are read.
@@ -55,20 +55,20 @@ impl Target {
         Ok(Self { host, addr, key })
     }
 
-    /// Where it listens.
+    /// The address of its listener.
     #[must_use]
     pub const fn addr(&self) -> SocketAddr {
         self.addr
     }
 
-    /// Who may create episodes.
+    /// The key that may create episodes.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         self.key.as_deref()
     }
 }
 
-/// A whole request as it goes over the wire.
+/// The bytes of a whole request.
 #[must_use]
 pub fn request(
     target: &Target,
@@ -102,19 +102,19 @@ pub struct Answer {
     status: u16,
     retry_after: Option<Duration>,
     closes: bool,
-    /// Where the body begins and ends.
+    /// Begin and end of the body.
     body: (usize, usize),
 }
 
 impl Answer {
-    /// Whether the request succeeded.
+    /// Whether the status is 200 to 299.
     #[must_use]
     pub const fn is_ok(&self) -> bool {
         matches!(self.status, 200..=299)
     }
 }
 
-/// One connection. It is opened when it is first used, and anew where the server has closed it.
+/// A connection. It is opened at its first use, and again after the server has closed it.
 #[derive(Debug)]
 pub struct Connection {
     addr: SocketAddr,
@@ -124,16 +124,16 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// A connection to a server, not open yet.
+    /// A connection that is not open yet.
     #[must_use]
     pub const fn new(target: &Target) -> Self {
         Self { addr: target.addr, stream: None, buffer: Vec::new(), body: (0, 0) }
     }
 
-    /// Opens it.
+    /// Opens the connection.
     ///
     /// # Errors
-    /// Where the server takes no connection.
+    /// Where the server does not accept it.
     pub async fn open(&mut self) -> io::Result<&mut TcpStream> {
         if self.stream.is_none() {
             let stream = timeout(PATIENCE, TcpStream::connect(self.addr)).await??;
@@ -152,7 +152,7 @@ impl Connection {
     /// Sends a request and reads the answer.
     ///
     /// # Errors
-    /// Where the connection breaks, nothing comes, or what comes is not HTTP.
+    /// Where the connection breaks, the answer times out, or it is not HTTP.
     pub async fn ask(&mut self, request: &[u8]) -> io::Result<Answer> {
         let was_open = self.stream.is_some();
         let mut result = timeout(PATIENCE, self.exchange(request)).await;
@@ -201,14 +201,13 @@ impl Connection {
         if stream.read_buf(&mut self.buffer).await? == 0 {
             return Err(io::Error::new(
                 io::ErrorKind::UnexpectedEof,
-                "the connection was closed before the answer was whole",
+                "the connection was closed before the end of the answer",
             ));
         }
         Ok(())
     }
 
-    /// Sends a request, again where the server asks to come back later; counts what comes. True where the
-    /// server did what was asked.
+    /// Sends a request, and retries when the server asks for that; counts the answers. True if the request succeeded.
     pub async fn call(&mut self, tally: &Tally, request: &[u8]) -> bool {
         for _ in 0..TRIES_MAX {
             match self.ask(request).await {
@@ -232,11 +231,11 @@ impl Connection {
                 }
             }
         }
-        tally.error(|| format!("{}: held back {TRIES_MAX} times", first_line(request)));
+        tally.error(|| format!("{}: refused {TRIES_MAX} times", first_line(request)));
         false
     }
 
-    /// The body of the last answer, read as JSON; counted as an error where it is something else.
+    /// The body of the last answer, as JSON; anything else is counted as an error.
     pub fn read_json<'a, T: serde::Deserialize<'a>>(&'a self, tally: &Tally) -> Option<T> {
         let read = serde_json::from_slice(self.body());
         read.inspect_err(|error| tally.error(|| format!("an answer is not as expected: {error}")))
@@ -249,7 +248,7 @@ fn first_line(request: &[u8]) -> String {
     String::from_utf8_lossy(&request[..end]).into_owned()
 }
 
-/// Reads the head of an answer, if all of it is there.
+/// Reads the head of an answer, if it is complete.
 fn head(bytes: &[u8]) -> io::Result<Option<Answer>> {
     let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
     let mut response = httparse::Response::new(&mut headers);
@@ -273,7 +272,7 @@ fn head(bytes: &[u8]) -> io::Result<Option<Answer>> {
     }))
 }
 
-/// Counts answers, from all connections of a scenario.
+/// Counts the answers of all connections of a scenario.
 #[derive(Debug, Default)]
 pub struct Tally {
     ok: AtomicU64,
@@ -282,21 +281,21 @@ pub struct Tally {
     samples: Mutex<BTreeSet<String>>,
 }
 
-/// The outcomes of all requests.
+/// Outcomes of all requests.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Answers {
     /// Answers with a status of 200 to 299.
     pub ok: u64,
-    /// Answers 429 and 503, after which the same request was sent again when the server had said.
+    /// Answers 429 and 503, after which the request was repeated when the server allowed it.
     pub held_back: u64,
-    /// All other answers, and requests that were not answered.
+    /// All other answers, and requests without an answer.
     pub errors: u64,
-    /// Some errors, word for word.
+    /// The texts of some errors.
     pub samples: Vec<String>,
 }
 
 impl Answers {
-    /// The share of requests that were done in the end, from 0 to 1.
+    /// The share of requests that succeeded in the end, from 0 to 1.
     #[must_use]
     pub fn success(&self) -> f64 {
         let all = self.ok + self.errors;
@@ -314,7 +313,7 @@ impl Tally {
         }
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     #[must_use]
     pub fn answers(&self) -> Answers {
         let samples = self.samples.lock().expect("nothing panics while it holds this");

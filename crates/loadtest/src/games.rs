@@ -12,26 +12,25 @@ use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest};
 /// Seats of an episode in the standard setting.
 pub const SEATS: usize = 12;
 
-/// Connections by which episodes are created and aborted, and others are opened.
+/// Connections that create and abort episodes, or open others.
 const CREATORS: usize = 64;
 
-/// The one task in which no agent can leave and no act ends the game before its last round, so that every seat
-/// acts in every round.
+/// The only task in which no agent can leave and no act ends the game early, so that every seat acts in every round.
 const TASK: &str = "Synchronization";
 
 /// An episode and its tokens.
 #[derive(Clone, Debug)]
 pub struct Game {
-    /// Its id.
+    /// The episode's id.
     pub id: String,
-    /// For all seats.
+    /// The token of all seats.
     pub swarm_token: String,
-    /// For each seat, in order of the agents' numbers.
+    /// The token of each seat, in order of the agents' numbers.
     pub seats: Vec<String>,
 }
 
-/// Creates `count` episodes with `agents` seats each, which end after `max_round` rounds. Those that the server
-/// refuses are missing, and counted.
+/// Creates `count` episodes of `agents` seats, which end after `max_round` rounds. Episodes that the server refuses are
+/// missing, and counted as errors.
 pub async fn create(
     target: &Target,
     tally: &Arc<Tally>,
@@ -40,7 +39,7 @@ pub async fn create(
     max_round: u32,
     progress: &Progress,
 ) -> Vec<Game> {
-    // As roomy for each agent as the standard setting is, or a little roomier.
+    // At least as many cells for each agent as in the standard setting.
     let side = (10..256).find(|side| side * side >= agents * 25 / 2).unwrap_or(256);
     let side = if agents <= SEATS { 10 } else { side };
     let settings = EpisodeRequest {
@@ -75,7 +74,15 @@ pub async fn create(
     games.collect()
 }
 
-/// Ends episodes that were not played to their end, so that the server can evict them.
+/// The first game; if there is none, the error has an answer of the server.
+pub(super) fn first<'a>(games: &'a [Game], tally: &Tally) -> Result<&'a Game, LoadError> {
+    games.first().ok_or_else(|| {
+        let samples = tally.answers().samples;
+        LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
+    })
+}
+
+/// Aborts episodes that were not played to the end, so that the server can evict them.
 pub async fn abort(target: &Target, tally: &Arc<Tally>, games: &[Game], progress: &Progress) {
     let calls: Vec<_> = (games.iter())
         .map(|game| {
@@ -96,7 +103,7 @@ pub async fn abort(target: &Target, tally: &Arc<Tally>, games: &[Game], progress
     .await;
 }
 
-/// Opens connections, some at once, so that later measurements do not hold the time that this takes.
+/// Opens connections, some at once, so that later measurements do not include the time for this.
 ///
 /// # Errors
 /// Where one cannot be opened.
@@ -119,7 +126,7 @@ pub async fn connect(
     opened.map_err(|error| LoadError::of("a connection cannot be opened")(&error))
 }
 
-/// Does some work for every item, by a fixed number of tasks with a connection each.
+/// Does `work` for every item, by a fixed number of tasks with a connection each.
 async fn for_all<I, T, F, D>(
     target: &Target,
     items: impl IntoIterator<Item = I>,

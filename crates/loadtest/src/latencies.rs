@@ -6,7 +6,7 @@ use std::time::Duration;
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-/// The longest time that is told apart from longer ones: an hour.
+/// The longest duration that is recorded exactly: an hour.
 const MICROS_MAX: u64 = 3_600_000_000;
 
 /// Collects durations from many tasks.
@@ -22,14 +22,14 @@ impl Default for Latencies {
 
 impl Latencies {
     /// Adds durations.
-    pub fn record(&self, taken: impl IntoIterator<Item = Duration>) {
+    pub fn record(&self, durations: impl IntoIterator<Item = Duration>) {
         let mut histogram = self.0.lock().expect("nothing panics while it holds this");
-        for taken in taken {
-            histogram.saturating_record(u64::try_from(taken.as_micros()).unwrap_or(MICROS_MAX));
+        for duration in durations {
+            histogram.saturating_record(u64::try_from(duration.as_micros()).unwrap_or(MICROS_MAX));
         }
     }
 
-    /// What was collected, in short.
+    /// The distribution of the durations so far.
     #[must_use]
     pub fn spread(&self) -> Spread {
         let histogram = self.0.lock().expect("nothing panics while it holds this");
@@ -43,16 +43,16 @@ impl Latencies {
     }
 }
 
-/// A distribution of durations, in milliseconds, to three digits.
+/// A distribution of durations, to three digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Spread {
-    /// Of how many.
+    /// Durations.
     pub count: u64,
-    /// Half of them took no longer.
+    /// Median.
     pub p50_ms: f64,
-    /// 99 of 100 took no longer.
+    /// 99th percentile.
     pub p99_ms: f64,
-    /// The longest.
+    /// Maximum.
     pub max_ms: f64,
 }
 
@@ -66,11 +66,11 @@ mod tests {
         latencies.record((1..=1000).map(Duration::from_millis));
         let spread = latencies.spread();
         assert_eq!(spread.count, 1000);
-        // Three digits are kept.
-        for (told, true_one) in
+        // Three digits are exact.
+        for (reported, exact) in
             [(spread.p50_ms, 500.0), (spread.p99_ms, 990.0), (spread.max_ms, 1000.0)]
         {
-            assert!((told - true_one).abs() <= true_one / 1000.0, "{told} is not {true_one}");
+            assert!((reported - exact).abs() <= exact / 1000.0, "{reported} is not {exact}");
         }
     }
 }

@@ -1,12 +1,12 @@
-//! A load test of a running server, from the outside, and of what it is measured against.
+//! A load test of a running server, and the bare programs that it is compared with.
 //!
 //! A crate of its own because it must not share code with what it measures, except for the shapes of the wire.
 //!
-//! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: clients that do harm.
-//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: how far the server is from what the
-//!   libraries below it could do at best, measured in turns.
-//! - [`connection`]: a client that costs little. [`games`]: episodes to play. [`latencies`], [`metrics`],
-//!   [`rounds`]: what all of them need.
+//! - [`play`]: a grid of games, small to large. [`polls`]: many requests that wait. [`slow`]: slow clients.
+//! - [`obs`] against [`bare_handler`], [`acts`] against [`bare_commit`]: the server beside the best that its
+//!   libraries could do, measured in turns.
+//! - [`connection`]: a client at low cost. [`games`]: episodes to play. [`latencies`], [`metrics`],
+//!   [`rounds`]: shared parts.
 
 pub mod acts;
 pub mod bare_commit;
@@ -26,49 +26,49 @@ use std::sync::Arc;
 /// Receives progress.
 pub type Progress = Arc<dyn Fn(&str, u64, u64) + Send + Sync>;
 
-/// A load test could not be made at all. Answers that are errors do not end one: they are counted.
+/// Why a load test could not run. Error answers of the server do not end it: they are counted.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// The address is none that can be used.
-    #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
+    /// The address is not one of a server.
+    #[error("{0:?} is not the address of a server, such as http://127.0.0.1:8080")]
     Address(String),
-    /// The server's name leads nowhere.
+    /// The server's name was not resolved.
     #[error("{host} is not found: {source}")]
     Lookup {
-        /// The name and the port.
+        /// `NAME:PORT`.
         host: String,
-        /// Why.
+        /// The error of the host's resolver.
         source: std::io::Error,
     },
-    /// Something that must work did not.
+    /// A step of the load test failed.
     #[error("{what}: {why}")]
     Failed {
-        /// What was tried.
+        /// The step.
         what: &'static str,
-        /// Why it failed.
+        /// The cause.
         why: String,
     },
 }
 
 impl LoadError {
-    /// What was tried, and why it failed.
+    /// A constructor for errors of the step `what`.
     fn of(what: &'static str) -> impl Fn(&dyn std::fmt::Display) -> Self {
         move |why| Self::Failed { what, why: why.to_string() }
     }
 }
 
-/// A count as a number that can be divided.
+/// A count that can be divided.
 #[expect(clippy::cast_precision_loss, reason = "no count here comes near 2⁵³")]
 const fn float(count: u64) -> f64 {
     count as f64
 }
 
-/// How often a second.
-fn per_second(count: u64, taken: std::time::Duration) -> f64 {
-    float(count) / taken.as_secs_f64().max(1e-9)
+/// Events per second.
+fn per_second(count: u64, elapsed: std::time::Duration) -> f64 {
+    float(count) / elapsed.as_secs_f64().max(1e-9)
 }
 
-/// The number in the middle; the mean of the two where the count is even. Zero of none.
+/// The median; the mean of the two middle numbers if the count is even, 0 if there are none.
 fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     let middle = numbers.len() / 2;

@@ -5,15 +5,15 @@ use std::collections::HashMap;
 use super::LoadError;
 use super::connection::{Connection, Target, request};
 
-/// The samples of one moment; those that differ in labels only are added up.
+/// The samples of one moment; those that differ only in labels are added up.
 #[derive(Debug, Default)]
 pub struct Metrics(HashMap<String, f64>);
 
 impl Metrics {
-    /// Asks a server.
+    /// Reads the metrics of a server.
     ///
     /// # Errors
-    /// Where it does not answer. One that has no metrics has an empty set of them.
+    /// Where it does not answer. A server without metrics has an empty set of them.
     pub async fn of(target: &Target) -> Result<Self, LoadError> {
         let mut connection = Connection::new(target);
         let answer = connection.ask(&request(target, "GET", "/metrics", None, None)).await;
@@ -37,19 +37,19 @@ impl Metrics {
         Self(samples)
     }
 
-    /// A metric, where the server has it.
+    /// The value of a metric, if the server has it.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.get(name).copied()
     }
 
-    /// By how much a metric grew since `before`; one that was not there yet stood at zero.
+    /// The increase of a metric since `before`; a metric that was missing then counts as zero.
     #[must_use]
     pub fn since(&self, before: &Self, name: &str) -> Option<f64> {
         Some(self.get(name)? - before.get(name).unwrap_or_default())
     }
 
-    /// How many more connections the server's limit of open files allows, where it tells.
+    /// How many more connections the server's limit of open files allows, if it reports it.
     #[must_use]
     pub fn connections_left(&self) -> Option<usize> {
         let left = self.get("process_max_fds")? - self.get("process_open_fds")? - 100.0;

@@ -19,10 +19,10 @@ use super::{LoadError, Progress, median, per_second};
 /// Rounds that are played first: more than an agent of the standard setting remembers.
 const ROUNDS: u32 = 6;
 
-/// What was measured.
+/// The results: the server beside the bare handler.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// Connections on which one request follows the other.
+    /// Connections, each with one request after the other.
     pub connections: usize,
     /// Bytes of the observation.
     pub bytes: usize,
@@ -30,20 +30,20 @@ pub struct Comparison {
     pub turns: usize,
     /// See `turns`.
     pub turn_s: f64,
-    /// The server.
+    /// Results of the server.
     pub server: Side,
-    /// The bare handler.
+    /// Results of the bare handler.
     pub bare: Side,
-    /// Requests a second of the server by those of the bare handler: the median over the turns.
+    /// Server by bare handler, requests a second: the median over the turns.
     pub ratio: f64,
-    /// Time on the processors for one request, the bare handler's by the server's: what would be left of a ratio if
-    /// the client cost nothing. Where both tell.
+    /// Processor time for one request, the bare handler's by the server's: the ratio if the client cost nothing. If
+    /// both report it.
     pub cpu_ratio: Option<f64>,
-    /// What was answered.
+    /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// One of the two.
+/// The results of one of the two.
 #[derive(Clone, Debug, Serialize)]
 pub struct Side {
     /// Requests a second: the median over the turns.
@@ -52,13 +52,13 @@ pub struct Side {
     pub per_s_min: f64,
     /// The fastest turn.
     pub per_s_max: f64,
-    /// Time that the process had the processors, for each request; where it tells.
+    /// Processor time of the process per request, in µs, if it reports it.
     pub cpu_us: Option<f64>,
-    /// How long a request took.
+    /// Durations of requests.
     pub latency: Spread,
 }
 
-/// Lets both answer in turns.
+/// Runs both in turns.
 ///
 /// # Errors
 /// Where the server has no episode for this, or the bare handler (started by `command`) does not run.
@@ -124,10 +124,10 @@ pub async fn run(
     })
 }
 
-/// One side while it is measured.
+/// One of the two, and its measurements so far.
 struct Measured {
     target: Target,
-    /// A connection and what is asked at it.
+    /// Connections, each with its request.
     askers: Vec<(Connection, Arc<Vec<u8>>)>,
     latency: Arc<Latencies>,
     rates: Vec<f64>,
@@ -142,7 +142,7 @@ impl Measured {
         Self { target, askers, latency, rates: Vec::new(), requests: 0, cpu_s: Some(0.0) }
     }
 
-    /// Asks at all connections for as long as `time`.
+    /// Sends requests at all connections for `time`.
     async fn turn(&mut self, time: Duration, tally: &Arc<Tally>) -> Result<(), LoadError> {
         let before = Metrics::of(&self.target).await?;
         let count = Arc::new(AtomicU64::new(0));
@@ -152,26 +152,26 @@ impl Measured {
             let (tally, count) = (Arc::clone(tally), Arc::clone(&count));
             let latency = Arc::clone(&self.latency);
             tasks.spawn(async move {
-                let mut taken = Vec::new();
+                let mut durations = Vec::new();
                 let mut sent = Instant::now();
                 while started.elapsed() < time {
                     if !connection.call(&tally, &look).await {
                         break;
                     }
                     let answered = Instant::now();
-                    taken.push(answered - sent);
+                    durations.push(answered - sent);
                     sent = answered;
                 }
-                count.fetch_add(taken.len() as u64, Ordering::Relaxed);
-                latency.record(taken);
+                count.fetch_add(durations.len() as u64, Ordering::Relaxed);
+                latency.record(durations);
                 (connection, look)
             });
         }
         self.askers = tasks.join_all().await;
-        let taken = started.elapsed();
+        let elapsed = started.elapsed();
         let after = Metrics::of(&self.target).await?;
         let count = count.load(Ordering::Relaxed);
-        self.rates.push(per_second(count, taken));
+        self.rates.push(per_second(count, elapsed));
         self.requests += count;
         let cpu_s = after.since(&before, "process_cpu_seconds_total");
         self.cpu_s = self.cpu_s.zip(cpu_s).map(|(all, this)| all + this);

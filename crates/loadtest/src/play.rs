@@ -13,10 +13,10 @@ use super::latencies::Spread;
 use super::rounds::{Player, Score};
 use super::{LoadError, Progress, per_second};
 
-/// Acts of one line of the grid, more or less, where nobody says how many rounds are played.
+/// Acts of one line of the grid, roughly, if the number of rounds is not set.
 const ACTS_AIM: usize = 150_000;
 
-/// Episodes of which one seat waits for the next round, where there is no connection for every seat.
+/// Episodes of which one seat waits for the next round, if there is no connection for every seat.
 const WATCHED_MAX: usize = 512;
 
 /// One line of the grid.
@@ -26,15 +26,15 @@ pub struct Line {
     pub episodes: usize,
     /// How they were played: `/act` with a connection for each seat, or `/swarm/act` with one for each episode.
     pub by: &'static str,
-    /// Rounds that each was to play.
+    /// Rounds of each episode.
     pub rounds: u32,
     /// Episodes that were played to the end.
     pub ended: usize,
-    /// Connections.
+    /// Open connections.
     pub connections: usize,
     /// From the first act to the last answer.
     pub seconds: f64,
-    /// What was answered.
+    /// Outcomes of all requests.
     pub answers: Answers,
     /// Durable acts a second.
     pub acts_per_s: f64,
@@ -42,11 +42,11 @@ pub struct Line {
     pub rounds_per_s: f64,
     /// From sending an act until its receipt; by `/swarm/act`, from sending a round's acts until the receipts.
     pub acknowledged: Spread,
-    /// From the receipt of a round's last act until clients that waited already had the next observation.
+    /// From the receipt of a round's last act until a waiting client has the next observation.
     pub woken: Spread,
 }
 
-/// How many rounds a line plays where nobody says.
+/// The default number of rounds of a line.
 #[must_use]
 pub fn rounds(episodes: usize) -> u32 {
     let rounds = ACTS_AIM / (episodes * SEATS).max(1);
@@ -94,17 +94,17 @@ pub async fn run(
         });
     }
     let ended = tasks.join_all().await.into_iter().filter(|&ended| ended).count();
-    let taken = started.elapsed();
+    let elapsed = started.elapsed();
     Ok(Line {
         episodes: count_max,
         by: if by_seats { "/act" } else { "/swarm/act" },
         rounds,
         ended,
         connections,
-        seconds: taken.as_secs_f64(),
+        seconds: elapsed.as_secs_f64(),
         answers: score.tally.answers(),
-        acts_per_s: per_second(score.acts.load(Ordering::Relaxed), taken),
-        rounds_per_s: per_second(score.rounds.load(Ordering::Relaxed), taken),
+        acts_per_s: per_second(score.acts.load(Ordering::Relaxed), elapsed),
+        rounds_per_s: per_second(score.rounds.load(Ordering::Relaxed), elapsed),
         acknowledged: score.acknowledged.spread(),
         woken: score.woken.spread(),
     })

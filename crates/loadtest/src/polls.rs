@@ -20,44 +20,44 @@ use super::{LoadError, Progress};
 /// More rounds than are played, so that no episode ends.
 const ROUNDS_MAX: u32 = 100;
 
-/// How long all requests may take until they wait, or have been woken.
+/// Timeout until all requests wait, or have been woken.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Acts that are sent at once where all episodes are resolved at once.
+/// Connections that act while all episodes are resolved at once.
 const ACTING: usize = 64;
 
-/// What was measured.
+/// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Requests that waited at once, each on a connection of its own.
+    /// Requests that waited at once, each on its own connection.
     pub polls: usize,
-    /// How many of them the server counted; where it tells.
+    /// Waiting requests as the server counted them, if it reports them.
     pub counted: Option<f64>,
     /// Episodes on which they waited.
     pub episodes: usize,
     /// Seats of an episode, each with one request.
     pub seats: usize,
-    /// Memory of the server before the connections were opened, in bytes; where it tells.
+    /// Memory of the server before the connections were opened, in bytes, if it reports it.
     pub memory_before_bytes: Option<f64>,
     /// Memory of the server while all waited, in bytes.
     pub memory_held_bytes: Option<f64>,
-    /// What one request added, its connection included, in bytes.
+    /// Memory per request, its connection included, in bytes.
     pub bytes_per_poll: Option<f64>,
-    /// One episode after the other is resolved: from the receipts of the round until its waiters had their answers.
+    /// One episode after the other is resolved: from the receipts of the round until the waiting requests are answered.
     pub one_by_one: Spread,
-    /// The same where all episodes are resolved at once, so that all requests are woken at once.
+    /// The same when all episodes are resolved at once.
     pub all_at_once: Spread,
-    /// What was answered.
+    /// Outcomes of all requests.
     pub answers: Answers,
 }
 
-/// Whose poll was woken, and when.
+/// The episode of a woken request, and the time.
 type Woken = (usize, Instant);
 
-/// Holds `polls` requests on episodes with `seats` seats, and resolves two rounds of each.
+/// Opens `polls` requests on episodes with `seats` seats, and resolves two rounds of each.
 ///
 /// # Errors
-/// Where the connections cannot be opened or the server is gone.
+/// Where the connections cannot be opened or the server does not answer.
 pub async fn run(
     target: &Target,
     polls: usize,
@@ -102,7 +102,7 @@ pub async fn run(
     let acknowledged = acknowledged.into_iter().flatten().collect();
     collect(&mut woken, &acknowledged, seats, &tally, &all_at_once).await;
 
-    // Who polls on would be told of the abortion again and again.
+    // Pollers that stay would be answered with the abortion again and again.
     waiting.shutdown().await;
     drop(acting);
     games::abort(target, &tally, &games, progress).await;
@@ -122,7 +122,7 @@ pub async fn run(
     })
 }
 
-/// Waits for one round after the other, as long as nothing fails.
+/// Waits for one round after the other until a request fails.
 async fn poll(
     mut seat: Seat,
     episode: usize,
@@ -137,7 +137,7 @@ async fn poll(
     }
 }
 
-/// Waits until the server counts as many waiting requests. Without metrics it trusts that a second is enough.
+/// Waits until the server counts `polls` waiting requests. Without metrics it waits for a second.
 async fn all_wait(target: &Target, polls: usize, progress: &Progress) -> Result<(), LoadError> {
     let started = Instant::now();
     let wanted = super::float(polls as u64);
@@ -159,7 +159,7 @@ async fn all_wait(target: &Target, polls: usize, progress: &Progress) -> Result<
     }
 }
 
-/// Takes what the waiters of some episodes tell, until all have told.
+/// Receives the times of the woken requests of some episodes.
 async fn collect(
     woken: &mut mpsc::UnboundedReceiver<Woken>,
     acknowledged: &HashMap<usize, Instant>,

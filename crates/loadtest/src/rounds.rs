@@ -13,7 +13,7 @@ use super::connection::{Connection, Tally, Target, request};
 use super::games::Game;
 use super::latencies::Latencies;
 
-/// What an agent does and says.
+/// The action of every agent.
 const ACTION: &str = "SWITCH";
 const MESSAGE: &str = "switch all lights on together in the next round";
 
@@ -39,7 +39,7 @@ impl Player {
         )
     }
 
-    /// Plays with one connection, and where there is another lets one seat wait for every round at it.
+    /// Plays with one connection for all seats. One seat waits for every round at `watcher`, if there is one.
     #[must_use]
     pub fn by_swarm(
         target: &Target,
@@ -53,23 +53,22 @@ impl Player {
         Self::Swarm(Box::new(Swarm { acting, watcher }))
     }
 
-    /// Plays one round, looking at it too where `looks` is set; counts it. False where something failed for
-    /// good.
+    /// Plays one round, with observations if `looks` is set, and counts it. False if a request failed.
     pub async fn round(&mut self, score: &Score, round: u32, looks: bool) -> bool {
         let tally = &score.tally;
-        let (acts, taken) = match self {
+        let (acts, times) = match self {
             Self::Seats(seats) => (seats.len(), by_seats(seats, tally, round, looks).await),
             Self::Swarm(swarm) => (swarm.acting.agents, swarm.round(tally, round, looks).await),
         };
-        let Some(taken) = taken else { return false };
+        let Some(times) = times else { return false };
         score.acts.fetch_add(acts as u64, Ordering::Relaxed);
         score.rounds.fetch_add(1, Ordering::Relaxed);
-        score.acknowledged.record(taken.acknowledged);
-        score.woken.record(taken.woken);
+        score.acknowledged.record(times.acknowledged);
+        score.woken.record(times.woken);
         true
     }
 
-    /// Looks once at every seat that has a connection; adds to `looked` how long that took.
+    /// Observes once for every seat with a connection; adds the durations to `looked`.
     pub async fn look(&mut self, tally: &Tally, looked: &Latencies) {
         if let Self::Seats(seats) = self {
             let looks: FuturesUnordered<_> =
@@ -79,7 +78,7 @@ impl Player {
     }
 }
 
-/// What all who play at once count together.
+/// The measurements of all players of a scenario.
 #[derive(Debug, Default)]
 pub struct Score {
     /// All answers.
@@ -90,7 +89,7 @@ pub struct Score {
     pub rounds: AtomicU64,
     /// From sending an act, or the acts of all seats, until the answer.
     pub acknowledged: Latencies,
-    /// From the receipt of a round's last act until clients that waited already had the next observation.
+    /// From the receipt of a round's last act until a waiting client has the next observation.
     pub woken: Latencies,
 }
 
@@ -102,12 +101,12 @@ pub struct Seat {
     token: String,
 }
 
-/// The times of a seat's messages in one round.
+/// The times of a seat's requests in one round.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     sent: Instant,
     acknowledged: Instant,
-    /// When it began to wait for the next round, and when that had come.
+    /// When the wait for the next round began and ended.
     waited: Option<(Instant, Instant)>,
 }
 
@@ -117,7 +116,7 @@ struct RoundTimes {
     woken: Vec<Duration>,
 }
 
-/// What is read of an observation: enough to know that it is the one that was waited for.
+/// The part of an observation that shows whether it is the expected one.
 #[derive(Deserialize)]
 struct Seen {
     round: u32,
@@ -130,21 +129,16 @@ impl Seat {
         Self { connection, target: target.clone(), token }
     }
 
-    /// Acts, and then waits for the next round where `waits` is set.
+    /// Acts, and then waits for the next round if `waits` is set.
     async fn turn(&mut self, tally: &Tally, round: u32, waits: bool) -> Option<Turn> {
         let json = format!(r#"{{"round":{round},"action":"{ACTION}","message":"{MESSAGE}"}}"#);
         let act = request(&self.target, "POST", "/act", Some(&self.token), Some(&json));
-        let sent = Instant::now();
-        let done = self.connection.call(tally, &act).await;
-        let acknowledged = Instant::now();
-        if !done {
-            return None;
-        }
+        let (sent, acknowledged) = timed(&mut self.connection, tally, &act).await?;
         let waited = if waits { Some(self.wait(tally, round).await?) } else { None };
         Some(Turn { sent, acknowledged, waited })
     }
 
-    /// Waits until the round is past `round`, and tells when it began and when it ended.
+    /// Waits until the round is past `round`; returns when the wait began and ended.
     pub async fn wait(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let path = format!("/obs?after={round}&wait=30");
         let look = request(&self.target, "GET", &path, Some(&self.token), None);
@@ -161,7 +155,7 @@ impl Seat {
         }
     }
 
-    /// Looks, without waiting, and tells how long it took.
+    /// Observes without waiting; returns the duration.
     async fn look(&mut self, tally: &Tally) -> Option<Duration> {
         let look = request(&self.target, "GET", "/obs", Some(&self.token), None);
         let begun = Instant::now();
@@ -169,7 +163,7 @@ impl Seat {
     }
 }
 
-/// Every seat acts, and then waits for the next round where `waits` is set. None where a request failed for good.
+/// Every seat acts, and then waits for the next round if `waits` is set. `None` if a request failed.
 async fn by_seats(
     seats: &mut [Seat],
     tally: &Tally,
@@ -187,13 +181,13 @@ async fn by_seats(
     })
 }
 
-/// How long after the last receipt of a round somebody was woken who waited from `begun` to `ended`. Who began
-/// later did not have to be woken. Who was woken before the receipt had come took no time.
+/// The time from the last receipt of a round until a request that waited from `begun` to `ended` was answered. `None`
+/// if it began after the receipt, zero if it was answered before.
 fn woken(last: Instant, begun: Instant, ended: Instant) -> Option<Duration> {
     (begun <= last).then(|| ended.saturating_duration_since(last))
 }
 
-/// All seats of an episode at one connection, and where there is one a seat that waits at another.
+/// All seats of an episode at one connection, and possibly a seat that waits at another.
 #[derive(Debug)]
 pub struct Swarm {
     acting: Acting,
@@ -210,7 +204,7 @@ pub struct Acting {
     agents: usize,
 }
 
-/// What is read of the receipts: whether one is a problem.
+/// The part of the receipts that shows whether one is a problem.
 #[derive(Deserialize)]
 struct Receipts {
     receipts: Vec<Receipt>,
@@ -221,18 +215,18 @@ struct Receipt {
     code: Option<String>,
 }
 
-/// What is read of the observations of a swarm.
+/// The part of a swarm's observations that is read.
 #[derive(Deserialize)]
 struct Look {
     observations: Vec<Seen>,
 }
 
 impl Swarm {
-    /// Plays one round: looks for all seats where `looks` is set, then acts for all of them. None where
-    /// something failed for good.
+    /// Plays one round: observes for all seats if `looks` is set, then acts for all of them. `None` if a request
+    /// failed.
     async fn round(&mut self, tally: &Tally, round: u32, looks: bool) -> Option<RoundTimes> {
         let Self { acting, watcher } = self;
-        // It waits from the beginning of the round, so that it does so when the acts come.
+        // It waits from the beginning of the round, so that it is already waiting when the acts arrive.
         let watching = async {
             match watcher {
                 Some(seat) => seat.wait(tally, round).await.map(Some),
@@ -267,25 +261,20 @@ impl Acting {
         }
     }
 
-    /// Acts for all seats; tells when the acts were sent and when the receipts had come.
+    /// Acts for all seats; returns when the acts were sent and when the receipts were received.
     pub async fn act(&mut self, tally: &Tally, round: u32) -> Option<(Instant, Instant)> {
         let json = acts(&self.id, self.agents, round);
         let act = request(&self.target, "POST", "/swarm/act", Some(&self.token), Some(&json));
-        let sent = Instant::now();
-        let done = self.connection.call(tally, &act).await;
-        let acknowledged = Instant::now();
-        if !done {
-            return None;
-        }
+        let times = timed(&mut self.connection, tally, &act).await?;
         let receipts: Receipts = self.connection.read_json(tally)?;
         if let Some(code) = receipts.receipts.iter().find_map(|receipt| receipt.code.as_ref()) {
             tally.error(|| format!("an act of /swarm/act was refused: {code}"));
             return None;
         }
-        Some((sent, acknowledged))
+        Some(times)
     }
 
-    /// Looks for all seats, which all must wait for an act in this round.
+    /// Observes for all seats, all of which must have this round open.
     async fn look(&mut self, tally: &Tally, round: u32) -> Option<()> {
         let path = format!("/swarm/obs?wait=30&limit={}", self.agents);
         let look = request(&self.target, "GET", &path, Some(&self.token), None);
@@ -300,6 +289,16 @@ impl Acting {
         }
         Some(())
     }
+}
+
+/// Sends a request; returns when it was sent and when it was answered. `None` if it failed.
+async fn timed(
+    connection: &mut Connection,
+    tally: &Tally,
+    request: &[u8],
+) -> Option<(Instant, Instant)> {
+    let sent = Instant::now();
+    connection.call(tally, request).await.then(|| (sent, Instant::now()))
 }
 
 /// The acts of all seats.
@@ -337,13 +336,13 @@ mod tests {
     fn only_who_waited_already_was_woken() {
         let start = Instant::now();
         let at = |millis| start + Duration::from_millis(millis);
-        for (begun, last, ended, taken) in [
+        for (begun, last, ended, expected) in [
             (0, 10, 12, Some(2)),
-            // The answer of the waiter overtook the receipt.
+            // The answer arrived before the receipt.
             (0, 10, 9, Some(0)),
             (11, 10, 12, None),
         ] {
-            assert_eq!(woken(at(last), at(begun), at(ended)), taken.map(Duration::from_millis));
+            assert_eq!(woken(at(last), at(begun), at(ended)), expected.map(Duration::from_millis));
         }
     }
 }

@@ -20,12 +20,12 @@ use super::{LoadError, Progress};
 /// Connections of this age should have been closed.
 const CLOSED_WITHIN: Duration = Duration::from_secs(15);
 
-/// How often a slow client sends something.
+/// Interval between the bytes of a slow client.
 const PACE: Duration = Duration::from_secs(1);
 
-/// Episodes that honest clients play, a connection for each seat.
+/// Episodes of honest clients, with a connection for each seat.
 pub const HONEST: usize = 8;
-/// How often they play a round.
+/// Interval between their rounds.
 const HONEST_PACE: Duration = Duration::from_millis(100);
 
 /// More rounds than are played.
@@ -35,18 +35,18 @@ const ROUNDS_MAX: u32 = 100_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// Sends the head of a request a byte at a time.
+    /// Sends the head of a request byte by byte.
     Head,
-    /// Sends the body of an act a byte at a time.
+    /// Sends the body of an act byte by byte.
     Body,
     /// Connects and sends nothing.
     Silent,
-    /// Asks for a long answer now and then, and reads nothing of it.
+    /// Requests a long answer again and again, and reads nothing of it.
     Unread,
 }
 
 impl Kind {
-    /// Eight clients are of these kinds, in this order, and so on.
+    /// The mix of kinds among eight clients, repeated for more.
     const SHARES: [Self; 8] = [
         Self::Head,
         Self::Body,
@@ -58,7 +58,7 @@ impl Kind {
         Self::Unread,
     ];
 
-    /// What it does, in words.
+    /// A description for tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -73,53 +73,53 @@ impl Kind {
 /// How long the server kept connections of one kind of slow client.
 #[derive(Clone, Debug, Serialize)]
 pub struct KindSummary {
-    /// What they did.
+    /// Their kind.
     pub kind: Kind,
-    /// How many there were at once.
+    /// Clients at once.
     pub clients: usize,
-    /// Connections that the server closed; a client comes back a second later.
+    /// Connections that the server closed; a client reconnects a second later.
     pub closed: usize,
-    /// Those of them that were closed within 15 s.
+    /// Of these, connections that were closed within 15 s.
     pub closed_within_15_s: usize,
-    /// Connections that were older than 15 s and still open in the end.
+    /// Connections older than 15 s that were open when the test ended.
     pub open_after_15_s: usize,
-    /// How long the server kept one at most, in seconds, as far as it was seen.
+    /// The longest time that a connection was open, in seconds.
     pub longest_s: f64,
 }
 
-/// What honest clients noticed.
+/// The measurements of honest clients.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Honest {
     /// From sending an act until its receipt.
     pub acknowledged: Spread,
-    /// How long a look took.
+    /// Durations of `/obs`.
     pub looked: Spread,
 }
 
-/// What was measured.
+/// The results of the scenario.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// Slow clients at once.
     pub clients: usize,
-    /// For how long they were there, in seconds; and honest clients alone before them.
+    /// Duration of each of the two phases, in seconds: honest clients alone, then beside slow ones.
     pub seconds: f64,
-    /// How long the server kept them.
+    /// By kind, how long the server kept their connections.
     pub kept: Vec<KindSummary>,
-    /// Honest clients without them.
+    /// Honest clients alone.
     pub before: Honest,
-    /// Honest clients with them.
+    /// Honest clients beside slow ones.
     pub during: Honest,
-    /// The 99th percentile of an act's receipt with slow clients, by that without.
+    /// The 99th percentile of `acknowledged` beside slow clients, by that alone.
     pub acknowledged_factor: f64,
-    /// The same of a look.
+    /// The 99th percentile of `looked` beside slow clients, by that alone.
     pub looked_factor: f64,
-    /// Connections that the server counted in the end, when all slow clients were there; where it tells.
+    /// Connections that the server counted when all slow clients were there, if it reports them.
     pub counted: Option<f64>,
-    /// What honest clients were answered.
+    /// Outcomes of the honest clients' requests.
     pub answers: Answers,
 }
 
-/// Lets honest clients play alone for `time`, and then as long beside `clients` slow ones.
+/// Lets honest clients play alone for `time`, and then for `time` beside `clients` slow ones.
 ///
 /// # Errors
 /// Where there is no episode to play.
@@ -132,10 +132,7 @@ pub async fn run(
     let score = Score::default();
     let tally = Arc::clone(&score.tally);
     let games = games::create(target, &tally, HONEST, SEATS, ROUNDS_MAX, progress).await;
-    let first = games.first().ok_or_else(|| {
-        let samples = tally.answers().samples;
-        LoadError::of("no episode to play")(&samples.first().map_or("none", String::as_str))
-    })?;
+    let first = games::first(&games, &tally)?;
     let mut open = games::connect(target, games.len() * SEATS, progress).await?.into_iter();
     let mut players: Vec<_> =
         (games.iter()).map(|game| (Player::by_seats(target, game, open.by_ref()), 0)).collect();
@@ -146,7 +143,7 @@ pub async fn run(
     let end = Instant::now() + time;
     let mut slow = JoinSet::new();
     for (place, kind) in Kind::SHARES.into_iter().cycle().take(clients).enumerate() {
-        // They come one after the other, so that it is not their coming that is measured.
+        // They connect one after the other, so that connecting is not what is measured.
         let delay = time / 10 * u32::try_from(place).unwrap_or(0)
             / u32::try_from(clients).unwrap_or(u32::MAX);
         slow.spawn(slow_client(target.clone(), kind, opening(target, first, kind), delay, end));
@@ -171,7 +168,7 @@ pub async fn run(
     })
 }
 
-/// Every seat acts and then looks, round by round at a fixed pace.
+/// Every seat acts and then observes, round by round at a fixed pace.
 async fn honest(
     players: Vec<(Player, u32)>,
     tally: &Arc<super::connection::Tally>,
@@ -201,13 +198,13 @@ async fn honest(
     (Honest { acknowledged: score.acknowledged.spread(), looked: looked.spread() }, players)
 }
 
-/// What a slow client sends at first.
+/// The first bytes of a slow client.
 fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
     let token = game.seats.first().map(String::as_str);
     match kind {
         Kind::Head => {
             let mut head = request(target, "GET", "/obs", token, None);
-            // The empty line that ends a head is not sent; another header is begun.
+            // Another header is begun in place of the empty line that ends a head.
             head.truncate(head.len() - 2);
             head.extend_from_slice(b"x-slow: ");
             head
@@ -222,10 +219,10 @@ fn opening(target: &Target, game: &Game, kind: Kind) -> Vec<u8> {
     }
 }
 
-/// How long each connection of a client was kept, and whether it was closed then.
+/// Duration of each connection of a client, and whether the server closed it.
 type ClientLog = (Kind, Vec<(Duration, bool)>);
 
-/// Comes back whenever it is closed, until the end.
+/// Reconnects whenever the server closes the connection, until `end`.
 async fn slow_client(
     target: Target,
     kind: Kind,
@@ -237,7 +234,7 @@ async fn slow_client(
     let mut logs = Vec::new();
     while Instant::now() < end {
         let Ok(stream) = connect(&target, kind).await else {
-            // Nothing can be said of a connection that was not made.
+            // A connection that was not made is not measured.
             sleep(PACE).await;
             continue;
         };
@@ -256,7 +253,7 @@ async fn slow_client(
 async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
     let socket = if target.addr().is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     if kind == Kind::Unread {
-        // The less fits in here, the sooner the server finds that nobody reads.
+        // With a small buffer the server notices sooner that nothing is read.
         socket.set_recv_buffer_size(4096)?;
     }
     let stream = socket.connect(target.addr()).await?;
@@ -264,7 +261,7 @@ async fn connect(target: &Target, kind: Kind) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// Sends what it begins with, then a byte now and then; true where the server closed the connection.
+/// Sends `opening`, then a byte now and then; true if the server closed the connection.
 async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -> bool {
     let sends = kind != Kind::Silent;
     if sends && stream.write_all(opening).await.is_err() {
@@ -275,7 +272,7 @@ async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -
     let mut buffer = [0; 1024];
     loop {
         tokio::select! {
-            // What the server says does not matter, only that it closes.
+            // Answers are ignored; only the close counts.
             read = stream.read(&mut buffer) => if matches!(read, Ok(0) | Err(_)) {
                 return true;
             },
@@ -287,7 +284,7 @@ async fn drip(mut stream: TcpStream, kind: Kind, opening: &[u8], end: Instant) -
     }
 }
 
-/// Asks again and again and reads nothing; true where the server closed the connection.
+/// Requests again and again and reads nothing; true if the server closed the connection.
 async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
     let mut pace = interval(PACE);
     pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -301,7 +298,7 @@ async fn pile_up(mut stream: TcpStream, asked: &[u8], end: Instant) -> bool {
     }
 }
 
-/// Whether nothing can be written any more; that there is no room now does not say so.
+/// Whether the connection is closed. A full buffer does not count.
 fn is_closed(written: &io::Result<usize>) -> bool {
     written.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::WouldBlock)
 }
@@ -331,7 +328,7 @@ mod tests {
     fn who_was_kept_too_long_is_counted() {
         let closed_after = |seconds, closed| (Duration::from_secs(seconds), closed);
         let all = [
-            // Closed in time, then again, then still young when all ended.
+            // Closed in time, then again, then still young at the end.
             (
                 Kind::Head,
                 vec![closed_after(10, true), closed_after(11, true), closed_after(5, false)],

@@ -1,4 +1,4 @@
-//! Who takes which place, at the least total cost.
+//! Assigns places at the least total cost.
 
 /// The column of every row in a cheapest assignment; there are at least as many columns as rows. Found by
 /// shortest augmenting paths (the Hungarian method), one row after the other.

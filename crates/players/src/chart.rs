@@ -93,8 +93,8 @@ impl Chart {
         Self { height, width, cells: vec![0; area], ring_closed: false, now: 0 }
     }
 
-    /// Notes everything in view. Returns where the agent stands: none where it has escaped or where
-    /// the observation is of another map, and then there is nothing for it to do.
+    /// Notes everything in view. Returns where the agent stands: `None` if it has escaped or the observation is of
+    /// another map, and then it has nothing to do.
     pub(crate) fn look(&mut self, observation: &Observation) -> Option<Pos> {
         let (here, view) = sight(observation).filter(|(here, _)| self.contains(*here))?;
         let Pos { i: top, j: left } = view.origin;
@@ -119,7 +119,7 @@ impl Chart {
         self.ring_closed = true;
     }
 
-    /// Notes what somebody told; what was seen with own eyes counts more.
+    /// Notes what a message says; the agent's own view overrides it.
     pub(crate) fn hear(&mut self, at: Pos, seen: Seen) {
         if self.is_unknown(at) {
             self.note(at, seen);
@@ -145,7 +145,7 @@ impl Chart {
         rows.chain(columns)
     }
 
-    /// What was last seen on a cell of the map; none where it is unknown.
+    /// What was last seen on a cell of the map; `None` if it is unknown.
     pub(crate) fn at(&self, at: Pos) -> Option<Seen> {
         self.glimpse(at).map(|glimpse| glimpse.seen)
     }
@@ -174,9 +174,9 @@ impl Chart {
         Some(Pos::new(i32::try_from(row).ok()?, i32::try_from(column).ok()?))
     }
 
-    /// The first step of a shortest way over open cells from `from` to a goal; none where there is no
-    /// way or `from` is a goal itself. A cell with an agent on it counts as `crowd` steps more. Of
-    /// equally short ways it takes one whose first step comes early in `order`.
+    /// The first step of a shortest way over open cells from `from` to a goal; `None` if there is no way or `from` is a
+    /// goal itself. A cell with an agent on it counts as `crowd` steps more. Of equally short ways it takes one whose
+    /// first step comes early in `order`.
     pub(crate) fn way(
         &self,
         from: Pos,
@@ -274,7 +274,7 @@ impl Frontier {
 
     /// Takes the nearest cell, of several the one that was reached first.
     fn pop(&mut self) -> Option<Reached> {
-        // Mostly nobody is in the way, and a search of the largest map takes this step 65,536 times.
+        // Mostly no agent is in the way, and a search of the largest map takes this step 65,536 times.
         if self.crowded.is_empty() {
             return self.plain.pop_front();
         }
@@ -287,7 +287,7 @@ impl Frontier {
     }
 }
 
-/// Where the agent stands and what it sees: none where it has escaped, or where no map is.
+/// The agent's place and view: `None` if it has escaped, or is not on the map.
 pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     let (here, view) = (observation.position?, observation.view.as_ref()?);
     let near = -i32::from(u16::MAX)..=i32::from(u16::MAX);
@@ -295,7 +295,7 @@ pub(crate) fn sight(observation: &Observation) -> Option<(Pos, &View)> {
     numbers.iter().all(|number| near.contains(number)).then_some((here, view))
 }
 
-/// All cells of a view within so many rows and columns of one of them. A window over a large map has many more.
+/// All cells of a view within that many rows and columns of one of them. A window over a large map has many more.
 pub(crate) fn within(
     view: &View,
     middle: Pos,

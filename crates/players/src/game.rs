@@ -14,8 +14,7 @@ pub struct Game {
 }
 
 impl Game {
-    /// Lays a game out, with one player of a kind on every seat. Seeds of players have nothing to do with
-    /// that of the layout.
+    /// Lays a game out, with the same player on every seat. The players' seeds are independent of the layout's.
     #[must_use]
     pub fn new(config: Arc<Config>, built_in: &BuiltIn, seed: u64) -> Self {
         let world = World::new(config);
@@ -24,7 +23,7 @@ impl Game {
         Self { world, players }
     }
 
-    /// How it stands.
+    /// The current state.
     #[must_use]
     pub const fn world(&self) -> &World {
         &self.world

@@ -1,4 +1,4 @@
-//! Built-in `SwarmBench` players: an observation goes in, an act comes out, nothing else is in reach.
+//! Built-in `SwarmBench` players: from an observation to an act, with no other input.
 //!
 //! A player is made for one [`Seat`] and decides one round after another:
 //!
@@ -26,11 +26,11 @@
 //!
 //! # Adding a player
 //!
-//! Write a file that is named like the player, in the folder of its task, with a type that implements
-//! [`Player`] and a function `make` that makes one for a seat. Add a line to the table in the folder's
-//! `mod.rs`: its name, the tasks that it plays, what it does in one sentence, and `make`. The tests play
-//! every line of every table, so nothing else has to be told. A player keeps to what it was shown: it may remember anything, draw
-//! from a generator seeded by its seat, and must cope with any observation without a panic.
+//! Write a file that is named like the player, in the folder of its task, with a type that implements [`Player`] and a
+//! function `make` that makes one for a seat. Add a line to the table in the folder's `mod.rs`: its name, the tasks
+//! that it plays, what it does in one sentence, and `make`. The tests play every line of every table, so no other
+//! registration is needed. A player uses only what it was shown: it may remember anything, draw from a generator seeded
+//! by its seat, and must cope with any observation without a panic.
 
 mod assign;
 mod chance;
@@ -47,7 +47,7 @@ mod walk;
 
 use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 
-/// A player for one seat. Deterministic given how it was made and what it was shown.
+/// A player for one seat. Deterministic: its decisions depend only on its [`Seat`] and its observations.
 pub trait Player: Send {
     /// What the agent does in the round that the observation shows.
     fn decide(&mut self, observation: &Observation) -> Act;
@@ -56,7 +56,7 @@ pub trait Player: Send {
 /// How a seat's player is made: what an agent may know before the game, and the player's own seed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seat {
-    /// Whose player it is.
+    /// The agent that it plays.
     pub agent: AgentId,
     /// How many agents play.
     pub num_agents: u16,
@@ -68,7 +68,7 @@ pub struct Seat {
     pub task: TaskName,
     /// The rule set.
     pub rules: RuleSet,
-    /// The player's own seed; never the episode's, which would tell the layout.
+    /// The player's own seed; never the episode's, which would reveal the layout.
     pub seed: u64,
 }
 
@@ -99,7 +99,7 @@ impl Seat {
 /// A built-in player as it is chosen by name.
 #[derive(Debug)]
 pub struct BuiltIn {
-    /// What it is called, in lower case with hyphens.
+    /// In lower case with hyphens.
     pub name: &'static str,
     /// The tasks that it plays.
     pub tasks: &'static [TaskName],
@@ -131,7 +131,7 @@ pub fn all() -> impl Iterator<Item = &'static BuiltIn> {
     BUILT_INS.iter().copied().flatten()
 }
 
-/// As a name: each task's own player, the best one.
+/// The name that stands for the best player of each task.
 pub const DEFAULT_PLAYER: &str = "default";
 
 /// The player `name`, if it plays `task`; the task's own where that is [`DEFAULT_PLAYER`].
@@ -144,7 +144,7 @@ pub fn find(name: &str, task: TaskName) -> Result<&'static BuiltIn, UnknownPlaye
         .ok_or_else(|| UnknownPlayer { name: name.to_owned(), task })
 }
 
-/// The best player of a task, used where nobody names one.
+/// The best player of a task, used if none is named.
 #[must_use]
 pub fn default_for(task: TaskName) -> &'static BuiltIn {
     of_task(task).next().expect("random plays every task")
@@ -158,9 +158,9 @@ pub fn of_task(task: TaskName) -> impl Iterator<Item = &'static BuiltIn> {
 /// No player of this name plays the task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownPlayer {
-    /// The name that was asked for.
+    /// The requested name.
     pub name: String,
-    /// The task that it was to play.
+    /// The task of the game.
     pub task: TaskName,
 }
 

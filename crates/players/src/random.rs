@@ -1,4 +1,4 @@
-//! The player that every other one has to beat.
+//! The baseline for all other players.
 
 use swarmbench_engine::{Act, Action, Observation, TaskName};
 

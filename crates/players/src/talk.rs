@@ -3,8 +3,8 @@
 
 use swarmbench_engine::{Message, Observation};
 
-/// The numbers of every message that starts with `words` and holds exactly `N` of them. Whatever else
-/// arrives, noise included, is no news.
+/// The numbers of every message that starts with `words` and holds exactly `N` of them. All other messages, noise
+/// included, are ignored.
 pub(crate) fn heard<'a, const N: usize>(
     observation: &'a Observation,
     words: &'a str,

@@ -1,14 +1,14 @@
 //! Observations as text for language models.
 //!
-//! A crate of its own because a server sends prompts, and tools that study prompts make the same without one.
+//! A crate of its own so that tools can render the server's prompts without a server.
 //!
-//! A prompt is a template (minijinja) filled with what one seat may see. The built-in template has
-//! the sections of the paper's Appendix "Prompt Design" in its order. An episode may bring its own;
-//! it is not trusted, so it is checked when the episode is created and bounded when it runs:
+//! A prompt is a template (minijinja) filled with what one seat may see. The built-in template has the sections of the
+//! paper's Appendix "Prompt Design" in its order. An episode may bring its own; it is untrusted, so it is checked when
+//! the episode is created and bounded when it runs:
 //!
-//! - it may print, branch and loop over what it is given, with a few filters, but make nothing that
-//!   could grow: no assignments, no lists, no calls, no concatenation, nothing included;
-//! - it runs for a bounded number of instructions, what it reads is bounded, and its text is.
+//! - it may print, branch and loop over its input, with a few filters, but build no larger values: no assignments, no
+//!   lists, no calls, no concatenation, no includes;
+//! - its instructions, the bytes that it reads and the bytes that it writes are bounded.
 
 pub mod tasks;
 mod work;
@@ -36,15 +36,14 @@ pub const TEMPLATE_BYTES_MAX: usize = 32 * 1024;
 /// Instructions that a template may run for.
 const FUEL_MAX: u64 = 200_000;
 
-/// Bytes that a prompt may have in any case: many times those of the built-in one in the standard setting.
+/// Bytes of a prompt: many times those of the built-in one in the standard setting.
 pub const PROMPT_BYTES_MAX: usize = 128 * 1024;
 
-/// Bytes that it may have beside that for each cell that the seat sees or remembers: the built-in prompt
-/// needs 5.
+/// Further bytes for each cell that the seat sees or remembers: the built-in prompt needs 5.
 pub const PROMPT_BYTES_PER_CELL_MAX: usize = 8;
 
-/// How many times as many bytes a prompt may take where it is written as JSON: quotes and line breaks take two
-/// there, other control characters six.
+/// Bytes of a prompt as JSON, divided by its bytes as text: quotes and line breaks take two there, other control
+/// characters six.
 pub const PROMPT_JSON_FACTOR_MAX: usize = 2;
 
 /// Bytes of a text in an expression. Text outside of expressions may be as long as the template.
@@ -74,7 +73,7 @@ impl From<Error> for TemplateError {
 /// Checks a template that came with an episode.
 ///
 /// # Errors
-/// What it may not do, or where it is not a template.
+/// A syntax error, or a statement or expression that is not allowed.
 pub fn check(template: &str) -> Result<(), TemplateError> {
     if template.len() > TEMPLATE_BYTES_MAX {
         let is = template.len();
@@ -89,7 +88,7 @@ pub fn check(template: &str) -> Result<(), TemplateError> {
 /// Renders a template with the observation of one seat.
 ///
 /// # Errors
-/// Where the template fails on it or exceeds its bounds.
+/// Where the template fails or exceeds its bounds.
 pub fn render(template: &str, sight: &Sight, config: &Config) -> Result<String, TemplateError> {
     let mut text = Bounded::new(bytes_max(sight));
     fill(template, sight, config, &mut text)?;
@@ -120,12 +119,12 @@ fn fill(
     })
 }
 
-/// The maximum of bytes of a prompt, by the size of the observation.
+/// The limit of a prompt's bytes, by the size of the observation.
 fn bytes_max(sight: &Sight) -> usize {
     let cells = |rows: &Vec<Vec<Cell>>| rows.iter().map(Vec::len).sum::<usize>();
     let now: usize = sight.view.iter().map(|view| cells(&view.cells)).sum();
     let past: usize = sight.past_views.iter().map(|past| cells(&past.cells)).sum();
-    // A line for each, with what stands around it.
+    // A line for each, with the text around it.
     let messages: usize = sight.messages.iter().map(|message| 16 + 2 * message.len()).sum();
     PROMPT_BYTES_MAX + PROMPT_BYTES_PER_CELL_MAX * (now + past) + messages
 }
@@ -149,7 +148,7 @@ fn syntax() -> SyntaxConfig {
 struct Bounded {
     bytes: Vec<u8>,
     most: usize,
-    /// How many bytes it takes as JSON.
+    /// Its bytes as JSON.
     json: usize,
 }
 
@@ -162,7 +161,7 @@ impl Bounded {
         PROMPT_JSON_FACTOR_MAX * self.most
     }
 
-    /// Why it takes no more.
+    /// The limit that was exceeded.
     fn problem(&self) -> String {
         if self.json > self.json_most() {
             format!("the prompt takes more than {} bytes as JSON", self.json_most())
@@ -187,7 +186,7 @@ impl io::Write for Bounded {
     }
 }
 
-/// How many bytes a byte of a text takes as JSON.
+/// The bytes of one byte of a text as JSON.
 const fn json_bytes(byte: u8) -> usize {
     match byte {
         b'"' | b'\\' | b'\n' | b'\r' | b'\t' | 0x08 | 0x0c => 2,
@@ -281,7 +280,7 @@ fn check_expression(expression: &Expr<'_>) -> Result<(), TemplateError> {
     }
 }
 
-/// What a template is given: one seat's observation, and what is the same for all.
+/// The input of a template: one seat's observation, and the settings of the episode.
 #[derive(Serialize)]
 struct Context<'a> {
     agent: &'a str,
@@ -294,7 +293,7 @@ struct Context<'a> {
     light_on: Option<bool>,
     carrying_food: Option<bool>,
     messages: &'a [String],
-    /// The oldest first, as one reads.
+    /// The oldest first.
     history: Vec<&'a HistoryEntry>,
     /// The current one first.
     views: Vec<ViewContext<'a>>,
@@ -551,7 +550,7 @@ mod tests {
         assert!(missing.contains("undefined"), "{missing}");
     }
 
-    /// A template of its own finds what it is given as it always did: lists, fields, keys, whole values.
+    /// Custom templates read their input in all these ways: lists, fields, keys, whole values.
     #[test]
     fn what_is_counted_looks_as_if_it_were_not() {
         let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 2, 3);

@@ -2,7 +2,7 @@
 
 use swarmbench_engine::{Action, Config, RuleSet, TaskName};
 
-/// What is to be done, with the symbols that only this task has.
+/// The goal of the task, with the symbols that only this task has.
 #[must_use]
 pub fn description(config: &Config) -> String {
     // The rule sets mark opposite states with the same sign.

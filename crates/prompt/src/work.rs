@@ -1,8 +1,8 @@
 //! Counts the work of a template on its input.
 //!
-//! Fuel counts instructions, and one instruction may read all that a seat sees: compare two windows, look
-//! for a word in a table, make a text upper case. So every value that a template reads is counted by its
-//! size, and once that is too much nothing more is given out.
+//! Fuel counts instructions, and one instruction may read all that a seat sees: compare two windows, look for a word in
+//! a table, make a text upper case. So every value that a template reads is counted by its size, and beyond a limit no
+//! more values are returned.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ const ITEM_BYTES: u64 = 64;
 /// What a call of the filter `round` costs: it may write a number with a thousand digits.
 const ROUND_BYTES: u64 = 2048;
 
-/// What is left to be read.
+/// The rest of [`READ_BYTES_MAX`].
 #[derive(Debug)]
 pub(super) struct Work {
     left: AtomicU64,
@@ -32,13 +32,13 @@ impl Work {
         Arc::new(Self { left: AtomicU64::new(READ_BYTES_MAX), is_over: AtomicBool::new(false) })
     }
 
-    /// Whether more was to be read than may be.
+    /// Whether the template tried to read more.
     pub(super) fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
     }
 
     fn read(&self, bytes: u64) -> Result<(), Error> {
-        // One thread renders; the atoms are there because values could be shared.
+        // Only one thread renders; values have to be `Sync` all the same.
         match self.left.load(Ordering::Relaxed).checked_sub(bytes) {
             Some(left) if !self.is_over() => {
                 self.left.store(left, Ordering::Relaxed);
@@ -104,7 +104,7 @@ impl Object for Counted {
     }
 }
 
-/// Has the filters that read whole texts counted as well: one may follow the other in one expression.
+/// Counts the filters that read whole texts as well, as they can be chained in one expression.
 pub(super) fn count_filters(environment: &mut Environment<'static>, work: &Arc<Work>) {
     let of = Arc::clone;
     let counts = of(work);

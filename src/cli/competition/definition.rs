@@ -1,11 +1,11 @@
-//! A competition as its organizer writes it down: TOML with the fields of the request.
+//! The definition file of a competition: TOML with the fields of the request.
 
 use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
 
-/// Reads a TOML file as the JSON that the server takes: the same fields, and times as texts.
+/// Reads a TOML file as the JSON of the request: the same fields, and times as strings.
 pub(super) fn read(file: &Path) -> anyhow::Result<serde_json::Value> {
     let name = file.display();
     let text = if file.as_os_str() == "-" {

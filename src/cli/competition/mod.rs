@@ -7,9 +7,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use super::options::ServerArgs;
+use super::pages::{all, pages};
 use crate::players::client::Client;
 use crate::wire::competition::{
     AttemptRequest, CodesRequest, Competition, CompetitionBoard, CreatedEntrant, EntrantChange,
@@ -22,7 +23,7 @@ use crate::wire::episode::VoidRequest;
     after_help = "A competition is played on sealed seeds: the server draws them when it is created, shows a commitment to \
     them at once and the seeds themselves after the end. docs/organise/organizer.md walks through one, from the TOML file to \
     the published results.\n\n\
-    The server asks for an organizer's key: put it into SWARMBENCH_KEY.\n\n\
+    The server asks for a key, an organizer's or that of an entrant: put it into SWARMBENCH_KEY.\n\n\
     Examples:\n  \
     swarmbench competition create examples/competition.toml\n  \
     swarmbench competition codes cmp_… 'team blue' 'team red'\n  \
@@ -34,12 +35,8 @@ use crate::wire::episode::VoidRequest;
 pub(super) struct Args {
     #[command(subcommand)]
     command: Command,
-    /// The address of the server.
-    #[arg(long, global = true, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
-    server: String,
-    /// Your key: an organizer's, or that of an entrant.
-    #[arg(long, global = true, env = "SWARMBENCH_KEY", hide_env_values = true)]
-    key: Option<String>,
+    #[command(flatten)]
+    server: ServerArgs,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -81,25 +78,19 @@ enum Command {
         /// The entrant, if the key has several.
         #[arg(long)]
         entrant: Option<String>,
-        /// Its number; default: the next one that is open.
+        /// The number of the attempt; default: the next one that is open.
         #[arg(long)]
         attempt: Option<u32>,
     },
     /// Show your own attempts and their results; an organizer sees all.
-    Attempts {
-        /// The competition's id.
-        id: String,
-    },
+    Attempts(CompetitionId),
     /// List the entrants.
-    Entrants {
-        /// The competition's id.
-        id: String,
-    },
+    Entrants(CompetitionId),
     /// Exclude an entrant: it stays on the board without a rank, with the reason.
     Disqualify {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// The reason, visible to everybody.
+        /// The reason, visible to all.
         #[arg(long)]
         reason: String,
     },
@@ -107,7 +98,7 @@ enum Command {
     Withdraw {
         #[command(flatten)]
         entrant: EntrantOf,
-        /// The reason, visible to everybody.
+        /// The reason, visible to all.
         #[arg(long)]
         reason: Option<String>,
     },
@@ -130,7 +121,7 @@ enum Command {
         id: String,
         /// The id of the attempt's run, from the board or the entrant.
         run: String,
-        /// What happened, visible to everybody.
+        /// What happened, visible to all.
         #[arg(long)]
         reason: String,
     },
@@ -145,11 +136,14 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Export all of a competition to the standard output, for `swarmbench verify --competition`.
-    Export {
-        /// The competition's id.
-        id: String,
-    },
+    /// Export a competition to the standard output, for `swarmbench verify --competition`.
+    Export(CompetitionId),
+}
+
+#[derive(Debug, clap::Args)]
+struct CompetitionId {
+    /// The competition's id.
+    id: String,
 }
 
 #[derive(Debug, clap::Args)]
@@ -168,91 +162,79 @@ struct Declaration {
     /// The model that plays.
     #[arg(long)]
     model: String,
-    /// Its sampling temperature.
+    /// The model's sampling temperature.
     #[arg(long)]
     temperature: Option<f64>,
-    /// Its nucleus of sampling.
+    /// The model's nucleus sampling (top-p).
     #[arg(long)]
     top_p: Option<f64>,
-    /// A file with a prompt template of its own.
+    /// A file with the entrant's own prompt template.
     #[arg(long)]
     prompt_template: Option<PathBuf>,
-    /// The invitation code, where one is needed.
+    /// The invitation code, if the competition needs one.
     #[arg(long)]
     code: Option<String>,
-}
-
-/// A page of a list.
-#[derive(Deserialize)]
-struct Page<T> {
-    items: Vec<T>,
-    next_cursor: Option<String>,
 }
 
 const COMPETITIONS: &str = "/api/v1/competitions";
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let mut client = Client::new(&args.server)?;
-    if let Some(key) = args.key {
-        client = client.with_key(key);
-    }
-    let client = &client;
+    let client = &args.server.client()?;
     match args.command {
-        Command::Create { file } => create(client, &file).await,
-        Command::List => print(tables::competitions(all(client, COMPETITIONS).await?)),
+        Command::Create { file } => create(client, &file).await?,
+        Command::List => println!("{}", tables::competitions(all(client, COMPETITIONS).await?)),
         Command::Show { id, json } => {
             let shown: Competition = client.get(&path(&id, "")).await?;
-            if json { print_json(&shown) } else { print(tables::competition(&shown)) }
+            if json {
+                print_json(&shown)?;
+            } else {
+                println!("{}", tables::competition(&shown));
+            }
         }
-        Command::Codes { id, labels } => codes(client, &id, labels).await,
-        Command::Enter { id, entrant } => enter(client, &id, entrant).await,
+        Command::Codes { id, labels } => codes(client, &id, labels).await?,
+        Command::Enter { id, entrant } => enter(client, &id, entrant).await?,
         Command::Attempt { id, entrant, attempt } => {
-            start(client, &id, AttemptRequest { entrant, attempt }).await
+            start(client, &id, AttemptRequest { entrant, attempt }).await?;
         }
-        Command::Attempts { id } => {
-            print(tables::attempts(all(client, &path(&id, "/attempts")).await?))
+        Command::Attempts(CompetitionId { id }) => {
+            println!("{}", tables::attempts(all(client, &path(&id, "/attempts")).await?));
         }
-        Command::Entrants { id } => {
-            print(tables::entrants(all(client, &path(&id, "/entrants")).await?))
+        Command::Entrants(CompetitionId { id }) => {
+            println!("{}", tables::entrants(all(client, &path(&id, "/entrants")).await?));
         }
         Command::Disqualify { entrant, reason } => {
-            set_status(client, entrant, "disqualified", Some(reason)).await
+            set_status(client, entrant, "disqualified", Some(reason)).await?;
         }
         Command::Withdraw { entrant, reason } => {
-            set_status(client, entrant, "withdrawn", reason).await
+            set_status(client, entrant, "withdrawn", reason).await?;
         }
-        Command::Readmit { entrant } => set_status(client, entrant, "active", None).await,
+        Command::Readmit { entrant } => set_status(client, entrant, "active", None).await?,
         Command::Vouch { entrant, not } => {
             let vouched = Some(!not);
-            change(client, entrant, EntrantChange { vouched, ..EntrantChange::default() }).await
+            change(client, entrant, EntrantChange { vouched, ..EntrantChange::default() }).await?;
         }
         Command::Void { id, run, reason } => {
             let path = path(&id, &format!("/attempts/{run}/void"));
             let _: serde_json::Value = client.post(&path, &VoidRequest { reason }).await?;
             println!("{run} does not count; its entrant may start that attempt again.");
-            Ok(())
         }
-        Command::Board { id, csv: true, .. } => print_board_csv(client, &path(&id, "/board")).await,
+        Command::Board { id, csv: true, .. } => {
+            print_board_csv(client, &path(&id, "/board")).await?;
+        }
         Command::Board { id, json, .. } => {
             let board = whole_board(client, &path(&id, "/board")).await?;
             if json {
-                return print_json(&board);
+                print_json(&board)?;
+            } else {
+                tables::print_board(&board);
             }
-            tables::print_board(&board);
-            Ok(())
         }
-        Command::Export { id } => {
+        Command::Export(CompetitionId { id }) => {
             let path = format!("/api/v1/exports/competitions/{id}");
             let mut out = std::io::BufWriter::new(std::io::stdout().lock());
             client.download(&path, &[], &mut out).await?;
-            Ok(())
         }
     }
-}
-
-#[expect(clippy::unnecessary_wraps, reason = "the last step of a command")]
-fn print(table: comfy_table::Table) -> anyhow::Result<()> {
-    println!("{table}");
     Ok(())
 }
 
@@ -280,7 +262,7 @@ async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
 async fn codes(client: &Client, id: &str, labels: Vec<String>) -> anyhow::Result<()> {
     let codes = client.post(&path(id, "/codes"), &CodesRequest { labels }).await?;
     println!("{}", tables::codes(codes));
-    eprintln!("Each is good for one entrant. They cannot be shown again.");
+    eprintln!("Each is valid for one entrant. They cannot be shown again.");
     Ok(())
 }
 
@@ -343,33 +325,6 @@ async fn change(client: &Client, of: EntrantOf, change: EntrantChange) -> anyhow
     Ok(())
 }
 
-/// All items of a list.
-async fn all<T: DeserializeOwned>(client: &Client, path: &str) -> anyhow::Result<Vec<T>> {
-    let mut items = Vec::new();
-    let add = |page: Page<T>| {
-        items.extend(page.items);
-        page.next_cursor
-    };
-    pages(client, path, add).await?;
-    Ok(items)
-}
-
-/// Reads a list page by page; `add` takes a page and says where the next one begins.
-async fn pages<T: DeserializeOwned>(
-    client: &Client,
-    path: &str,
-    mut add: impl FnMut(T) -> Option<String>,
-) -> anyhow::Result<()> {
-    let mut cursor = None;
-    loop {
-        let query = cursor.as_deref().map(|cursor| ("cursor", cursor));
-        cursor = add(client.get_with(path, query.as_slice()).await?);
-        if cursor.is_none() {
-            return Ok(());
-        }
-    }
-}
-
 /// The board with all its pages; the first says what is shown.
 async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionBoard> {
     let mut whole: Option<CompetitionBoard> = None;
@@ -381,11 +336,11 @@ async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionB
         }
         next
     };
-    pages(client, path, add).await?;
+    pages(client, path, &[], add).await?;
     whole.context("the server shows no board")
 }
 
-/// Prints all pages as CSV, with the line of names once.
+/// Prints all pages as CSV, with one header.
 async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     let format = ("format", &"csv".to_owned());
@@ -393,8 +348,8 @@ async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
     while let Some(cursor) = next {
         let mut page = Vec::new();
         next = client.download(path, &[format, ("cursor", &cursor)], &mut page).await?;
-        let names = page.iter().position(|&byte| byte == b'\n').map_or(page.len(), |end| end + 1);
-        out.write_all(&page[names..])?;
+        let header = page.iter().position(|&byte| byte == b'\n').map_or(page.len(), |end| end + 1);
+        out.write_all(&page[header..])?;
     }
     Ok(out.flush()?)
 }

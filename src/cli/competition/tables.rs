@@ -3,12 +3,11 @@
 use comfy_table::Table;
 use jiff::Timestamp;
 
-use crate::cli::play::table;
+use crate::cli::output::{cell, mean, rank, table, total};
 use crate::wire::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
 };
 
-/// A list of competitions, a row for each.
 pub(super) fn competitions(list: Vec<Competition>) -> Table {
     let mut table = table(&["competition", "name", "phase", "opens", "closes"]);
     for one in list {
@@ -36,7 +35,7 @@ pub(super) fn attempts(list: Vec<AttemptSummary>) -> Table {
             attempt.run,
             attempt.status,
             format!("{} of {}", attempt.games_ended, attempt.games),
-            attempt.total.map_or_else(String::new, |total| format!("{total:.2}")),
+            total(attempt.total),
             note.unwrap_or_default(),
         ]);
     }
@@ -60,7 +59,6 @@ pub(super) fn entrants(list: Vec<EntrantSummary>) -> Table {
     table
 }
 
-/// All of a competition, a row for each field.
 pub(super) fn competition(competition: &Competition) -> Table {
     let mut shown = table(&["", ""]);
     let suite = &competition.suite;
@@ -95,7 +93,6 @@ pub(super) fn competition(competition: &Competition) -> Table {
     shown
 }
 
-/// Prints a board.
 pub(super) fn print_board(board: &CompetitionBoard) {
     if board.shows == "nothing" {
         println!("The board is hidden until the competition is closed.");
@@ -110,7 +107,7 @@ pub(super) fn print_board(board: &CompetitionBoard) {
     let mut shown = table(&head);
     for row in &board.items {
         let mut cells = vec![
-            row.rank.map_or_else(|| "–".to_owned(), |rank| rank.to_string()),
+            rank(row.rank),
             row.entrant.name.clone(),
             if row.entrant.vouched {
                 row.entrant.model.clone()
@@ -119,17 +116,16 @@ pub(super) fn print_board(board: &CompetitionBoard) {
             },
         ];
         for name in &tasks {
-            let of = row.tasks.iter().find(|task| task.task == *name);
-            let numbers = of.and_then(|task| task.mean.zip(task.deviation));
-            cells.push(numbers.map_or_else(String::new, |(m, d)| format!("{m:.2} ± {d:.2}")));
+            let task = row.tasks.iter().find(|task| task.task == *name);
+            cells.push(task.map_or_else(String::new, |task| mean(task.mean, task.deviation)));
         }
         let status = match &row.entrant.reason {
             Some(reason) => format!("{}: {reason}", row.entrant.status),
             None => row.entrant.status.clone(),
         };
         cells.extend([
-            row.total.map_or_else(String::new, |total| format!("{total:.2}")),
-            row.attempt.map_or_else(String::new, |attempt| attempt.to_string()),
+            total(row.total),
+            cell(row.attempt),
             format!("{:.1} %", 100.0 * row.invalid_share),
             format!("{:.1} %", 100.0 * row.clock_share),
             row.decentralization.clone().unwrap_or_default(),
@@ -139,9 +135,9 @@ pub(super) fn print_board(board: &CompetitionBoard) {
     }
     println!("{shown}");
     if board.shows == "totals" {
-        println!("What each task came to is shown when the competition is closed.");
+        println!("The scores of each task are shown when the competition is closed.");
     }
     if let Some(at) = board.frozen_at {
-        println!("The board is frozen: it shows what was over before {at}.");
+        println!("The board is frozen: it shows attempts that ended before {at}.");
     }
 }

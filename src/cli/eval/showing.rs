@@ -8,7 +8,7 @@ use comfy_table::{CellAlignment, ColumnConstraint};
 use swarmbench_engine::TaskName;
 
 use super::super::leaderboard::{fit, short};
-use super::super::play::table;
+use super::super::output::table;
 use super::Hosting;
 use crate::eval::experiment::Shape;
 use crate::eval::plan::{Plan, Who, ranges};

@@ -158,7 +158,7 @@ impl Handle {
         let _lookup = self.lookups.lock().await;
         let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
         let recorded = act.map(|act| RecordedAct::stored(act, &self.spec.config)).transpose();
-        recorded.map_err(|problem| StoreError::broken(problem))
+        recorded.map_err(StoreError::broken)
     }
 
     /// Claims open seats; they are durable when this returns. With the last open seat the episode

@@ -1,4 +1,4 @@
-//! Who moves, by an exact maximum flow.
+//! Which nodes move, by an exact maximum flow.
 //!
 //! A node with more force than mass has a *surplus*, one with less a *deficit*; force travels along
 //! contacts. The largest set that can move is what remains when two kinds of nodes are dropped:
@@ -8,11 +8,11 @@
 //! 2. those from which, once as much force as possible has been routed, an unmet deficit can still
 //!    be reached in the residual graph.
 //!
-//! One maximum flow is enough. Let X be the nodes of the second kind. Whatever points at X is in X,
-//! so nobody outside sends force into X; no node of X has surplus left, and none sends force out of
-//! X (the receiver could give it back, so it would be in X too). A set that moves and shares nodes
-//! with X would have to feed its part of X from that part alone, which the flow shows to be
-//! impossible. Outside X every deficit is met, so all of it moves, with the flow as it stands.
+//! One maximum flow is enough. Let X be the nodes of the second kind. Whatever points at X is in X, so no node outside
+//! sends force into X; no node of X has surplus left, and none sends force out of X (the receiver could give it back,
+//! so it would be in X too). A set that moves and shares nodes with X would have to feed its part of X from that part
+//! alone, which the flow shows to be impossible. Outside X every deficit is met, so all of it moves, with the flow as
+//! it stands.
 
 use super::components::Components;
 
@@ -118,8 +118,8 @@ impl<'a> Routing<'a> {
         }
     }
 
-    /// Notes that force at `node` could go on by `edge`, unless this search was here before or the
-    /// node was dropped: what stays where it is passes no force on.
+    /// Notes that force at `node` could continue along `edge`, unless this search was here before or the node was
+    /// dropped: what stays where it is passes no force on.
     fn visit(&mut self, node: usize, edge: usize) {
         if !self.dropped[node] && self.seen_by[node] != self.searches {
             self.seen_by[node] = self.searches;

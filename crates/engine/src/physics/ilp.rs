@@ -1,5 +1,5 @@
-//! Who moves, by the integer linear program that the paper states (Appendix "Physics Simulation
-//! Details"): the specification that the flow is tested against.
+//! Which nodes move, by the integer linear program that the paper states (Appendix "Physics Simulation Details"): the
+//! specification that the flow is tested against.
 
 use good_lp::solvers::microlp::microlp;
 use good_lp::{Expression, Solution, SolutionStatus, SolverModel, constraint, variable, variables};

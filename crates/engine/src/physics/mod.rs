@@ -1,4 +1,4 @@
-//! Physics: who moves when agents push (rules: *Physics, one pass in direction d*).
+//! Physics: which bodies move when agents push (rules: *Physics, one pass in direction d*).
 //!
 //! A round has one pass for each direction. A pass is four steps, one file each: which bodies touch
 //! ([`contact`]), which of them can only move together ([`components`]), and which of those do
@@ -26,7 +26,7 @@ pub enum Solver {
     Both,
 }
 
-/// Who moves was not found.
+/// The moving bodies were not found.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SolverError {
     /// The program was not solved.

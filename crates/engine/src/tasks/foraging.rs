@@ -9,7 +9,7 @@ use crate::rng::LayoutRng;
 /// Inner walls lie in every fourth row (or column).
 const WALL_SPACING: i32 = 4;
 
-/// What Foraging keeps beside the board.
+/// The state of Foraging beside the board (rules: *Foraging*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Foraging {
     /// By agent, whether it carries food.

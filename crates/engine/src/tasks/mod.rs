@@ -14,7 +14,7 @@ use crate::grid::Pos;
 use crate::names::TaskName;
 use crate::rng::LayoutRng;
 
-/// The state that a task keeps beside the board.
+/// The state of a task beside the board.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Task {
     Transport(transport::Transport),

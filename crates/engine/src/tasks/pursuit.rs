@@ -14,7 +14,7 @@ const STEPS: [Direction; 4] = [Direction::Right, Direction::Left, Direction::Dow
 /// How many rows and columns of the danger window lie before a cell, and how many from it on.
 const WINDOW: (i32, i32) = (4, 4);
 
-/// A map on which a prey flees: the board itself, or what somebody believes it to be.
+/// A map on which a prey flees: the board itself, or a player's belief of it.
 pub trait Ground {
     /// Rows.
     fn height(&self) -> i32;
@@ -53,7 +53,7 @@ pub fn is_caught(ground: &impl Ground, prey: Pos) -> bool {
     STEPS.iter().all(|&step| !ground.is_free(prey.toward(step)))
 }
 
-/// To which cell a prey flees that was not caught; none where it stays.
+/// The cell to which a prey flees that was not caught; `None` if it stays.
 pub fn flight(ground: &impl Ground, rules: RuleSet, prey: Pos) -> Option<Pos> {
     match rules {
         RuleSet::Paper => safest_of_all(ground, prey),
@@ -61,7 +61,7 @@ pub fn flight(ground: &impl Ground, rules: RuleSet, prey: Pos) -> Option<Pos> {
     }
 }
 
-/// What Pursuit keeps beside the board.
+/// The state of Pursuit beside the board (rules: *Pursuit*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pursuit {
     pub(crate) prey: BodyId,

@@ -6,7 +6,7 @@ use crate::body::Board;
 use crate::config::Config;
 use crate::rng::LayoutRng;
 
-/// What Synchronization keeps beside the board.
+/// The state of Synchronization beside the board (rules: *Synchronization*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Synchronization {
     /// By agent, whether its light is on.

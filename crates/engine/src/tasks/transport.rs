@@ -13,7 +13,7 @@ const BLOCK_MASS: i32 = 5;
 /// The length of the gap in the ring.
 const GAP: i32 = 4;
 
-/// What Transport keeps beside the board.
+/// The state of Transport beside the board (rules: *Transport*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Transport {
     pub(crate) block: BodyId,

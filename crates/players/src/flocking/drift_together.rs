@@ -6,7 +6,7 @@ use crate::chance::Chance;
 use crate::chart::sight;
 use crate::{Player, Seat};
 
-/// Steps toward the middle of those in view, and anywhere while it sees nobody or is there.
+/// Steps toward the middle of those in view, and at random while it sees no agent or is there.
 struct DriftTogether {
     chance: Chance,
 }

@@ -1,4 +1,4 @@
-//! Flocking where one agent says.
+//! Flocking at the place of one agent.
 
 use swarmbench_engine::{Act, Action, AgentId, Message, Observation, Pos};
 
@@ -11,8 +11,8 @@ use crate::{Player, Seat};
 /// The leading words of all messages.
 const NEWS: &str = "Square around";
 
-/// The first agent has the square where it stands in the first round. Whoever knows tells; whoever does
-/// not know wanders about until it is told.
+/// The first agent has the square where it stands in the first round. Agents that know the place send it; the others
+/// wander until they receive it.
 struct FollowTheLeader {
     seat: Seat,
     chance: Chance,
@@ -29,8 +29,8 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 impl Player for FollowTheLeader {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some(here) = self.chart.look(observation) else { return Act::default() };
-        let told = heard(observation, NEWS).map(|[i, j]| Pos::new(i, j));
-        let mut places = told.filter(|&place| self.chart.contains(place));
+        let received = heard(observation, NEWS).map(|[i, j]| Pos::new(i, j));
+        let mut places = received.filter(|&place| self.chart.contains(place));
         let place = if self.seat.agent == AgentId(0) { Some(here) } else { places.next() };
         if let (None, Some(place)) = (&self.square, place) {
             self.square = Some((place, Outline::around(&self.seat, place)));

@@ -7,8 +7,8 @@ use crate::chance::Chance;
 use crate::chart::Chart;
 use crate::{Player, Seat};
 
-/// Everybody knows the square and the size of the map, so all agree without a word that the outline
-/// lies in the middle.
+/// Every agent knows the square and the size of the map, so all agree without messages that the outline lies in the
+/// middle.
 struct MeetInTheMiddle {
     chance: Chance,
     chart: Chart,

@@ -9,11 +9,11 @@ use crate::Seat;
 use crate::chance::Chance;
 use crate::chart::{Chart, push};
 
-/// For how many rounds a cell counts as taken after another agent was seen on it.
+/// For how many rounds a cell counts as occupied after another agent was seen on it.
 const TAKEN_ROUNDS: u32 = 8;
 
-/// How many steps of detour one agent in the way is worth. Whoever is shut in pushes one of the
-/// others out of the outline and takes its cell.
+/// How many steps of detour one agent in the way is worth. An agent that is shut in pushes another one out of the
+/// outline and takes its cell.
 const CROWD: u32 = 5;
 
 /// From how many steps on a cell is so far away that an agent walks straight toward it: a search for the
@@ -63,11 +63,10 @@ impl Outline {
         self.cells.iter().copied()
     }
 
-    /// What an agent does to fill the outline: whoever stands on it stays, everybody else walks to the
-    /// nearest cell of it that seems free. A cell of one's own by number would only send agents past
-    /// each other.
+    /// An agent on the outline stays, all others walk to the nearest cell of it that seems free. Cells assigned by
+    /// number would only send agents past each other.
     ///
-    /// Whoever is not in place after the time that it takes to cross the map is shut in or out. Those in
+    /// An agent that is not in place after the time that it takes to cross the map is shut in or out. The agents in
     /// place then move up, and the hole comes by.
     pub(super) fn fill(&self, chart: &Chart, chance: &mut Chance, here: Pos, round: u32) -> Action {
         let is_late = round >= self.turns_from;
@@ -101,7 +100,7 @@ impl Outline {
         step.map_or(Action::Stay, push)
     }
 
-    /// Whether a cell of the outline is empty and nobody who is not in place can enter it now.
+    /// Whether a cell of the outline is empty and no agent that is not in place can enter it now.
     fn is_hole(&self, chart: &Chart, cell: Pos) -> bool {
         let waits = |beside: Pos| chart.is_taken(beside, 1) && !self.cells.contains(&beside);
         !chart.is_taken(cell, 1) && !Direction::ALL.iter().any(|&side| waits(cell.toward(side)))

@@ -21,7 +21,7 @@ pub(super) enum Lane {
     Inner,
     /// The other half.
     Outer,
-    /// Both halves, for whoever is alone.
+    /// Both halves, for an agent that is alone.
     Both,
 }
 
@@ -102,7 +102,7 @@ impl Layout {
     }
 
     /// Whether everything in view is as this layout has it, as far as it is near an agent or a corner, where the
-    /// squares are: a window over a large map has much more than it takes to tell.
+    /// squares are: a window over a large map has much more than is needed.
     pub(super) fn fits(&self, here: Pos, view: &View) -> bool {
         let (low, right) = (self.height - 1, self.width - 1);
         let corners = [(0, 0), (0, right), (low, 0), (low, right)];
@@ -129,11 +129,11 @@ impl Layout {
         sides.filter(|cell| self.is_open(*cell)).filter(touches).collect()
     }
 
-    /// How many steps two open cells are apart for whoever keeps to a lane.
+    /// The number of steps between two open cells for an agent that keeps to a lane.
     ///
-    /// Walls are crossed one after another, each within its gap. Whoever moves along a wall only as far as
-    /// the next gap demands never moves too far, so the number of steps needs no search. The squares
-    /// lie in corners of their rooms, where they are in nobody's way.
+    /// Walls are crossed one after another, each within its gap. An agent that moves along a wall only as far as the
+    /// next gap demands never moves too far, so the number of steps needs no search. The squares lie in corners of
+    /// their rooms, where they block no way.
     pub(super) fn apart(&self, from: Pos, to: Pos, lane: Lane) -> i32 {
         let (from, to) = (self.turned(from), self.turned(to));
         let (from, to) = if from.i <= to.i { (from, to) } else { (to, from) };
@@ -277,7 +277,7 @@ mod tests {
         }
     }
 
-    /// What the swarm scores at most on a layout if nobody is ever in the way and nobody is pushed along.
+    /// The maximum score of the swarm on a layout if no agent is ever blocked or pushed along.
     fn bound(world: &World) -> i32 {
         let layout = layout(world);
         let (foods, nests) = (layout.beside(layout.food), layout.beside(layout.nest));
@@ -293,7 +293,7 @@ mod tests {
         world.agent_states().map(|agent| deliveries(agent.at)).sum()
     }
 
-    /// The number is told in the docs.
+    /// The number is in the documentation of the module.
     #[test]
     fn without_traffic_the_swarm_would_score_so_much() {
         let total: i32 = (0..20).map(|seed| bound(&world(10, 10, seed))).sum();

@@ -7,15 +7,15 @@ use crate::chart::{Chart, push};
 use crate::talk::heard;
 use crate::{Player, Seat};
 
-/// How many steps of detour one agent in the way is worth. At the standard setting the score falls by
-/// almost half as this grows to 8: whoever walks around a jam makes it wider.
+/// How many steps of detour one agent in the way is worth. At the standard setting the score falls by almost half as
+/// this grows to 8: agents that walk around a jam make it wider.
 const CROWD: u32 = 1;
 
-/// How often an agent that does not get on steps aside: once in so many rounds.
+/// An agent that is stuck steps aside once in this many rounds.
 const PATIENCE_ROUNDS: u32 = 3;
 
-/// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is
-/// empty and to the nest when it is loaded. It may tell others where both are.
+/// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is empty and to the
+/// nest when it is loaded. It may send the places of both.
 struct MapAndCarry {
     chance: Chance,
     chart: Chart,
@@ -25,12 +25,12 @@ struct MapAndCarry {
     talks: bool,
 }
 
-/// Makes the player that tells others what it knows.
+/// Makes the player that sends what it knows.
 pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
     player(seat, true)
 }
 
-/// Makes the player that keeps what it knows to itself.
+/// Makes the player that sends nothing.
 pub(crate) fn make_silent(seat: &Seat) -> Box<dyn Player> {
     player(seat, false)
 }

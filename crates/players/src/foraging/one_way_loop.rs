@@ -27,7 +27,7 @@ struct OneWayLoop {
     /// The maps that fit everything seen so far.
     layouts: Vec<Layout>,
     /// What another agent last said that the map is.
-    told: Option<Layout>,
+    received: Option<Layout>,
     roads: Option<(Layout, Roads)>,
     /// Where it stood a round ago, and for how many rounds by now.
     before: Option<Pos>,
@@ -40,7 +40,7 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
         seat: seat.clone(),
         chance: Chance::new(seat),
         layouts: Layout::all(seat),
-        told: None,
+        received: None,
         roads: None,
         before: None,
         standing: 0,
@@ -53,8 +53,8 @@ impl Player for OneWayLoop {
         self.layouts.retain(|layout| layout.fits(here, view));
         for [i, j, k, l] in heard(observation, NEWS) {
             let squares = (Pos::new(i, j), Pos::new(k, l));
-            let is_told = |layout: &&Layout| (layout.food, layout.nest) == squares;
-            self.told = self.layouts.iter().find(is_told).copied().or(self.told);
+            let is_received = |layout: &&Layout| (layout.food, layout.nest) == squares;
+            self.received = self.layouts.iter().find(is_received).copied().or(self.received);
         }
         let Some((layout, is_sure)) = self.layout(here) else { return Act::default() };
         let step = self.step(&layout, here, view, observation);
@@ -68,11 +68,11 @@ impl Player for OneWayLoop {
 impl OneWayLoop {
     /// The map as far as it is known, and whether it is: of several it is the one whose food is nearest.
     fn layout(&self, here: Pos) -> Option<(Layout, bool)> {
-        let told = self.told.filter(|told| self.layouts.contains(told));
+        let received = self.received.filter(|received| self.layouts.contains(received));
         let apart = |layout: &Layout| layout.apart(here, layout.food, Lane::Both);
         let nearest = || self.layouts.iter().copied().min_by_key(apart);
-        let layout = told.or_else(nearest)?;
-        Some((layout, told.is_some() || self.layouts.len() == 1))
+        let layout = received.or_else(nearest)?;
+        Some((layout, received.is_some() || self.layouts.len() == 1))
     }
 
     fn step(

@@ -1,4 +1,4 @@
-//! Who goes where, as everybody in sight of each other works it out alike.
+//! The moves of agents in view of each other, which all of them compute alike.
 
 use swarmbench_engine::{Direction, Pos};
 
@@ -19,7 +19,7 @@ const STAY: i32 = 2;
 /// What it costs to go where an agent of the other kind is, which comes toward this one.
 const ONCOMING: i32 = 4;
 
-/// Nobody is on a cell.
+/// An empty cell.
 const NOBODY: usize = usize::MAX;
 
 /// The part of a map around an agent. A cell is a number here.
@@ -137,9 +137,9 @@ pub(super) struct Walker {
 
 /// Agents on roads, and what they decide, one after another.
 ///
-/// The one with the highest priority takes the best cell. Whoever stands there decides next, and so on; if
-/// somebody down the line cannot make room, the one before it takes its second choice. Known as priority
-/// inheritance with backtracking (Okumura et al., 2019).
+/// The one with the highest priority takes the best cell. The agent that stands there decides next, and so on; if an
+/// agent down the line cannot make room, the one before it takes its second choice. Known as priority inheritance with
+/// backtracking (Okumura et al., 2019).
 pub(super) struct Traffic<'a> {
     roads: &'a Roads,
     walkers: &'a [Walker],
@@ -161,8 +161,8 @@ impl<'a> Traffic<'a> {
         Self { roads, walkers, now, next, decided: vec![None; walkers.len()] }
     }
 
-    /// What the first walker does with so many rounds left: those who carry go first, then those who are
-    /// nearest to where they want to be, and last who can deliver nothing more in time.
+    /// What the first walker does with `left` rounds left: those who carry go first, then those who are nearest to
+    /// where they want to be, and last who can deliver nothing more in time.
     pub(super) fn decide(mut self, left: i32, turn: usize) -> Option<Direction> {
         let priority = |&place: &usize| {
             let walker = &self.walkers[place];
@@ -180,7 +180,7 @@ impl<'a> Traffic<'a> {
         Direction::ALL.into_iter().find(|&side| self.roads.toward(at, side) == Some(to))
     }
 
-    /// Whether anybody is on a cell.
+    /// Whether an agent is on a cell.
     pub(super) fn is_taken(&self, cell: usize) -> bool {
         self.now[cell] != NOBODY
     }
@@ -189,7 +189,7 @@ impl<'a> Traffic<'a> {
     /// it leaves or may stay.
     fn send(&mut self, place: usize, from: Option<usize>, turn: usize) -> bool {
         let at = self.walkers[place].at;
-        // Whoever is asked in turn is not asked again.
+        // An agent that is being asked is not asked again.
         self.decided[place] = Some(at);
         for to in self.options(place, turn) {
             if self.next[to] != NOBODY || from == Some(to) {
@@ -199,7 +199,7 @@ impl<'a> Traffic<'a> {
             let there = self.now[to];
             if there != NOBODY && there != place {
                 if let Some(goes) = self.decided[there] {
-                    // Nobody can change places.
+                    // Two agents cannot swap places.
                     if goes == at {
                         self.next[to] = NOBODY;
                         continue;

@@ -1,4 +1,4 @@
-//! Pursuit by running after the prey: pure reaction, without memory and without a word.
+//! Pursuit by running after the prey: pure reaction, without memory and without messages.
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 

@@ -8,16 +8,15 @@ use crate::talk::heard;
 use crate::walk::toward;
 use crate::{Player, Seat};
 
-/// For how many rounds a sighting of the prey counts. Two is what it takes to hear of it from one who
-/// heard of it; an older one draws everybody to where the prey is no more, and nobody sees it then.
+/// For how many rounds a sighting of the prey counts. Two rounds are needed to hear of it at second hand; an older
+/// sighting draws all agents to a place that the prey has left, and then no agent sees it.
 const FRESH_ROUNDS: u32 = 2;
 
 /// How many steps of detour one agent in the way is worth.
 const CROWD: u32 = 4;
 
-/// Walks to the nearest free cell beside the prey while it knows where the prey is, and tells others.
-/// Otherwise it goes back to its post; the posts of all lie evenly over the map, so that wherever the
-/// prey flees somebody sees it.
+/// Walks to the nearest free cell beside the prey while it knows where the prey is, and sends that place. Otherwise it
+/// goes back to its post; the posts are spread evenly over the map, so that some agent sees the prey wherever it flees.
 struct CloseIn {
     chance: Chance,
     chart: Chart,
@@ -97,7 +96,7 @@ impl CloseIn {
         if is_goal(here) {
             return Action::Stay;
         }
-        // Where all are taken no search has to find that out.
+        // If all are occupied no search is needed.
         let is_free = beside.into_iter().any(is_goal);
         let way = is_free.then(|| toward(chart, here, prey, order, CROWD, is_goal));
         push(way.flatten().unwrap_or(order[0]))

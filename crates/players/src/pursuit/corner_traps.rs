@@ -14,17 +14,17 @@ use crate::{Player, Seat};
 /// How many rounds a net may cost that is chosen by looking ahead.
 const FORESIGHT: f64 = 9.0;
 
-/// On the standard map, after so many rounds without a point an agent no longer trusts what it reckons, but tries
-/// the nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
+/// On the standard map, after this many rounds without a point an agent no longer trusts its estimate, but tries the
+/// nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
 const LONG: u32 = 12;
 
 /// How often another must not have gone where it was expected to go before it counts as settled.
 const STUBBORN: u32 = 3;
 
-/// Every agent reckons what all agents know and do, and does its own part of that. So it keeps a belief of where
-/// everybody is, which messages and its own eyes correct, and works out the joint plan of the round from it: who
-/// can catch the prey at once does, all others go to the posts of a net. The nets close off some corners, where
-/// new preys then appear, and stand such that a prey outside runs into them by itself.
+/// Every agent estimates what all agents know and do, and does its own part of that. So it has a belief of all places,
+/// which messages and its view correct, and computes the joint plan of the round from it: agents that can catch the
+/// prey at once do, all others go to the posts of a net. The nets close off some corners, where new preys then appear,
+/// and stand such that a prey outside runs into them by itself.
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
@@ -70,7 +70,7 @@ fn without_nets(seat: &Seat) -> Box<dyn Player> {
     let inside = |cells: u16| u64::from(cells.saturating_sub(2));
     let (cells, agents) = (inside(seat.height) * inside(seat.width), u64::from(seat.num_agents));
     if 25 * agents >= 6 * cells {
-        // In a crowd the prey is mostly where somebody stands beside it already, and whoever makes way lets it out.
+        // In a crowd some agent mostly stands beside the prey already, and an agent that makes way lets it out.
         super::chase::make(seat)
     } else if cells >= 150 && 14 * agents < cells {
         // Where agents are so few that they do not hear each other, posts are no use.
@@ -106,30 +106,32 @@ impl CornerTraps {
     fn listen(&mut self, observation: &Observation) {
         let count = self.news.agents.len();
         for message in &observation.messages {
-            let told = news::read(message.as_str(), observation.round, count);
-            let Some((round, told)) = told else { continue };
-            for (agent, fix) in told.agents.into_iter().enumerate() {
+            let received = news::read(message.as_str(), observation.round, count);
+            let Some((round, received)) = received else { continue };
+            for (agent, fix) in received.agents.into_iter().enumerate() {
                 if agent != self.agent {
                     self.take_newer(fix, |news| &mut news.agents[agent]);
                 }
             }
             // Late news may be of a prey that was caught since.
             if round >= self.scored {
-                self.take_newer(told.prey, |news| &mut news.prey);
-                self.news.is_odd = self.news.is_odd.or(told.is_odd);
+                self.take_newer(received.prey, |news| &mut news.prey);
+                self.news.is_odd = self.news.is_odd.or(received.is_odd);
             }
         }
     }
 
-    fn take_newer(&mut self, told: Option<Fix>, known: impl Fn(&mut News) -> &mut Option<Fix>) {
-        let Some(told) = told.filter(|told| self.bare.is_inside(told.at)) else { return };
+    fn take_newer(&mut self, received: Option<Fix>, known: impl Fn(&mut News) -> &mut Option<Fix>) {
+        let Some(received) = received.filter(|received| self.bare.is_inside(received.at)) else {
+            return;
+        };
         let known = known(&mut self.news);
-        if known.is_none_or(|known| known.seen < told.seen) {
-            *known = Some(told);
+        if known.is_none_or(|known| known.seen < received.seen) {
+            *known = Some(received);
         }
     }
 
-    /// Moves everybody to where they must be a round later, if they know and do the same as this agent.
+    /// Moves all agents to their places a round later, if they know and do the same as this agent.
     fn foresee(&mut self, now: u32) {
         let chosen = self.chosen.take();
         let steps = self.plan(&chosen.unwrap_or_else(|| self.posts(now.saturating_sub(1))));
@@ -151,7 +153,7 @@ impl CornerTraps {
         self.quarry.flee(&scene.field(&self.bare), self.rules);
     }
 
-    /// A new point tells everybody that there is a new prey.
+    /// A new point shows every agent that there is a new prey.
     fn count(&mut self, observation: &Observation) {
         if observation.score > self.score {
             self.scored = observation.round;
@@ -162,7 +164,7 @@ impl CornerTraps {
         self.score = observation.score;
     }
 
-    /// What it sees with own eyes counts more than anything.
+    /// Its own view overrides all else.
     fn look(&mut self, now: u32, here: Pos, view: &View) {
         for (at, seen) in view.positions() {
             for (agent, fix) in self.news.agents.iter_mut().enumerate() {
@@ -194,8 +196,8 @@ impl CornerTraps {
         }
     }
 
-    /// Counts who stayed where it was expected to make way. Such an agent knows something else, and there is no
-    /// use in waiting for it for ever.
+    /// Counts agents that stayed although they were expected to make way. Such an agent knows something else, so the
+    /// others must not wait for it without end.
     fn compare(&mut self, now: u32, before: &[Option<Pos>], expected: &[Option<Pos>]) {
         if now.is_multiple_of(self.long) {
             self.refusals.fill(0);
@@ -218,7 +220,7 @@ impl CornerTraps {
         Scene { agents, settled, prey, rules: self.rules }
     }
 
-    /// Where it believes everybody to be.
+    /// The places where it believes all agents to be.
     fn places(&self) -> impl Iterator<Item = Option<Pos>> {
         self.news.agents.iter().map(|fix| fix.map(|fix| fix.at))
     }
@@ -247,8 +249,8 @@ impl CornerTraps {
         })
     }
 
-    /// The posts to take: those of the first net, which catches almost any prey, and of the next where it did
-    /// not. Only who sees all there is to see can tell which net catches this prey first; on hearsay too many
+    /// The posts to take: those of the first net, which catches almost any prey, and of the next where it did not. Only
+    /// an agent that sees the whole map can compute which net catches this prey first; on news from others too many
     /// would choose differently.
     fn posts(&self, now: u32) -> Vec<Pos> {
         let nets = self.nets(now);
@@ -265,7 +267,7 @@ impl CornerTraps {
         best.0.clone()
     }
 
-    /// Whether it has everybody and the prey in sight.
+    /// Whether it sees all agents and the prey.
     fn sees_all(&self, now: u32) -> bool {
         let is_seen = |fix: &Option<Fix>| fix.is_some_and(|fix| fix.seen == now);
         is_seen(&self.news.prey) && self.news.agents.iter().all(is_seen)
@@ -314,7 +316,7 @@ mod tests {
     fn lies_in_due_form_are_survived() {
         let mut player = make(&seat());
         for round in 0..40 {
-            // All on one cell, on the wall, far outside: told with a right check.
+            // All on one cell, on the wall, far outside: with valid check characters.
             let at = [Pos::new(5, 5), Pos::new(0, 3), Pos::new(93, 93)][round as usize % 3];
             let fix = Some(Fix { at, seen: round });
             let news = News { agents: vec![fix; 12], prey: fix, is_odd: Some(true) };

@@ -45,7 +45,7 @@ impl Field {
         cells.filter(|&cell| self.is_free(cell))
     }
 
-    /// Where a prey on this cell is after its own move; none where it is caught.
+    /// The place of a prey on this cell after its own move; `None` if it is caught.
     pub(super) fn after_flight(&self, rules: RuleSet, prey: Pos) -> Option<Pos> {
         let ground = WithPrey { field: self, prey };
         if is_caught(&ground, prey) {

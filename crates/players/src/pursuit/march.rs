@@ -1,5 +1,5 @@
-//! How a swarm that knows where everybody is moves together: who takes which post, and steps that never
-//! get in each other's way, so that everybody can tell where everybody will be.
+//! The joint moves of a swarm that knows all places: the assignment of posts, and steps that never block each other, so
+//! that every agent can predict the places of all.
 
 use swarmbench_engine::tasks::pursuit::Ground;
 use swarmbench_engine::{Direction, Pos};
@@ -13,9 +13,9 @@ pub(super) type Step = Option<Direction>;
 /// What it is worth to leave a settled agent alone: more than any way across a map costs.
 const SETTLED: i64 = 1 << 20;
 
-/// Gives every agent a post of its own, such that the sum of the squared distances is least: squares
-/// share the way out evenly, as the last one to arrive counts. Who is settled keeps the post on which it stands.
-/// Agents beyond the number of posts get none.
+/// Gives every agent a post of its own, such that the sum of the squared distances is least: squares share the way out
+/// evenly, as the last one to arrive counts. A settled agent keeps the post on which it stands. Agents beyond the
+/// number of posts get none.
 pub(super) fn assign(agents: &[Pos], settled: &[bool], posts: &[Pos]) -> Vec<Option<Pos>> {
     let cost = |agent: usize, post: usize| {
         let (from, to) = (agents[agent], posts[post]);
@@ -36,7 +36,7 @@ pub(super) struct March<'a> {
     field: &'a Field,
     agents: &'a [Pos],
     steps: Vec<Plan>,
-    /// Cells that somebody will stand on.
+    /// Cells that are occupied after the round.
     taken: Vec<Pos>,
 }
 
@@ -90,9 +90,8 @@ impl<'a> March<'a> {
         self.fix(agent, step);
     }
 
-    /// Whether the agent gets to the next cell without touching another. Passes of the physics follow one
-    /// another, so a cell is free in time if whoever stands there leaves it in an earlier pass, or in the
-    /// same direction.
+    /// Whether the agent gets to the next cell without touching another. Passes of the physics follow one another, so a
+    /// cell is free in time if the agent on it leaves in an earlier pass, or in the same direction.
     fn can_go(&mut self, agent: usize, step: Direction, goals: &[Option<Pos>]) -> bool {
         let to = self.agents[agent].toward(step);
         if self.taken.contains(&to) {

@@ -11,31 +11,31 @@
 //!
 //! # Why traps
 //!
-//! Who runs after the prey gets about a capture in eight rounds. But by the rules a new prey appears on the least
-//! dangerous of a hundred drawn cells, and whether it is caught is asked before it moves for the first time. So a
-//! cell that is closed on all four sides and has less danger than any other is a trap: new preys appear in it and
-//! are caught in the next round, with nobody moving. A corner needs two agents for that. One corner that is less
-//! dangerous than all else is drawn with 1 - (51/52)^100 = 86 %, three with 99.7 %, four with 99.97 %. Then every
-//! round scores, and the score is about 100 less the round of the first capture.
+//! Running after the prey yields about a capture in eight rounds. But by the rules a new prey appears on the least
+//! dangerous of a hundred drawn cells, and whether it is caught is asked before it moves for the first time. So a cell
+//! that is closed on all four sides and has less danger than any other is a trap: new preys appear in it and are caught
+//! in the next round, without any move. A corner needs two agents for that. One corner that is less dangerous than all
+//! else is drawn with 1 - (51/52)^100 = 86 %, three with 99.7 %, four with 99.97 %. Then every round scores, and the
+//! score is about 100 less the round of the first capture.
 //!
-//! For that first prey there are nets (`net.rs`): the prey's way depends on nothing but where the agents stand, so
-//! one can stand such that its way leads over a cell on which those nearby can close in. Everybody works out what
-//! everybody does (`scene.rs`, `march.rs`), and tells where everybody is (`news.rs`). Where nobody sees the prey,
-//! its few possible places are followed by its own rule (`quarry.rs`).
+//! For that first prey there are nets (`net.rs`): the prey's way depends on nothing but where the agents stand, so one
+//! can stand such that its way leads over a cell on which those nearby can close in. Every agent computes the moves of
+//! all (`scene.rs`, `march.rs`), and sends the places of all (`news.rs`). While no agent sees the prey, its few
+//! possible places are followed by its own rule (`quarry.rs`).
 //!
 //! # What was tried
 //!
 //! Means over 200 to 300 seeds from 1000 on. Each line compares with how the player stood then:
 //!
-//! - One net for all preys cannot do: a prey keeps to even or odd cells, and no net was found that catches both.
+//! - One net for all preys is not enough: a prey keeps to even or odd cells, and no net was found that catches both.
 //! - The same without following an unseen prey, only trying the other net after 12 rounds: 89.8; with it 91.4.
 //! - A net with four closed corners once a prey sits in one, instead of the net that caught it: 92.0. A stray
 //!   prey is rarer then: 0.14 a game instead of 0.28.
-//! - To choose among six or seven nets by looking ahead gains 1.7 where all see the whole map (93.4 to 95.1). On
-//!   news of up to three rounds ago agents choose differently, and it costs 2.0 (92.7 to 90.7). Telling each other
-//!   the choice did not help either (at best 91.1, when always the same net scored 91.5). So only who sees
-//!   everything chooses.
-//! - To take whoever did not make way once for settled: 88.1, as it was mostly just late. Three times: 92.0, and
+//! - To choose among six or seven nets by looking ahead gains 1.7 where all see the whole map (93.4 to 95.1). On news
+//!   of up to three rounds ago agents choose differently, and it costs 2.0 (92.7 to 90.7). Telling each other the
+//!   choice did not help either (at best 91.1, when always the same net scored 91.5). So only agents that see
+//!   everything choose.
+//! - To regard an agent as settled that once did not make way: 88.1, as it was mostly just late. Three times: 92.0, and
 //!   no game is stuck any more (before, 2 of 300 scored nothing).
 //! - The net for even preys, chosen by whole games instead of by the annealer's estimate: 92.0 to 92.7.
 //! - A `track` that goes back to a post like `close-in` does, but does not talk, scores 2.5.

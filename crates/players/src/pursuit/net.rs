@@ -23,8 +23,8 @@ use crate::Seat;
 /// How many values a digit of a cell can have.
 const BASE: u32 = 36;
 
-/// The nets for a number of agents on a map of some size. A cell is its row and its column, one digit each (`a` is
-/// 10, and so on). The first net of a kind is the one for whoever does not see the whole map.
+/// The nets for a number of agents on a map of some size. A cell is its row and its column, one digit each (`a` is 10,
+/// and so on). The first net of a kind is for agents that do not see the whole map.
 struct Book {
     even: &'static [&'static str],
     odd: &'static [&'static str],

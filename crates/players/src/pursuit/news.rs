@@ -1,9 +1,8 @@
-//! What agents of one kind tell each other every round: where everybody is as far as they know, in so few
-//! signs that a whole swarm fits into one message.
+//! The messages of agents of one kind: all known places, in so few characters that a whole swarm fits into one message.
 //!
-//! A message is `S`, the round, the prey, then the agents, freshest news first, and two check signs, as noise
-//! may have changed any of it. A number is one printable sign from `!` (0) to `~` (93). A place is row, column
-//! and how many rounds ago somebody saw it; an agent is its number and a place.
+//! A message is `S`, the round, the prey, then the agents, freshest news first, and two check signs, as noise may have
+//! changed any character. A number is one printable sign from `!` (0) to `~` (93). A place is row, column and how many
+//! rounds ago it was seen; an agent is its number and a place.
 
 use swarmbench_engine::{Message, Pos};
 
@@ -14,7 +13,7 @@ const FIRST: u32 = b'!' as u32;
 
 const HEAD: char = 'S';
 
-/// Where something is, and in which round it was last seen with somebody's own eyes.
+/// Where something is, and in which round an agent last saw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Fix {
     pub(super) at: Pos,
@@ -27,7 +26,7 @@ pub(super) struct News {
     /// By agent.
     pub(super) agents: Vec<Option<Fix>>,
     pub(super) prey: Option<Fix>,
-    /// Whether the prey that runs free keeps to odd cells (row + column); none where nobody saw it yet.
+    /// Whether the prey that runs free keeps to odd cells (row + column); `None` until an agent has seen it.
     pub(super) is_odd: Option<bool>,
 }
 
@@ -55,8 +54,7 @@ pub(super) fn write(news: &News, round: u32) -> Option<Message> {
     Message::new(&text)
 }
 
-/// Reads what an agent told in the round `now` or before; none if it is no
-/// such message.
+/// Reads a message of the round `now` or before; `None` if it is not one.
 pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)> {
     if !message.is_ascii() || message.len() < 8 {
         return None;
@@ -90,13 +88,13 @@ pub(super) fn read(message: &str, now: u32, agents: usize) -> Option<(u32, News)
     Some((round, news))
 }
 
-/// A place in signs; none where it is too far away or too long ago.
+/// A place in signs; `None` if it is too far away or too long ago.
 fn place(fix: Fix, round: u32) -> Option<[char; 3]> {
     let number = |side: i32| u32::try_from(side).ok().and_then(sign);
     Some([number(fix.at.i)?, number(fix.at.j)?, age(fix.seen, round)?])
 }
 
-/// How many rounds ago; none where it is too long ago.
+/// How many rounds ago; `None` if it is too long ago.
 fn age(then: u32, round: u32) -> Option<char> {
     round.checked_sub(then).filter(|&ago| ago < BASE - 1).and_then(sign)
 }
@@ -150,7 +148,7 @@ mod tests {
             News { agents: vec![Some(Fix { at: Pos::new(9, 9), seen: 7 }); 90], ..News::default() };
         let message = write(&news, 7).unwrap();
         assert!(message.as_str().len() <= Message::CHARS_MAX);
-        let (_, told) = read(message.as_str(), 7, 90).unwrap();
-        assert_eq!(told.agents.iter().flatten().count(), 28);
+        let (_, received) = read(message.as_str(), 7, 90).unwrap();
+        assert_eq!(received.agents.iter().flatten().count(), 28);
     }
 }

@@ -1,5 +1,5 @@
-//! Where the prey may be, and how likely each place is, though nobody sees it: it starts in one part of the
-//! map, flees by a known rule, and a new one appears where the danger is least.
+//! The possible places of an unseen prey, with their likelihood: it starts in one part of the map, flees by a known
+//! rule, and a new one appears where the danger is least.
 
 use swarmbench_engine::tasks::pursuit::{Ground, danger};
 use swarmbench_engine::{Pos, RuleSet};
@@ -31,7 +31,7 @@ impl Quarry {
         cells.sort_by(|one, other| one.1.total_cmp(&other.1));
         let count = cells.len();
         let draws = field.height() * field.width();
-        // How likely it is that none of the first so many cells is drawn.
+        // How likely it is that none of the first cells, up to this one, is drawn.
         let none_of = |cells: usize| share(count - cells, count).powi(draws);
         let mut guesses = Vec::new();
         let mut safer = 0;
@@ -55,7 +55,7 @@ impl Quarry {
         Self { guesses: cells.map(|cell| (cell, 1.0)).collect() }
     }
 
-    /// Nothing is left of what was held for possible.
+    /// No possible place is left.
     pub(super) fn is_nowhere(&self) -> bool {
         self.guesses.is_empty()
     }

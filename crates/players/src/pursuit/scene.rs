@@ -1,5 +1,5 @@
-//! A moment of the hunt as an agent believes it to be, and how it goes on: what everybody does, given the posts,
-//! and what the prey does then.
+//! The state of the hunt as an agent believes it to be, and the next state: the moves of all agents, given the posts,
+//! and then that of the prey.
 
 use swarmbench_engine::{Direction, Kind, Pos, RuleSet};
 
@@ -10,11 +10,11 @@ use super::quarry::Quarry;
 /// How many rounds it costs that a new prey runs free.
 const ESCAPE: f64 = 5.0;
 
-/// Agents in some order, of which nobody else needs to know, and the prey if anybody knows where it is.
+/// Agents in some order, which only this agent uses, and the prey if its place is known.
 #[derive(Clone, Debug)]
 pub(super) struct Scene {
     pub(super) agents: Vec<Pos>,
-    /// Who will not give its post away.
+    /// Agents that will not leave their posts.
     pub(super) settled: Vec<bool>,
     pub(super) prey: Option<Pos>,
     pub(super) rules: RuleSet,
@@ -33,7 +33,7 @@ impl Scene {
         field
     }
 
-    /// What everybody does: whoever can catch the prey at once does so, all others go to their posts.
+    /// The moves of all agents: those that can catch the prey at once do so, all others go to their posts.
     pub(super) fn steps(&self, field: &Field, posts: &[Pos]) -> Vec<Step> {
         let mut march = March::new(field, &self.agents);
         let closing = self.prey.and_then(|prey| self.closing(field, prey));
@@ -76,8 +76,7 @@ impl Scene {
         None
     }
 
-    /// Steps with which a prey on this cell is caught at once: everybody beside it stays, and all gaps are
-    /// filled by others.
+    /// Steps with which a prey on this cell is caught at once: agents beside it stay, and others fill all gaps.
     pub(super) fn closing(&self, field: &Field, prey: Pos) -> Option<Vec<(usize, Step)>> {
         let gaps: Vec<Pos> = field.gaps(prey).collect();
         let mut steps = Vec::new();

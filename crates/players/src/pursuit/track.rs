@@ -1,4 +1,4 @@
-//! Pursuit by memory: nobody says a word, but everybody remembers where the prey was.
+//! Pursuit by memory: no messages, but every agent remembers where the prey was.
 
 use swarmbench_engine::{Act, Action, Direction, Observation, Pos, Seen, View};
 
@@ -21,7 +21,7 @@ struct Track {
     chart: Chart,
     /// Where the prey was last seen, and in which round.
     prey: Option<(Pos, u32)>,
-    /// Where it goes while it has nowhere better to go.
+    /// Its destination while it knows no better one.
     errand: Pos,
     /// Rows and columns of the map.
     size: (u16, u16),
@@ -56,7 +56,7 @@ impl Player for Track {
             if is_goal(here) {
                 return Act::of(Action::Stay);
             }
-            // Where all are taken no search has to find that out.
+            // If all are occupied no search is needed.
             let is_free = beside.into_iter().any(is_goal);
             is_free.then(|| toward(&self.chart, here, prey, order, CROWD, is_goal)).flatten()
         } else {

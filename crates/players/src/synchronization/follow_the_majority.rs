@@ -5,9 +5,9 @@ use swarmbench_engine::{Act, Action, Observation};
 use super::gather::{lights, step, turn};
 use crate::{Player, Seat};
 
-/// Comes to the middle. There it switches where all lights in view are like its own, and otherwise does as
-/// most of them do. Once all agree they go on together for ever, as everybody sees nothing but agreement; until
-/// then, those who happen to see agreement switch too early.
+/// Comes to the middle. There it switches if all lights in view are like its own, and otherwise follows the majority.
+/// Once all agree they stay in step, as every agent sees only agreement; until then, agents that happen to see
+/// agreement switch too early.
 struct FollowTheMajority {
     seat: Seat,
 }

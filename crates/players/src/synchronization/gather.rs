@@ -1,5 +1,5 @@
-//! What the players of Synchronization share that go by what they see: they come together in the middle of
-//! the map, since lights are seen and words are heard two cells away.
+//! Shared by the players of Synchronization that use their view: they gather in the middle of the map, since lights and
+//! messages reach two cells.
 
 use swarmbench_engine::{Action, Direction, Observation, Pos, RuleSet, Seen};
 
@@ -18,7 +18,7 @@ pub(super) fn lights(
     })
 }
 
-/// The step toward the middle of the map; none where it is there or where others stand before it.
+/// The step toward the middle of the map; `None` if it is there or other agents block the way.
 pub(super) fn step(observation: &Observation, seat: &Seat) -> Option<Action> {
     let (here, view) = (observation.position?, observation.view.as_ref()?);
     let apart = |at: i32, cells: u16| i64::from(cells / 2) - i64::from(at);

@@ -12,12 +12,12 @@
 //! A round scores at most once, so 100 is the most there is. It needs no more than a clock that all share, and the number of the
 //! round is one.
 //!
-//! The others use no such number. They come together in the middle of the map, as lights are seen and words are
-//! heard two cells away only. `pass-the-beat` loses the rounds until the beat of the lowest number has come around, and
-//! relies on messages that arrive in the next round: with delays a beat is told too late. The two that only react
-//! keep the full pace once they have found it, which is what the means hide: a game scores more than 80 or next to
-//! nothing. Where they stand still in the middle, somebody who sees no lower number than its own leads a group of
-//! its own, or a majority keeps being undone by those who see agreement too early, and nothing changes any more.
+//! The others use no such number. They come together in the middle of the map, as lights are seen and words are heard
+//! two cells away only. `pass-the-beat` loses the rounds until the beat of the lowest number has come around, and
+//! relies on messages that arrive in the next round: with delays the news of a beat is too late. The two that only
+//! react keep the full pace once they have found it, which is what the means hide: a game scores more than 80 or next
+//! to nothing. When they stand still in the middle, an agent that sees no lower number may lead a second group, or
+//! agents that see agreement too early undo the majority again and again, and this does not end.
 
 mod follow_the_majority;
 mod gather;

@@ -1,4 +1,4 @@
-//! Synchronization by a beat that goes from mouth to mouth.
+//! Synchronization by a beat that agents pass on in messages.
 
 use swarmbench_engine::{Act, Message, Observation};
 
@@ -9,10 +9,10 @@ use crate::{Player, Seat};
 /// How many messages are read at most in a round.
 const MESSAGES_MAX: usize = 64;
 
-/// Everybody has a beat of its own, on one round and off the next, and says with every round whose beat it is
-/// and what its light becomes. Whoever hears of the beat of a lower number takes that over. So the beat of
-/// the lowest number spreads two cells a round, and from then on nobody has to say or see anything: each counts
-/// on by itself. No number of a round is used. Whoever has not heard the lowest number comes to the middle.
+/// Every agent has a beat, on one round and off the next, and sends in every round the leader of its beat and the next
+/// state of its light. An agent that hears the beat of a lower number adopts it. So the beat of the lowest number
+/// spreads two cells a round, and from then on no agent has to hear or see anything: each counts by itself. The number
+/// of the round is not used. An agent that has not heard the lowest number goes to the middle.
 struct PassTheBeat {
     seat: Seat,
     /// Whose beat it follows.
@@ -45,14 +45,14 @@ impl Player for PassTheBeat {
             }
         }
         let (leader, vote) = votes;
-        // Where the beat of one leader is told in two ways, somebody was misheard, and most are right.
+        // If messages disagree about the beat of a leader, noise has changed some, and the majority is right.
         if leader < self.leader || leader == self.leader && leader != i32::from(self.seat.agent.0) {
             self.leader = leader;
             wanted = if vote == 0 { wanted } else { vote > 0 };
         }
         self.wanted = Some(wanted);
         let message = Message::new(&format!("Beat of {} {}", self.leader, u8::from(wanted)));
-        // The lowest comes to the middle, too, where the others look for it.
+        // The lowest goes to the middle, too, where the others look for it.
         let is_led = self.leader == 0 && self.seat.agent.0 != 0;
         let step = if is_led { None } else { step(observation, &self.seat) };
         let action = step.unwrap_or_else(|| turn(is_on, wanted));

@@ -1,13 +1,13 @@
-//! Synchronization by following who has the lowest number, without a memory and without a word.
+//! Synchronization by following the lowest number, without memory and without messages.
 
 use swarmbench_engine::{Act, Observation};
 
 use super::gather::{lights, step, turn};
 use crate::{Player, Seat};
 
-/// Comes to the middle. There its light becomes what the light of the lowest number in view, itself included,
-/// is not: that one does the same with one still lower, and the lowest of all switches every round. So everybody
-/// whose chain of lowest numbers ends there keeps time with it.
+/// Comes to the middle. There its light becomes what the light of the lowest number in view, itself included, is not:
+/// that agent does the same with a lower number, and the lowest of all switches every round. So every agent whose chain
+/// of lowest numbers ends there is in step with it.
 struct SwitchWithTheLowest {
     seat: Seat,
 }

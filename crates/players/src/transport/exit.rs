@@ -24,7 +24,7 @@ use crate::Seat;
 /// How many pushes it takes until nothing of the block is left on the map: one along, the others out.
 pub(super) const PUSHES: u32 = 5;
 
-/// How many rows and columns from a corner a layout can be told by: the block, and one more.
+/// The distance from a corner within which layouts differ, in rows and columns: the block, and one more.
 const NEAR: i32 = 6;
 
 /// Where the gap is.
@@ -86,8 +86,8 @@ impl Exit {
         turn(self.along) < turn(self.out)
     }
 
-    /// Whether this exit explains everything in view, once the block was pushed so often. Nothing far
-    /// from the corners tells anything.
+    /// Whether this exit explains everything in view, after that many pushes of the block. Cells far from the corners
+    /// are the same for all exits.
     pub(super) fn explains(&self, sight: &Sight<'_>, pushes: u32) -> bool {
         sight.cells.iter().all(|&(cell, seen, on_ring)| {
             let place = self.place(cell);
@@ -140,7 +140,7 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Whether the block lies on a place after so many pushes, the first along and the others out.
+/// Whether the block lies on a place after that many pushes, the first along and the others out.
 pub(super) fn is_block(place: Place, pushes: u32) -> bool {
     let along = i32::from(pushes > 0);
     let out = i32::try_from(pushes.saturating_sub(1)).unwrap_or(0);

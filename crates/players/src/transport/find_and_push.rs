@@ -73,8 +73,8 @@ impl FindAndPush {
         push(step.unwrap_or(order[0]))
     }
 
-    /// Pushes where it is in a lane, which ends at the block and later leads out, and otherwise walks to
-    /// one. A full lane shuts the next one off: whoever is in the way is pushed on into it.
+    /// Pushes where it is in a lane, which ends at the block and later leads out, and otherwise walks to one. A full
+    /// lane blocks the next one: an agent in the way is pushed into it.
     fn work(&self, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let chart = &self.chart;
         let is_lane = |cell: Pos| match exit.place(cell) {

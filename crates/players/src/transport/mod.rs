@@ -11,15 +11,15 @@
 //!
 //! # What `push-and-leave` does
 //!
-//! 1. Whoever does not know the gap excludes what its window contradicts, tells others what is left and goes to the
-//!    middle of that. After one or two rounds nearly all know the gap.
-//! 2. Messages also pass on where everybody was seen last, so that all make about the same plan of who stands
-//!    where: five push the block along, the others already stand where it is pushed out. Where the pass along comes
-//!    before the pass out (gaps in the left and right wall), both succeed in one round.
-//! 3. Those who pushed along go on doing so. As the others follow the block out, this pushes the rows over into all
-//!    three lanes of the gap, and three agents leave in each round.
+//! 1. An agent that does not know the gap excludes what its window contradicts, sends the remaining exits and goes to
+//!    the middle of them. After one or two rounds nearly all know the gap.
+//! 2. Messages also pass on the last known place of each agent, so that all make about the same plan of places: five
+//!    push the block along, the others already stand where it is pushed out. Where the pass along comes before the pass
+//!    out (gaps in the left and right wall), both succeed in one round.
+//! 3. Agents that pushed along continue. As the others follow the block out, this pushes the rows over into all three
+//!    lanes of the gap, and three agents leave in each round.
 //!
-//! Under centralized control everybody sees everybody, so the same player is the planner that sees the whole map.
+//! Under centralized control all agents see the whole map, so the same player plans with full knowledge.
 //!
 //! # What was tried (seeds 1000..1200)
 //!
@@ -29,8 +29,8 @@
 //! | the plan: six push along, six wait for the push out | 10.38 |
 //! | searching in the middle of what is possible, not at the nearest unknown cell | 10.49 |
 //! | five push along, seven wait | 10.50 |
-//! | agents that nobody has told of stand in the plan, too | 10.54 |
-//! | those who pushed along go on | 10.64 |
+//! | the plan includes agents of unknown place | 10.54 |
+//! | agents that pushed along continue | 10.64 |
 //!
 //! Instead of the last: entering a lane only where a cell gets free 10.57, walking up around the rows 10.55. Walking
 //! around others instead of pushing them aside: 10.59 with a detour of 3 for each agent. A steeper or flatter cost of
@@ -44,16 +44,16 @@
 //! leave a round later: in the rounds 4, 5, 6 and 7 at best where both pushes succeed in one round, else in 5 to 8. So no swarm
 //! of twelve scores more than 12 − 0.66 = 11.34 or 12 − 0.78 = 11.22, 11.28 in the mean over the eight layouts.
 //!
-//! To push in round 0, five agents would have to stand behind the block from the start. Counting for each layout the rounds
-//! until five can have walked there, and the corner behind the block is empty, leaves 10.96 in the mean (seeds
-//! 1000..2000; an estimate, as it takes for granted that nobody is moved by others, and ignores those who push out). The first
-//! push comes in round 4.4 in the mean, in round 3.8 under centralized control: what the agents do not know
-//! costs 0.1, the rest of the gap is that the places behind the block are reached through the same few cells.
+//! To push in round 0, five agents would have to stand behind the block from the start. Counting for each layout the
+//! rounds until five can have walked there, and the corner behind the block is empty, leaves 10.96 in the mean (seeds
+//! 1000..2000; an estimate, as it assumes that no agent is moved by others, and ignores those that push out). The first
+//! push comes in round 4.4 in the mean, in round 3.8 under centralized control: what the agents do not know costs 0.1,
+//! the rest of the gap is that the places behind the block are reached through the same few cells.
 //!
-//! Fewer than five agents cannot move the block. With more than a third of the map full nobody can walk past the
-//! others any more, and all push on where they are. With fewer than 22 cells left free in such a crowd that does worse
-//! than to play as `find-and-push` does, so that is what happens then: on 9 × 9 cells 30 agents score 21.9 instead of
-//! 12.7, on 10 × 10 cells 34 agents 28.4 instead of 27.8 (seeds 0..20).
+//! Fewer than five agents cannot move the block. With more than a third of the map full no agent can walk past the
+//! others, and all push where they are. With fewer than 22 cells left free in such a crowd that does worse than to play
+//! as `find-and-push` does, so that is what happens then: on 9 × 9 cells 30 agents score 21.9 instead of 12.7, on 10 ×
+//! 10 cells 34 agents 28.4 instead of 27.8 (seeds 0..20).
 
 mod exit;
 mod find_and_push;

@@ -1,4 +1,4 @@
-//! Transport by a plan that everybody makes alone.
+//! Transport by a plan that every agent makes by itself.
 
 use swarmbench_engine::{Act, Action, AgentId, Direction, Observation, Pos};
 
@@ -24,10 +24,10 @@ const PUSHERS: usize = 5;
 /// second row is not needed at once.
 const LATER_ROUNDS: i32 = 2;
 
-/// With fewer free cells than this in a crowd hardly anybody gets to the place that the plan has for it.
+/// With fewer free cells than this in a crowd hardly any agent reaches its place in the plan.
 const FREE_MIN: u32 = 22;
 
-/// How far away an agent is taken to be that nobody has told of.
+/// The assumed distance of an agent whose place is unknown.
 const UNKNOWN_STEPS: i32 = 5;
 
 /// After how many rounds without a move an agent steps aside now and then, and once in how many rounds.
@@ -92,7 +92,7 @@ impl PushAndLeave {
         is_known.then(|| self.exits[self.possible.trailing_zeros() as usize])
     }
 
-    /// Whether it stands still for so long that somebody has to give way.
+    /// Whether it has stood still for so long that an agent has to give way.
     fn is_stuck(&mut self, round: u32, here: Pos) -> bool {
         let since = match self.stands {
             Some((at, since)) if at == here && since <= round => since,
@@ -102,8 +102,8 @@ impl PushAndLeave {
         round - since >= PATIENCE_ROUNDS && self.chance.one_in(ASIDE_ROUNDS)
     }
 
-    /// Drops every exit that what is in view contradicts, then those that others exclude. Where none is
-    /// left, somebody was wrong.
+    /// Drops every exit that what is in view contradicts, then those that others exclude. If none is left, a message
+    /// was wrong.
     fn deduce(&mut self, sight: &Sight<'_>, news: &[News]) {
         let fits = |exit: &Exit| (0..=PUSHES).any(|pushes| exit.explains(sight, pushes));
         let seen = (0..8).filter(|&bit| self.possible >> bit & 1 == 1 && fits(&self.exits[bit]));
@@ -128,8 +128,8 @@ impl PushAndLeave {
         self.pushes = fitting.find(|&pushes| pushes >= known).or(first).unwrap_or(known);
     }
 
-    /// Goes to the middle of all that is possible while that is small, which is on the way to wherever the
-    /// block is. On a large map, everybody looks for another exit.
+    /// Goes to the middle of all that is possible while that is small, which is on the way to wherever the block is. On
+    /// a large map, each agent looks for another exit.
     fn search(&self, here: Pos, order: [Direction; 4]) -> Action {
         let possible = (0..8).filter(|bit| self.possible >> bit & 1 == 1);
         let mut exits: Vec<Exit> = possible.map(|bit| self.exits[bit]).collect();
@@ -153,7 +153,7 @@ impl PushAndLeave {
         push(toward(&self.chart, here, target, order, 0, is_telling).unwrap_or(order[0]))
     }
 
-    /// The places of everybody known, the nearest to the corner first.
+    /// The known places of agents, the nearest to the corner first.
     fn team(&self, round: u32, exit: Exit) -> Vec<(AgentId, Place)> {
         let mut team: Vec<_> =
             self.swarm.known(round).map(|(agent, at)| (agent, exit.place(at))).collect();
@@ -182,7 +182,7 @@ impl PushAndLeave {
             return push(exit.along);
         }
         if target.deep >= FRONT && target.far == place.far && target.deep <= place.deep {
-            // Whoever pushes here while the block does not lie before it walks into its way.
+            // An agent that pushes here while the block is not in front of it gets into the block's way.
             let is_blocked = is_block(Place { deep: FRONT - 1, far: place.far }, 0);
             let is_there = target.deep == place.deep;
             return if is_there && !is_blocked { Action::Stay } else { push(exit.out) };
@@ -192,8 +192,8 @@ impl PushAndLeave {
             .map_or(Action::Stay, push)
     }
 
-    /// Which way it goes whatever the plan says: out of the corner between block and wall; in a crowd, where
-    /// nobody gets past the others, also away from that corner, and on in the lane that it is in.
+    /// The direction that takes precedence over the plan: out of the corner between block and wall; in a crowd, where
+    /// no agent gets past the others, also away from that corner, and on in the lane that it is in.
     fn make_way(&self, exit: Exit, place: Place) -> Option<Direction> {
         let is_taken = |deep| self.chart.is_taken(exit.cell(Place { deep, far: 1 }), 1);
         let is_corner_empty = !(1..FRONT).any(|deep| deep != place.deep && is_taken(deep));
@@ -207,9 +207,8 @@ impl PushAndLeave {
         (is_crowd && (2..=3).contains(&place.far)).then_some(exit.out)
     }
 
-    /// Once the way out is free: pushes the block out and follows it. Whoever is beside the lanes goes on
-    /// pushing along: into a lane where there is room, and two of them together push those who are in it on
-    /// into the next one.
+    /// Once the way out is free: pushes the block out and follows it. An agent beside the lanes keeps pushing along:
+    /// into a lane where there is room, and two of them together push those who are in it on into the next one.
     fn leave(&self, round: u32, here: Pos, exit: Exit, order: [Direction; 4]) -> Action {
         let place = exit.place(here);
         let front = FRONT + 1 - i32::try_from(self.pushes).unwrap_or(0);
@@ -240,7 +239,7 @@ fn is_crowd(seat: &Seat) -> bool {
     3 * u32::from(seat.num_agents) > cells(seat)
 }
 
-/// How many cells inside the walls neither agents nor the block take.
+/// Free cells inside the walls.
 fn free_cells(seat: &Seat) -> u32 {
     cells(seat).saturating_sub(u32::from(seat.num_agents) + 9)
 }
@@ -248,11 +247,10 @@ fn free_cells(seat: &Seat) -> u32 {
 /// How deep the first row is that stands behind the block and pushes out.
 const FRONT: i32 = 4;
 
-/// The target of every agent of a team in a swarm of so many.
+/// The target of every agent of a team in a swarm of that size.
 ///
-/// What counts is the last to arrive, so that each step more costs three times as much. Agents that nobody
-/// has told of stand in the plan, too: otherwise whoever knows of few others would leave places empty that
-/// are needed first.
+/// What counts is the last to arrive, so that each step more costs three times as much. Agents of unknown place are in
+/// the plan, too: otherwise an agent that knows of few others would leave places empty that are needed first.
 fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
     let count = agents.min(PLANNED_MAX).max(team.len());
     let later = if exit.goes_along_first() { 0 } else { LATER_ROUNDS };
@@ -276,9 +274,9 @@ fn plan(exit: Exit, team: &[Place], agents: usize) -> Vec<Place> {
     best.map(|(_, targets)| targets).unwrap_or_default()
 }
 
-/// The places from which to push, for so many agents: five that push along, in two lanes two behind each
-/// other and one in the lane that is `alone`, then those that push out. Where a push along and a push out can
-/// both succeed in one round, these keep to the lanes in which the block lies before them from the start.
+/// The places from which to push, for that many agents: five that push along, in two lanes two behind each other and
+/// one in the lane that is `alone`, then those that push out. Where a push along and a push out can both succeed in one
+/// round, these keep to the lanes in which the block lies before them from the start.
 fn slots(exit: Exit, agents: usize, alone: i32) -> Vec<Place> {
     let along = (5..=6).flat_map(|far| (1..FRONT).rev().map(move |deep| Place { deep, far }));
     let along = along.filter(|place| (place.deep, place.far) != (alone, 6));

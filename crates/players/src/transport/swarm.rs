@@ -1,4 +1,4 @@
-//! What an agent knows of the others, and how it passes that on.
+//! What an agent knows of the others, and its messages about them.
 
 use swarmbench_engine::{AgentId, Message, Observation, Pos, Seen, limits};
 
@@ -41,7 +41,7 @@ impl Swarm {
         Self { height: side(seat.height), width: side(seat.width), seen: vec![None; agents] }
     }
 
-    /// Notes everybody in view, and that who is not where it was seen last is elsewhere.
+    /// Notes all agents in view, and forgets the place of an agent that is no longer there.
     pub(super) fn look(&mut self, observation: &Observation, here: Pos) {
         let Some(view) = &observation.view else { return };
         let round = observation.round;
@@ -76,7 +76,7 @@ impl Swarm {
         }
     }
 
-    /// Everybody whose place is known, in the order of their numbers.
+    /// Agents whose place is known, in the order of their numbers.
     pub(super) fn known(&self, round: u32) -> impl Iterator<Item = (AgentId, Pos)> + '_ {
         self.seen.iter().zip(0..).filter_map(move |(seen, number)| {
             let seen = (*seen)?;

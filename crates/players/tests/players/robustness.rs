@@ -101,11 +101,11 @@ fn message() -> impl Strategy<Value = Message> {
             .prop_map(str::to_owned),
     ];
     let parts = prop::collection::vec(part, 0..12).prop_map(|parts| parts.join(" "));
-    let told = (prop::sample::select(&WORDS), parts).prop_map(|(words, parts)| {
+    let plausible = (prop::sample::select(&WORDS), parts).prop_map(|(words, parts)| {
         Message::new(&format!("{words} {parts}")).expect("it has words")
     });
     let noise = "[ -~]{1,120}".prop_filter_map("all spaces", |text| Message::new(&text));
-    prop_oneof![9 => told, 1 => noise]
+    prop_oneof![9 => plausible, 1 => noise]
 }
 
 prop_compose! {

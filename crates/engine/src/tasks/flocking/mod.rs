@@ -14,7 +14,7 @@ pub use cost::distance;
 /// The seed of every layout under the rules `reference`.
 const REFERENCE_SEED: u64 = 42;
 
-/// What Flocking keeps beside the board.
+/// The state of Flocking beside the board (rules: *Flocking*).
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Flocking {
     target: Vec<Pos>,
