@@ -12,6 +12,7 @@ mod claims;
 mod client;
 mod clock;
 mod competitions;
+mod docs;
 mod episodes;
 pub mod error;
 mod exports;
