@@ -140,7 +140,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("clap", &["cli", "keys", "telemetry"]),
     ("swarmbench_players", &["players", "hosted", "eval", "cli"]),
     ("indicatif", &["cli"]),
-    ("zip", &["dataset"]),
+    ("zip", &["dataset", "http"]),
     ("parquet", &["dataset"]),
     ("flate2", &["dataset", "store"]),
     ("toml", &["cli"]),

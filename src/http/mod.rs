@@ -15,6 +15,7 @@ mod client;
 mod clock;
 mod competitions;
 mod description;
+mod docs;
 mod episodes;
 pub mod error;
 mod exports;

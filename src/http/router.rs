@@ -19,12 +19,11 @@ use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
-use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::error::{ApiError, Code};
 use super::{
-    App, admit, agent, audit, boards, claims, clock, competitions, description, episodes, exports,
-    host, imports, keys, runs, stream, swarm,
+    App, admit, agent, audit, boards, claims, clock, competitions, description, docs, episodes,
+    exports, host, imports, keys, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -82,9 +81,6 @@ pub(super) fn routes() -> OpenApiRouter<App> {
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, document) = routes().split_for_parts();
-    let docs = SwaggerUi::new(DOCS_FILES)
-        .url("/openapi.json", document)
-        .config(Config::default().validator_url("none"));
     let request_id = HeaderName::from_static("x-request-id");
     let layers = ServiceBuilder::new()
         .layer(SetRequestIdLayer::new(request_id.clone(), NumberedRequests::new(app.boot)))
@@ -92,9 +88,8 @@ pub fn router(app: App) -> Router {
         .layer(PropagateRequestIdLayer::new(request_id))
         .layer(CatchPanicLayer::custom(panicked));
     router
-        .merge(docs)
+        .merge(docs::routes(document))
         .route("/", get(front_page))
-        .route("/docs", get(docs_page))
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(middleware::from_fn_with_state(app.registry.clone(), stream::reserve))
@@ -127,22 +122,9 @@ impl MakeRequestId for NumberedRequests {
     }
 }
 
-/// Where the files of the documentation page lie; they are part of the binary.
-const DOCS_FILES: &str = "/docs/files";
-
 /// The page that a browser sees first.
 async fn front_page() -> Html<&'static str> {
     Html(include_str!("../../static/index.html"))
-}
-
-/// The page that shows the OpenAPI document; it needs no network but this server.
-async fn docs_page() -> Result<Html<String>, ApiError> {
-    let config = Arc::new(Config::from("/openapi.json").validator_url("none"));
-    let page = utoipa_swagger_ui::serve("index.html", config).ok().flatten();
-    let page = page.and_then(|page| String::from_utf8(page.bytes.into_owned()).ok());
-    let page = page.ok_or_else(|| ApiError::new(Code::Internal, "the page is missing"))?;
-    // The page names its files relative to itself.
-    Ok(Html(page.replace("<head>", &format!("<head><base href=\"{DOCS_FILES}/\">"))))
 }
 
 /// A span for every request, with its id; never with its headers, which hold tokens.

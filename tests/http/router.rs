@@ -19,7 +19,12 @@ async fn the_page_of_the_document_needs_no_other_host() {
         assert!(!target.starts_with('/') && !target.contains(':'), "{target}");
         let target = &format!("{base}{}", target.trim_start_matches("./"));
         let file = app.get(target).send().await;
-        assert_eq!(file.status, 200, "{target}");
+        let media_type = match target.rsplit('.').next() {
+            Some("css") => "text/css",
+            Some("js") => "text/javascript",
+            _ => "image/png",
+        };
+        assert_eq!((file.status, file.header("content-type")), (200, media_type), "{target}");
         if target.ends_with("initializer.js") {
             let script = file.text();
             assert!(script.contains("/openapi.json") && !script.contains("http"), "{script}");
@@ -28,6 +33,7 @@ async fn the_page_of_the_document_needs_no_other_host() {
     }
     assert!(files >= 4, "{page}");
     assert!(!page.contains("//"), "{page}");
+    assert_eq!(app.get("/docs/files/nothing.js").send().await.status, 404);
 }
 
 #[tokio::test]

@@ -1,0 +1,91 @@
+//! The OpenAPI document, and the page that shows it: Swagger UI, whose files are part of the binary.
+
+use std::collections::HashMap;
+use std::io::{Cursor, Read};
+use std::sync::{Arc, LazyLock};
+
+use axum::extract::Path;
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+use bytes::Bytes;
+use utoipa::openapi::OpenApi;
+use utoipa_swagger_ui_vendored::SWAGGER_UI_VENDORED;
+use zip::ZipArchive;
+use zip::result::ZipResult;
+
+use super::App;
+
+const INDEX: &str = "index.html";
+
+/// The script that starts Swagger UI with our document.
+const INITIALIZER: (&str, &[u8]) =
+    ("swagger-initializer.js", include_bytes!("../../static/swagger-initializer.js"));
+
+/// The files of Swagger UI by name. They are unpacked at the first request for one of them.
+static FILES: LazyLock<HashMap<String, Bytes>> =
+    LazyLock::new(|| unpack(SWAGGER_UI_VENDORED).expect("the archive is part of the binary"));
+
+pub(super) fn routes(document: OpenApi) -> Router<App> {
+    let document = Arc::new(document);
+    Router::new()
+        .route("/openapi.json", get(move || async move { Json(&*document).into_response() }))
+        .route("/docs", get(page))
+        .route("/docs/files", get(|| async { Redirect::to("/docs/files/") }))
+        .route("/docs/files/", get(file))
+        .route("/docs/files/{*rest}", get(file))
+}
+
+/// The files of the archive's folder `dist`, with our initializer.
+fn unpack(archive: &[u8]) -> ZipResult<HashMap<String, Bytes>> {
+    let mut archive = ZipArchive::new(Cursor::new(archive))?;
+    let mut files = HashMap::new();
+    for index in 0..archive.len() {
+        let mut entry = archive.by_index(index)?;
+        let path = entry.name()?.into_owned();
+        let Some(name) = name_in_dist(&path) else { continue };
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes)?;
+        files.insert(name.to_owned(), bytes.into());
+    }
+    let (name, bytes) = INITIALIZER;
+    files.insert(name.to_owned(), Bytes::from_static(bytes));
+    Ok(files)
+}
+
+/// The name of a file in `swagger-ui-VERSION/dist/`.
+fn name_in_dist(path: &str) -> Option<&str> {
+    let (_, path) = path.split_once('/')?;
+    path.strip_prefix("dist/").filter(|name| !name.is_empty())
+}
+
+/// Swagger UI, which needs no network but this server.
+async fn page() -> Html<String> {
+    let page = String::from_utf8_lossy(&FILES[INDEX]);
+    // The page names its files relative to itself.
+    Html(page.replace("<head>", "<head><base href=\"/docs/files/\">"))
+}
+
+async fn file(name: Option<Path<String>>) -> Response {
+    let name = match &name {
+        None => INDEX,
+        Some(Path(name)) if name == "/" => INDEX,
+        Some(Path(name)) => name,
+    };
+    match FILES.get(name) {
+        Some(bytes) => ([(CONTENT_TYPE, media_type(name))], bytes.clone()).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit_once('.') {
+        Some((_, "html")) => "text/html",
+        Some((_, "css")) => "text/css",
+        Some((_, "js")) => "text/javascript",
+        Some((_, "png")) => "image/png",
+        _ => "application/octet-stream",
+    }
+}
