@@ -21,9 +21,7 @@ use crate::keys::OwnerKey;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Group {
     Server,
-    /// The entrants of a competition.
     Competition(CompetitionKey),
-    /// The holder of a key.
     Owner(OwnerKey),
     /// Clients without a key, by address, or /64 network of IPv6.
     Address(IpAddr),
@@ -146,7 +144,6 @@ impl Shares {
     }
 }
 
-/// A value for each rank.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ranked<T> {
     urgent: T,
@@ -347,7 +344,6 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
         });
     }
 
-    /// Accounts with waiting requests.
     fn waiting(&self) -> Vec<K> {
         let waiting = |(_, account): &(&K, &Account<R>)| !account.requests.is_empty();
         self.known.iter().filter(waiting).map(|(name, _)| *name).collect()
@@ -535,7 +531,6 @@ pub fn blocking<T>(party: Party, rank: Rank, work: impl FnOnce() -> T) -> T {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("as many requests use this, or wait for it, as may ({name} is {slots})")]
 pub struct Busy {
-    /// The name of the limit.
     pub name: &'static str,
     pub slots: usize,
 }

@@ -47,7 +47,6 @@ pub struct Key {
     pub number: Option<OwnerKey>,
     pub id: String,
     pub role: Role,
-    /// The name of the holder.
     pub name: String,
     pub created_at: Timestamp,
     pub expires_at: Option<Timestamp>,

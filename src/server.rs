@@ -274,7 +274,6 @@ async fn advance_runs(app: App) {
     }
 }
 
-/// Closes competitions when they are over.
 async fn close_competitions(app: App) {
     closing::run(&app.store, &app.runs, &*app.clock).await;
 }

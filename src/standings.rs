@@ -33,7 +33,6 @@ pub struct Standings {
 
 #[derive(Debug, Default)]
 struct CachedBoards {
-    /// Changes that are not read yet.
     changes: Vec<Change>,
     /// `None` until the first request.
     boards: Option<Arc<Boards>>,

@@ -25,12 +25,9 @@ pub fn new_entrant_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("ent_", now, entropy)
 }
 
-/// A competition as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredCompetition {
-    /// Its number.
     pub key: CompetitionKey,
-    /// Its public id.
     pub id: String,
     /// What was decided about it.
     pub definition: Definition,
@@ -38,20 +35,15 @@ pub struct StoredCompetition {
     pub sealed: Sealed,
     /// What was published of the secret.
     pub commitment: [u8; 32],
-    /// When it was created.
     pub created_at: Timestamp,
     /// When everything was opened to all, if it was.
     pub revealed_at: Option<Timestamp>,
 }
 
-/// An entrant as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredEntrant {
-    /// Its number.
     pub key: EntryKey,
-    /// The competition.
     pub competition: CompetitionKey,
-    /// The key to which it belongs.
     pub owner: OwnerKey,
     /// All that others see of it, and what it declared.
     pub entrant: Entrant,
@@ -71,18 +63,12 @@ pub const FORMATS: Formats = Formats {
 };
 
 /// Finds a competition by its public id.
-///
-/// # Errors
-/// Where the database cannot be read; so for all functions here.
 pub async fn find(store: &Store, id: &str) -> Result<Option<StoredCompetition>, StoreError> {
     let found = store.find_competition(id).await?;
     found.map(competition).transpose().map_err(StoreError::decode)
 }
 
 /// Lists competitions; see [`Store::list_competitions`].
-///
-/// # Errors
-/// Where the database cannot be read.
 pub async fn list(
     store: &Store,
     before: Option<CompetitionKey>,
@@ -93,9 +79,6 @@ pub async fn list(
 }
 
 /// Finds an entrant of a competition by its public id.
-///
-/// # Errors
-/// Where the database cannot be read.
 pub async fn find_entrant(
     store: &Store,
     competition: CompetitionKey,
@@ -106,9 +89,6 @@ pub async fn find_entrant(
 }
 
 /// The entrants of a competition: all, or those of one key; see [`Store::entrants`].
-///
-/// # Errors
-/// Where the database cannot be read.
 pub async fn entrants(
     store: &Store,
     competition: CompetitionKey,
@@ -119,9 +99,6 @@ pub async fn entrants(
 }
 
 /// Lists the entrants of a competition; see [`Store::list_entrants`].
-///
-/// # Errors
-/// Where the database cannot be read.
 pub async fn list_entrants(
     store: &Store,
     competition: CompetitionKey,

@@ -78,14 +78,12 @@ impl TableName {
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub filter: Filter,
-    /// Only this one.
     pub episode: Option<EpisodeId>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
     pub episodes: u64,
-    /// Resolved rounds.
     pub rounds: u64,
     pub acts: u64,
     /// Episodes that are left out because they cannot be replayed, with the reason.

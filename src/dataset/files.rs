@@ -18,7 +18,6 @@ pub trait Files {
     fn finish(&mut self) -> io::Result<()>;
 }
 
-/// An existing folder.
 pub struct Folder {
     path: PathBuf,
     open: Option<BufWriter<File>>,

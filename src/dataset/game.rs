@@ -41,7 +41,6 @@ pub struct Turn {
 
 pub struct GameAct {
     pub agent: AgentId,
-    /// When it was received.
     pub at: Timestamp,
     pub record: ActRecord,
     /// Whether the action had its effect.
@@ -60,7 +59,6 @@ impl GameAct {
 }
 
 impl Game {
-    /// The episode at its layout.
     pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
         let opening = match stored.opening.read() {
             Ok(Record::Opening(opening)) => *opening,
@@ -81,7 +79,6 @@ impl Game {
     }
 
     /// The state now.
-    #[must_use]
     pub fn world(&self) -> &World {
         self.replayer.world()
     }

@@ -26,7 +26,6 @@ const BUFFER_BYTES: usize = 64 * 1024;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// The file, or the run.
     pub file: String,
     pub problem: String,
 }
@@ -47,7 +46,6 @@ pub enum ReadError {
     Entries { path: PathBuf, most: usize },
 }
 
-/// Receives what is read.
 pub trait Taker {
     /// A complete game. After an error nothing more is read.
     fn game(&mut self, game: ImportRow) -> anyhow::Result<()>;
@@ -121,7 +119,6 @@ struct Logs {
     acts: Option<usize>,
 }
 
-/// All batches by their folders.
 struct Batches(BTreeMap<String, Batch>);
 
 impl Batches {

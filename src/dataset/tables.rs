@@ -32,7 +32,6 @@ pub enum Cell {
     Time(Timestamp),
 }
 
-/// The columns of acts.
 pub const ACTS: &[Column] = &[
     ("episode", Kind::Text),
     ("run", Kind::Text),
@@ -60,7 +59,6 @@ pub const ACTS: &[Column] = &[
     ("bank_spent_ms", Kind::Whole),
 ];
 
-/// The columns of rounds.
 pub const ROUNDS: &[Column] = &[
     ("episode", Kind::Text),
     ("run", Kind::Text),

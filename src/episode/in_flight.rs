@@ -58,7 +58,6 @@ pub(super) struct InFlightPermits {
 }
 
 impl InFlightPermits {
-    /// Splits off the permits of these acts.
     pub(super) fn split(&mut self, acts: impl Iterator<Item = AgentId>) -> Self {
         let mut counts: BTreeMap<AgentId, u32> = BTreeMap::new();
         for agent in acts {

@@ -20,12 +20,10 @@ use crate::store::port::StoredAct;
 /// What a player sent for a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Submission {
-    /// The round that it answers.
     pub round: u32,
     pub decision: Decision,
 }
 
-/// What happens.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// The creator starts a waiting episode.
@@ -36,9 +34,7 @@ pub enum Event {
     Done,
     /// A player acts.
     Submit {
-        /// Whose seat it is.
         agent: AgentId,
-        /// What was sent.
         submission: Submission,
         /// What this seat did in that round, if the round is over and it did something.
         earlier: Option<RecordedAct>,
@@ -69,11 +65,7 @@ pub enum Effect {
     /// Record that the episode was started.
     KeepStart,
     /// Record what a seat did in the open round.
-    KeepAct {
-        agent: AgentId,
-        /// What it did.
-        recorded: RecordedAct,
-    },
+    KeepAct { agent: AgentId, recorded: RecordedAct },
     /// All living seats have acted or run out of time: resolve the round from
     /// [`Lockstep::acts`], then apply [`Event::Resolved`].
     Resolve,
@@ -86,7 +78,6 @@ pub enum Effect {
 /// An act as it was first answered. Cloning shares its texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedAct {
-    /// What was decided.
     pub decision: Arc<Decision>,
     /// The time that it took of the seat's bank, in milliseconds.
     pub bank_spent_ms: u64,
@@ -102,7 +93,6 @@ impl RecordedAct {
         Self { decision: Arc::new(decision), bank_spent_ms, record, waiting_for }
     }
 
-    /// An act from the journal.
     pub fn stored(act: StoredAct, config: &Config) -> Result<Self, String> {
         let StoredAct { record: act, waiting_for, .. } = act;
         let (record, bank_spent_ms) = (RawRecord::write(&act), act.bank_spent_ms);
@@ -112,7 +102,6 @@ impl RecordedAct {
     }
 }
 
-/// The receipt of an accepted act.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Receipt {
     pub round: u32,
@@ -124,22 +113,11 @@ pub struct Receipt {
 /// Why an act, a start or an abort was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// The round is not open yet.
     #[error("round {sent} is not open yet; the episode stands at round {round}")]
-    RoundAhead {
-        /// The round that was sent.
-        sent: u32,
-        /// The open round.
-        round: u32,
-    },
+    RoundAhead { sent: u32, round: u32 },
     /// This seat answered that round with another act.
     #[error("this seat answered round {sent} with another act, and the first one counts")]
-    AlreadyActed {
-        /// The round that was sent.
-        sent: u32,
-        /// The open round.
-        round: u32,
-    },
+    AlreadyActed { sent: u32, round: u32 },
     /// The episode has ended, or the agent has escaped.
     #[error("{}", if *.escaped { "this agent has escaped and no longer acts" } else { "the episode has ended" })]
     EpisodeOver {
@@ -150,18 +128,12 @@ pub enum Refusal {
     },
     /// The round is over and this seat did not answer it.
     #[error("round {sent} is over for this seat; the episode stands at round {round}")]
-    RoundOver {
-        /// The round that was sent.
-        sent: u32,
-        /// The open round.
-        round: u32,
-    },
+    RoundOver { sent: u32, round: u32 },
     /// The journal takes no more text of this episode, or of its owner.
     #[error("{full}")]
     NoRoom {
         /// The cap that was reached.
         full: Full,
-        /// The open round.
         round: u32,
     },
 }
@@ -170,7 +142,6 @@ pub enum Refusal {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Seat {
     alive: bool,
-    /// What is left of its bank.
     bank: Duration,
     recorded: Option<RecordedAct>,
 }
@@ -217,9 +188,7 @@ enum Phase {
 pub struct ResumeState {
     /// Whether it waits for its start.
     pub waiting: bool,
-    /// How it ended, if it has.
     pub outcome: Option<Outcome>,
-    /// The open round.
     pub round: u32,
     /// By agent, whether it is on the map.
     pub alive: Vec<bool>,
@@ -287,7 +256,6 @@ impl Lockstep {
         self.opened_at
     }
 
-    /// The open round.
     pub const fn round(&self) -> u32 {
         self.round
     }
@@ -338,7 +306,6 @@ impl Lockstep {
         self.clocks.closes_at.is_some_and(|at| at <= now)
     }
 
-    /// The status of the episode.
     pub const fn status(&self) -> Status {
         match self.phase {
             Phase::Waiting => Status::Waiting,

@@ -72,7 +72,6 @@ impl Party {
     }
 }
 
-/// The purpose of a new episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Anything else.
@@ -99,9 +98,7 @@ pub enum Full {
         "this {whose} has its share of unfinished episodes, {percent} % of what is free; end some episodes, or wait until some have ended"
     )]
     EpisodesOfShare {
-        /// Whose share it is.
         whose: Whose,
-        /// How many are open.
         open: usize,
         /// The share, in percent of the free episodes.
         percent: u32,
@@ -126,7 +123,6 @@ pub enum Full {
         "this {whose} sent more than {most} bytes of long acts a second; send this act again later, or with less text"
     )]
     BytesPerSecond {
-        /// Whose share it is.
         whose: Whose,
         /// How many bytes a second there may be.
         most: u64,
@@ -177,7 +173,6 @@ impl Full {
     }
 }
 
-/// What a group is called.
 const fn whose(group: Group) -> Whose {
     match group {
         Group::Competition(_) => Whose::Competition,
@@ -226,7 +221,6 @@ impl Quotas {
         self.usage.lock().expect("nothing panics while it holds this")
     }
 
-    /// Counts a new episode.
     pub fn admit(&self, episode: EpisodeKey, party: Party, purpose: Purpose) -> Result<(), Full> {
         let mut usage = self.usage();
         usage.check(&self.caps, party, purpose)?;

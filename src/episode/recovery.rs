@@ -102,7 +102,6 @@ pub(super) fn recovered_for(stored: &StoredEpisode, party: Party) -> Party {
     if stored.end.is_some() { Party::current() } else { party }
 }
 
-/// The description of a stored episode.
 pub(super) fn described(stored: &StoredEpisode) -> Result<Spec, RecoveryError> {
     match stored.opening.read() {
         Ok(Record::Opening(opening)) => {
@@ -144,7 +143,6 @@ impl History {
     }
 }
 
-/// The clocks of an episode.
 pub(super) fn clocks(spec: &Spec) -> Clocks {
     Clocks {
         round_deadline: spec.round_deadline,

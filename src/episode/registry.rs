@@ -73,7 +73,6 @@ pub struct Creation {
     pub id: EpisodeId,
     /// Whose it is: the key with which it is created, if any, and the party that shares the limits.
     pub party: Party,
-    /// The purpose for which it counts.
     pub purpose: Purpose,
     /// The run to which it belongs, and which game of the run's plan it is.
     pub run: Option<(RunKey, u32)>,
@@ -83,7 +82,6 @@ pub struct Creation {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// Where an episode is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
     Memory,
@@ -99,7 +97,6 @@ pub enum CreateError {
     /// There are as many as there may be.
     #[error(transparent)]
     Full(#[from] Full),
-    /// No memory is free for it.
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
     /// The time in which its rounds may begin is over.
@@ -116,7 +113,6 @@ pub enum CreateError {
 /// Why an episode was neither found in memory nor recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
-    /// No memory is free for it.
     #[error(transparent)]
     NoMemory(#[from] NoMemory),
     /// It cannot be recovered.
@@ -138,7 +134,6 @@ pub struct Registry {
     next_key: Arc<AtomicI64>,
     /// Until when the search for idle episodes of a group, or of all, pauses: there were too few.
     none_idle_until: Arc<Mutex<HashMap<Option<Group>, Timestamp>>>,
-    /// Permits for recoveries.
     recoveries: FairLimit,
     ended: Arc<Mutex<Option<mpsc::UnboundedReceiver<RunKey>>>>,
     hosted: Arc<Mutex<Option<mpsc::UnboundedReceiver<Handle>>>>,
@@ -282,7 +277,6 @@ impl Registry {
         self.host.quotas.unfinished()
     }
 
-    /// How many episodes are in memory.
     pub fn in_memory(&self) -> usize {
         self.slots().values().filter(|slot| slot.handle.initialized()).count()
     }

@@ -34,7 +34,6 @@ pub enum RecoveryError {
     Broken {
         /// The public id.
         episode: String,
-        /// What is wrong.
         problem: String,
     },
 }

@@ -19,20 +19,13 @@ pub enum Wanted {
     Any(u16),
 }
 
-/// Why seats were not assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SeatTaken {
-    /// The seat has a holder.
     #[error("the seat of {0} is already taken")]
     Seat(AgentId),
     /// Fewer seats are open than were wanted.
     #[error("{open} seats are open, {wanted} were asked for")]
-    Few {
-        /// How many are open.
-        open: u16,
-        /// How many were wanted.
-        wanted: u16,
-    },
+    Few { open: u16, wanted: u16 },
 }
 
 /// Who holds which seat of an episode.

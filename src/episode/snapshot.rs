@@ -16,7 +16,6 @@ use crate::journal::chain::Head;
 /// An episode between two rounds: what all readers share. Only the marks of seats that have acted change.
 #[derive(Debug)]
 pub struct Snapshot {
-    /// The status of the episode.
     pub status: Status,
     pub world: Arc<World>,
     /// The head of the journal's chain.

@@ -14,7 +14,6 @@ pub use swarmbench_protocol::status::Visibility;
 /// A checked description of an episode.
 #[derive(Clone, Debug)]
 pub struct Spec {
-    /// The simulation.
     pub config: Arc<Config>,
     /// How long a round lasts for a seat before its bank is touched; none without a clock.
     pub round_deadline: Option<Duration>,
@@ -26,11 +25,9 @@ pub struct Spec {
     pub idle_timeout: Duration,
     /// Who reads it before the end.
     pub visibility: Visibility,
-    /// Who plays.
     pub model: String,
     /// What else is known of who plays.
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
-    /// The text of the prompt template.
     pub prompt_template: Arc<str>,
     /// Whether the template is the episode's own.
     pub custom_template: bool,
@@ -40,7 +37,6 @@ pub struct Spec {
     pub salt: Option<String>,
     /// From then on no new round begins.
     pub closes_at: Option<Timestamp>,
-    /// Whose seats are open to claims.
     pub open_seats: Vec<AgentId>,
     /// After how long built-in players take the open seats that nobody claimed.
     pub fill_after: Option<Duration>,

@@ -59,7 +59,6 @@ pub struct Access {
 /// What a server is put together from.
 pub struct Foundation {
     pub store: Store,
-    /// All episodes.
     pub registry: Registry,
     pub runs: Runs,
     /// Where the time comes from.
@@ -110,7 +109,6 @@ pub struct Shared {
     pub(super) streams: Arc<Streams>,
     /// What seats see in open rounds, as it was written.
     pub(super) sights: Sights,
-    /// What boards are made of.
     pub(super) standings: Standings,
     pub(super) intervals: Memory,
     /// Boards and lists.

@@ -30,11 +30,9 @@ pub(super) enum Caller {
         may_create: bool,
     },
     Seat(EpisodeId, AgentId),
-    /// Several seats of an episode.
     Swarm(EpisodeId, Seats),
     /// All seats of all episodes of a run.
     Run(RunKey),
-    /// The holder of a key.
     Key(Key),
 }
 
@@ -220,7 +218,6 @@ impl Caller {
         }
     }
 
-    /// Whether the caller's key created it.
     pub(super) fn created(&self, owner: Option<OwnerKey>) -> bool {
         matches!(self, Self::Key(key) if key.number.is_some() && key.number == owner)
     }
@@ -330,9 +327,7 @@ impl FromRequestParts<App> for Seat {
     }
 }
 
-/// The seats of a request for several.
 pub(super) enum Swarm {
-    /// Several seats of one episode.
     Episode(EpisodeId, Seats),
     /// All seats of all episodes of a run.
     Run(RunKey),

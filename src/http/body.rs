@@ -34,11 +34,9 @@ pub(super) fn is_light(request: &Request) -> bool {
 /// How long a large body waits for its permit.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What all bodies share.
 #[derive(Debug)]
 pub(super) struct Bodies {
     limits: Limits,
-    /// Bytes of all bodies.
     all: AtomicUsize,
     /// Bytes of large bodies by group; no entry is 0.
     large: Mutex<HashMap<Group, usize>>,

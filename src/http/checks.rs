@@ -86,7 +86,6 @@ impl Problems {
         }
     }
 
-    /// A line of text.
     pub(super) fn text(&mut self, field: &str, text: &str, most: usize) {
         if let Err(problem) = names::check(text, most) {
             self.refuse(field, problem);
@@ -103,7 +102,6 @@ impl Problems {
         }
     }
 
-    /// A prompt template, if there is one.
     pub(super) fn template(&mut self, template: Option<&str>) {
         if let Some(template) = template
             && let Err(error) = prompt::check(template)

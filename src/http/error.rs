@@ -56,7 +56,6 @@ pub enum Code {
 }
 
 impl Code {
-    /// All codes, by status.
     pub const ALL: [Self; 20] = [
         Self::Malformed,
         Self::Unauthorized,
@@ -106,7 +105,6 @@ impl Code {
         }
     }
 
-    /// Its name on the wire.
     pub const fn name(self) -> &'static str {
         self.row().0
     }
@@ -141,12 +139,10 @@ impl ApiError {
         Self::new(Code::NotFound, format!("{what} is not known here"))
     }
 
-    /// One field that is not allowed.
     pub fn field(field: &str, problem: impl Into<String>) -> Self {
         Self::fields(vec![FieldProblem { field: field.to_owned(), problem: problem.into() }])
     }
 
-    /// Fields that are not allowed.
     pub fn fields(fields: Vec<FieldProblem>) -> Self {
         let named: Vec<String> =
             fields.iter().map(|field| format!("{} {}", field.field, field.problem)).collect();
@@ -162,7 +158,6 @@ impl ApiError {
         Self::fields(named.collect())
     }
 
-    /// A limit that was reached.
     pub fn limit(code: Code, name: &str, value: usize, detail: impl Into<String>) -> Self {
         let limit = Limit { name: name.to_owned(), value: value as u64 };
         Self { limit: Some(limit), ..Self::new(code, detail) }
@@ -215,12 +210,10 @@ impl ApiError {
         Self { retry_after: Some(after), ..self }
     }
 
-    /// The kind of error.
     pub const fn code(&self) -> Code {
         self.code
     }
 
-    /// The error as it is written.
     pub fn problem(&self) -> Problem {
         let (code, status, title) = self.code.row();
         Problem {

@@ -41,7 +41,6 @@ struct Pending {
 /// The receiving side of an event stream.
 pub(super) type Events = Sse<KeepAliveStream<BoxStream<'static, Result<Event, Infallible>>>>;
 
-/// A new event stream.
 pub(super) async fn feed(app: &App) -> Result<(Feed, Events), ApiError> {
     let permit = app.streams.events.take(Party::current()).await?;
     let (events, pending) = mpsc::channel(app.limits.events_pending_max);

@@ -18,7 +18,6 @@ pub(super) enum Holder {
     Unknown(IpAddr),
 }
 
-/// All connections by their holders.
 #[derive(Debug)]
 pub(super) struct Holders<T> {
     /// By the order in which they were accepted; no entry is empty.

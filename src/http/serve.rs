@@ -222,11 +222,9 @@ struct Connections {
     holders: Holders<Connection>,
     /// Evicted and not closed yet.
     evictions: usize,
-    /// How many were ever accepted.
     accepted: u64,
 }
 
-/// A connection that has a permit.
 struct Connection {
     network: IpAddr,
     timers: ConnectionTimers,

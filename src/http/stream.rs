@@ -31,7 +31,6 @@ const PERMIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// After how long a stream asks for its permit again, where too many wait.
 const AGAIN: Duration = Duration::from_millis(500);
 
-/// Where parts come from.
 pub(super) trait Parts: Send + 'static {
     /// The next part, of about `bytes_max` bytes and at most one record more; none at the end.
     fn next(
@@ -40,7 +39,6 @@ pub(super) trait Parts: Send + 'static {
     ) -> impl Future<Output = Result<Option<Vec<u8>>, StoreError>> + Send;
 }
 
-/// What streams share.
 pub(super) struct Streams {
     registry: Registry,
     workers: Workers,
@@ -51,7 +49,6 @@ pub(super) struct Streams {
     pub(super) exports: FairLimit,
     /// Exports that are made or wait for their readers.
     pub(super) exports_open: StreamLimit,
-    /// Event streams that are open.
     pub(super) events: StreamLimit,
 }
 

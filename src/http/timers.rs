@@ -56,7 +56,6 @@ pub(super) enum Timeout {
 }
 
 impl Timeout {
-    /// Its name in the metrics.
     pub(super) const fn name(self) -> &'static str {
         match self {
             Self::Head => "head",
@@ -105,7 +104,6 @@ impl ConnectionTimers {
         PendingResponse(self.clone())
     }
 
-    /// What the connection is used for.
     pub(super) fn usage(&self) -> Usage {
         self.state().usage(Instant::now())
     }
@@ -222,7 +220,6 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for TimedStream<S> {
     }
 }
 
-/// The phase of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// A head is being read.

@@ -9,10 +9,6 @@ use crate::hosted;
 use crate::prompt;
 use crate::store::runs::StoredRun;
 
-/// What was stored of a run.
-///
-/// # Errors
-/// Where this program cannot read it.
 pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
     serde_json::from_str(&stored.definition).map_err(|error| RunError::Definition {
         run: stored.id.clone(),
@@ -21,9 +17,6 @@ pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
 }
 
 /// What one of the games of a run is.
-///
-/// # Errors
-/// What this program does not know or does not allow.
 pub fn spec(
     definition: &Definition,
     run: &str,

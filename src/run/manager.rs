@@ -33,13 +33,11 @@ use crate::store::runs::{StoredGame, StoredRun};
 /// Runs with the same lock are advanced one after the other.
 const LOCKS: usize = 256;
 
-/// Runs that are advanced at once.
 const ADVANCED_AT_ONCE: usize = 64;
 
 /// Random bytes in the opening of a sealed episode.
 const SALT_BYTES: usize = 16;
 
-/// A run that is to be created.
 #[derive(Clone, Debug)]
 pub struct NewRun {
     /// The party whose quotas it uses, with the key that creates it, if any.
@@ -57,13 +55,11 @@ pub struct NewRun {
 
 impl NewRun {
     /// A run that is no attempt in a competition, and has no name by which it could be repeated.
-    #[must_use]
     pub const fn by(party: Party, purpose: Purpose, definition: Definition) -> Self {
         Self { party, purpose, definition, attempt: None, idempotency: None }
     }
 }
 
-/// Why a run was not created.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CreateError {
     /// There are as many episodes as there may be.
@@ -80,7 +76,6 @@ pub enum CreateError {
     Run(#[from] RunError),
 }
 
-/// The open games of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenGames {
     /// Its games that have not ended, the oldest first.
@@ -119,7 +114,6 @@ struct Shared {
     locks: [tokio::sync::Mutex<()>; LOCKS],
     /// Read by those that enter competitions, written by the one that reveals them.
     entering: tokio::sync::RwLock<()>,
-    /// Of runs that have subscribers.
     open_games: Mutex<HashMap<RunKey, watch::Sender<OpenGames>>>,
     /// The parties of unfinished runs without a key that were created since the start.
     keyless: Mutex<HashMap<RunKey, Party>>,
@@ -129,7 +123,6 @@ struct Shared {
 
 impl Runs {
     /// The runs over a database.
-    #[must_use]
     pub fn new(parts: Parts) -> Self {
         Self(Arc::new(Shared {
             next_key: AtomicI64::new(parts.last_key + 1),
@@ -151,7 +144,6 @@ impl Runs {
     }
 
     /// The cap for which a run has fewer games open than it may.
-    #[must_use]
     pub fn waits_for(&self, run: RunKey) -> Option<Full> {
         self.waiting().get(&run).copied()
     }
@@ -184,9 +176,6 @@ impl Runs {
 
     /// Creates a run and opens its first games. It is durable when this returns; its token is to be
     /// shown once, and there is none where the server itself plays.
-    ///
-    /// # Errors
-    /// See [`CreateError`]; then nothing was created.
     pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
         let NewRun { party, purpose, definition, attempt, idempotency } = new;
@@ -234,9 +223,6 @@ impl Runs {
     /// Does the next step: opens the next games of the plan, or ends the run when all have ended. It may
     /// be called at any time, and any number of times. If no other game is admitted the
     /// run waits for the next call.
-    ///
-    /// # Errors
-    /// Where the database cannot be used; the next call does what is left.
     pub async fn advance(&self, run: RunKey) -> Result<(), RunError> {
         let runs = self.clone();
         self.run_detached(async move { runs.advance_now(run).await }).await
@@ -244,18 +230,12 @@ impl Runs {
 
     /// Ends a run: `Aborted` ends its open games, too; after any other status they continue to their end.
     /// No more games are opened. A run that has ended stays as it is.
-    ///
-    /// # Errors
-    /// Where that could not be kept.
     pub async fn end(&self, run: RunKey, status: RunStatus) -> Result<(), RunError> {
         self.end_with(run, status, Vec::new()).await.map(|_| ())
     }
 
     /// Ends a run, and keeps what goes with its end in the same transaction: see [`Runs::end`]. Returns whether
     /// it ended now; nothing is kept where it had ended before.
-    ///
-    /// # Errors
-    /// Where that could not be kept.
     pub async fn end_with(
         &self,
         run: RunKey,
@@ -277,9 +257,6 @@ impl Runs {
     }
 
     /// Makes a new token in place of the one that a run had, and keeps what goes with that.
-    ///
-    /// # Errors
-    /// Where that could not be kept.
     pub async fn replace_token(
         &self,
         run: RunKey,
@@ -291,10 +268,6 @@ impl Runs {
         Ok(token)
     }
 
-    /// Follows what is open of a run.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, RunError> {
         if let Some(games) = self.open_games().get(&run) {
             return Ok(games.subscribe());
@@ -313,9 +286,6 @@ impl Runs {
 
     /// Advances all runs that have not ended: after a start, and now and then, as some may wait to
     /// open a game.
-    ///
-    /// # Errors
-    /// Where the list of them cannot be read; a run that cannot be advanced is logged.
     pub async fn advance_all(&self) -> Result<usize, RunError> {
         self.open_games().retain(|_, games| games.receiver_count() > 0);
         let all = self.0.parts.store.unfinished_runs().await?;
@@ -485,7 +455,6 @@ impl Runs {
 /// What is to be done with a run that has not ended.
 #[derive(Debug, PartialEq, Eq)]
 enum Due {
-    /// Open these games, in this order.
     Open(Vec<Game>),
     /// Wait for the games that are open.
     Nothing,

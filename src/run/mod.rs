@@ -22,22 +22,15 @@ pub enum RunError {
     Missing(RunKey),
     /// What was decided about it cannot be read.
     #[error("the journal failed: the definition of {run} cannot be read: {problem}")]
-    Definition {
-        /// Its public id.
-        run: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Definition { run: String, problem: String },
     /// This program cannot play one of its games.
     #[error("the journal failed: {0}")]
     Game(String),
-    /// Its task has panicked.
     #[error("the journal failed: {0}")]
     Panicked(String),
 }
 
 /// A new public id of a run.
-#[must_use]
 pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {
     dated_id("run_", now, entropy)
 }

@@ -20,7 +20,6 @@ pub(super) struct StoredJournal {
     pub(super) episode: EpisodeKey,
     pub(super) opening: RawRecord,
     pub(super) seating: Option<RawRecord>,
-    /// How many rounds were resolved.
     pub(super) rounds: u32,
     /// The end and the head of the whole, where it has ended.
     pub(super) ending: Option<(RawRecord, Head)>,

@@ -29,11 +29,9 @@ pub(super) async fn add(
 pub struct StoredAuditEntry {
     /// Its number; it grows with time.
     pub number: i64,
-    /// When.
     pub at: Timestamp,
     /// The id of the key, or `local` for work on the server's own machine.
     pub who: String,
-    /// What was done.
     pub action: String,
     /// The id of what it was done to.
     pub subject: String,
@@ -43,9 +41,6 @@ pub struct StoredAuditEntry {
 
 impl Store {
     /// Lists what organizers did, newest first, from the one after `before` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn audit(
         &self,
         before: Option<i64>,

@@ -19,13 +19,10 @@ use super::files::{MODE, may_lack_log};
 /// How often progress is reported.
 const TICK: Duration = Duration::from_millis(100);
 
-/// Why there is no backup.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     NoDatabase(PathBuf),
-    /// It is not read as it is.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// The backup would replace something.
@@ -39,7 +36,6 @@ pub enum BackupError {
         "{folder} has {free} bytes left and the backup may take {needed}: make room, or name a file on another disk"
     )]
     NoSpace {
-        /// Where the backup was to be written.
         folder: PathBuf,
         /// Bytes that may be written there.
         free: u64,
@@ -51,35 +47,20 @@ pub enum BackupError {
     File {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
         source: io::Error,
     },
     /// The database cannot be read or copied.
     #[error("the database {path} cannot be copied")]
-    Sqlite {
-        /// The database.
-        path: PathBuf,
-        /// Why.
-        source: sqlx::Error,
-    },
+    Sqlite { path: PathBuf, source: sqlx::Error },
     /// The copy is not what it should be.
     #[error("the copy in {path} is not sound: {problem}")]
-    Unsound {
-        /// The copy.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
+    Unsound { path: PathBuf, problem: String },
 }
 
-/// What a backup holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Backup {
-    /// Episodes.
     pub episodes: u64,
-    /// Acts that were given.
     pub acts: u64,
-    /// Rounds that were resolved.
     pub rounds: u64,
     /// The size of the file in bytes.
     pub bytes: u64,
@@ -88,10 +69,6 @@ pub struct Backup {
 /// Copies a database to `target`, which must not exist. `progress` is called now and then with how many bytes
 /// are written, and how many there may be in the end. The copy is written to `target` with `.partial`
 /// behind its name, checked, made durable, and only then gets its name.
-///
-/// # Errors
-/// See [`BackupError`]. What was written remains under names with `.partial`, and is replaced by the
-/// next backup to the same `target`.
 pub async fn back_up(
     database: &Path,
     target: &Path,

@@ -43,26 +43,21 @@ const CHUNK: i64 = 256;
 pub struct Damage {
     /// What is damaged: the pages, or the id of an episode or of something else.
     pub subject: String,
-    /// What is wrong with it.
     pub problem: String,
 }
 
-/// What was checked, and what is damaged.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// Episodes that were played again.
     pub episodes: u64,
-    /// Their rounds.
     pub rounds: u64,
     /// The damages, [`DAMAGES_MAX`] at most.
     pub damages: Vec<Damage>,
-    /// How many more there are.
     pub more_damages: u64,
 }
 
 impl Checked {
     /// Whether nothing is damaged.
-    #[must_use]
     pub fn is_sound(&self) -> bool {
         self.damages.is_empty()
     }
@@ -101,9 +96,6 @@ pub struct Formats {
 }
 
 /// Checks all of a database. `progress` is called with how many episodes of how many are done.
-///
-/// # Errors
-/// Where there is no database of this version; whatever is wrong with it is no error.
 pub async fn check(
     path: &Path,
     formats: &Formats,

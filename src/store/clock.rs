@@ -35,9 +35,6 @@ const LAST_CONFIRMED: &str = "
 impl Store {
     /// The earliest time of day that is possible, as the newest entry came then; none without entries.
     /// Entries that an organizer knew when confirming an earlier time do not count.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn newest_at(&self) -> Result<Option<Timestamp>, StoreError> {
         let query = sqlx::query(LAST_CONFIRMED).bind(CONFIRMED);
         let confirmed: Option<(Timestamp, Option<Timestamp>)> = self.fetch_optional(query).await?;
@@ -51,9 +48,6 @@ impl Store {
     }
 
     /// When the newest entry came, but for confirmations of the time of day.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn newest_entry_at(&self) -> Result<Option<Timestamp>, StoreError> {
         self.fetch_one(sqlx::query(NEWEST).bind(CONFIRMED)).await
     }

@@ -13,72 +13,52 @@ use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
 use crate::names::looks;
 
-/// A competition as its columns are.
 #[derive(Clone, Debug)]
 pub struct RawCompetition {
-    /// Its number.
     pub key: CompetitionKey,
-    /// Its public id.
     pub id: String,
     /// JSON: what was decided about it.
     pub definition: String,
-    /// The salt of its commitment.
     pub salt: Secret,
     /// Its sealed seeds, one after the other.
     pub seeds: Secret,
     /// What was published of both.
     pub commitment: [u8; 32],
-    /// When it was created.
     pub created_at: Timestamp,
     /// When everything was opened to all, if it was.
     pub revealed_at: Option<Timestamp>,
 }
 
-/// An entrant as its columns are.
 #[derive(Clone, Debug)]
 pub struct RawEntrant {
-    /// Its number.
     pub key: EntryKey,
-    /// Its public id.
     pub id: String,
-    /// The competition.
     pub competition: CompetitionKey,
-    /// The key to which it belongs.
     pub owner: OwnerKey,
-    /// The name that is shown.
     pub name: String,
     /// JSON: what it declared of who plays.
     pub declaration: String,
     /// Tells prompt templates apart; none for the built-in one.
     pub template: Option<String>,
-    /// The name of its status.
     pub status: String,
     /// Why it does not take part, if it does not.
     pub reason: Option<String>,
     /// Whether an organizer vouches for its model.
     pub vouched: bool,
-    /// When it registered.
     pub registered_at: Timestamp,
 }
 
-/// An attempt as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredAttempt {
-    /// The number of its run.
     pub run: RunKey,
     /// The public id of its run.
     pub id: String,
-    /// Whose it is.
     pub entry: EntryKey,
-    /// Its number, from 1.
     pub number: u32,
     /// The name of the run's status.
     pub status: String,
-    /// When it was started.
     pub created_at: Timestamp,
-    /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
     /// How many of its episodes have not ended, without voided ones.
     pub unfinished: u32,
@@ -93,7 +73,6 @@ pub struct EntrantRoom {
     pub has_name: bool,
     /// Whether an entrant has a model that looks the same and is written otherwise.
     pub has_look_of_model: bool,
-    /// How many entrants the key has.
     pub of_owner: u32,
 }
 
@@ -103,7 +82,6 @@ const COMPETITION: &str = "SELECT key, id, definition, salt, seeds, commitment, 
 /// How much of what entrants declared is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Declared {
-    /// All of it.
     Whole,
     /// All but the prompt template and the free metadata, which may be large.
     Short,
@@ -128,9 +106,6 @@ const ATTEMPT: &str = "
 
 impl Store {
     /// Finds a competition by its public id.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn find_competition(&self, id: &str) -> Result<Option<RawCompetition>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(COMPETITION);
         query.push("WHERE id = ").push_bind(id);
@@ -138,9 +113,6 @@ impl Store {
     }
 
     /// Lists competitions, newest first, from the one after `before` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn list_competitions(
         &self,
         before: Option<CompetitionKey>,
@@ -153,9 +125,6 @@ impl Store {
     }
 
     /// The public ids of the competitions that have closed and are not open to all yet.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn closing_competitions(&self, now: Timestamp) -> Result<Vec<String>, StoreError> {
         let query = sqlx::query(
             "SELECT id FROM competitions WHERE revealed_at IS NULL AND closes_at <= ? ORDER BY key",
@@ -164,9 +133,6 @@ impl Store {
     }
 
     /// Finds an entrant of a competition by its public id.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn find_entrant(
         &self,
         competition: CompetitionKey,
@@ -179,9 +145,6 @@ impl Store {
     }
 
     /// The entrants of a competition in the order in which they registered: all, or those of one key.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn entrants(
         &self,
         competition: CompetitionKey,
@@ -200,9 +163,6 @@ impl Store {
     }
 
     /// Whether a competition takes another entrant, and of whom.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn room_for(
         &self,
         competition: CompetitionKey,
@@ -231,9 +191,6 @@ impl Store {
     }
 
     /// The competition for which a key was made, if it is that of an entrant.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn competition_of(
         &self,
         owner: OwnerKey,
@@ -244,9 +201,6 @@ impl Store {
 
     /// Lists the entrants of a competition in the order in which they registered, from the one after `after`
     /// on; without what only they themselves are shown.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn list_entrants(
         &self,
         competition: CompetitionKey,
@@ -262,9 +216,6 @@ impl Store {
 
     /// Whether a competition has an invitation code with this hash, and whether it was used; `None` without
     /// such a code.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn is_invitation_used(
         &self,
         competition: CompetitionKey,
@@ -277,9 +228,6 @@ impl Store {
     }
 
     /// The attempts of a competition in the order in which they were started: all, or those of one entrant.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn attempts(
         &self,
         competition: CompetitionKey,

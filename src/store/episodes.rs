@@ -15,11 +15,8 @@ use crate::store::port::{StoredEpisode, Unfinished};
 pub struct Filter {
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: Option<String>,
-    /// A task's name.
     pub task: Option<String>,
-    /// A model's name.
     pub model: Option<String>,
-    /// A run.
     pub run: Option<RunKey>,
     /// Which of them the caller may read.
     pub readable: Readable,
@@ -28,7 +25,6 @@ pub struct Filter {
 /// Which episodes somebody may read.
 #[derive(Clone, Debug, Default)]
 pub enum Readable {
-    /// All.
     All,
     /// Those that anyone may read now.
     #[default]
@@ -44,7 +40,6 @@ pub enum Readable {
     OnlyOfRun(RunKey),
     /// This one alone.
     Only(EpisodeId),
-    /// None.
     Nothing,
 }
 
@@ -106,17 +101,11 @@ const LAST_ACT_AT: &str = "
 
 impl Store {
     /// Finds an episode by its public id.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn find_episode(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::All).await
     }
 
     /// What is shown of an episode: all but its end record and when its last act came.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn find_summary(&self, id: &EpisodeId) -> Result<Option<StoredEpisode>, StoreError> {
         self.find(id, Detail::Summary).await
     }
@@ -132,9 +121,6 @@ impl Store {
     }
 
     /// Lists episodes that may be read, newest first, from the one after `before` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn list_episodes(
         &self,
         filter: &Filter,
@@ -191,9 +177,6 @@ impl Store {
     }
 
     /// All episodes that have not ended, those with a round clock first.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn unfinished_episodes(&self) -> Result<Vec<Unfinished>, StoreError> {
         let query = sqlx::query(
             "SELECT key, id, owner, clocked, iif(clocked, json_extract(opening, '$.config'), NULL) AS config,
@@ -204,9 +187,6 @@ impl Store {
     }
 
     /// How many bytes the acts of all episodes of each key take.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn bytes_by_owner(&self) -> Result<Vec<(OwnerKey, u64)>, StoreError> {
         let query = sqlx::query(
             "SELECT owner, sum(bytes) FROM (
@@ -220,9 +200,6 @@ impl Store {
     }
 
     /// The episodes that have not ended, each with its key and its competition, if any.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn accounts(
         &self,
     ) -> Result<Vec<(EpisodeKey, Option<OwnerKey>, Option<CompetitionKey>)>, StoreError> {
@@ -235,9 +212,6 @@ impl Store {
     }
 
     /// How many bytes the acts of all episodes of each competition take that is not open to all yet.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn bytes_by_competition(&self) -> Result<Vec<(CompetitionKey, u64)>, StoreError> {
         let query = sqlx::query(
             "SELECT competition, coalesce(sum(bytes), 0) FROM (
@@ -252,17 +226,11 @@ impl Store {
     }
 
     /// The number of the newest episode, 0 where there is none.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn last_key(&self) -> Result<i64, StoreError> {
         self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM episodes")).await
     }
 
     /// The episode that was created with an idempotency key, and the hash of the body sent then.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn created_with(
         &self,
         key: &str,

@@ -28,7 +28,6 @@ pub enum StoreError {
     Stopped(Stopped),
 }
 
-/// What has stopped, or is about to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Stopped {
     /// The whole server.

@@ -13,11 +13,9 @@ use crate::journal::record::ActRecord;
 /// A resolved round with all that is stored of it.
 #[derive(Clone, Debug)]
 pub struct LoggedRound {
-    /// The round.
     pub round: u32,
     /// The digest of the state after it.
     pub digest: [u8; 32],
-    /// When it was resolved.
     pub at: Timestamp,
     /// Its acts, in order of their seats.
     pub acts: Vec<LoggedAct>,
@@ -26,20 +24,14 @@ pub struct LoggedRound {
 /// An act with the time at which it came.
 #[derive(Clone, Debug)]
 pub struct LoggedAct {
-    /// The seat.
     pub agent: AgentId,
-    /// When it came.
     pub at: Timestamp,
-    /// The record.
     pub record: ActRecord,
 }
 
 impl Store {
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
     /// the reasoning of language models, which may be large.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn logged_rounds(
         &self,
         episode: EpisodeKey,

@@ -23,19 +23,14 @@ pub struct ImportRow {
     pub run_id: String,
     /// Its entry in the index, as JSON.
     pub meta: String,
-    /// Who played.
     pub model: String,
-    /// The task.
     pub task: String,
-    /// The seed.
     pub seed: u64,
     /// The settings that make games comparable.
     pub settings: ImportSettings,
     /// The score after the last round.
     pub score: f64,
-    /// How many rounds were resolved.
     pub resolved: u32,
-    /// How many acts it has.
     pub acts: u64,
     /// Its states, the layout first.
     pub rounds: Vec<ImportedRound>,
@@ -47,7 +42,6 @@ pub struct ImportHash(Sha256);
 
 impl ImportHash {
     /// Begins with the name and the settings of the game.
-    #[must_use]
     pub fn new(run_id: &str, meta: &str) -> Self {
         let mut hash = Sha256::new();
         for part in [run_id, meta] {
@@ -65,7 +59,6 @@ impl ImportHash {
     }
 
     /// The digest of all that was added.
-    #[must_use]
     pub fn finish(self) -> [u8; 32] {
         self.0.finalize().into()
     }
@@ -76,11 +69,9 @@ impl ImportHash {
 pub struct ImportedRound {
     /// How many rounds were resolved; also the round that was decided in this state.
     pub round: u32,
-    /// The score.
     pub score: f64,
     /// The state, as JSON.
     pub state: String,
-    /// The acts, packed.
     pub acts: Option<Vec<u8>>,
 }
 
@@ -103,28 +94,22 @@ pub struct ImportSettings {
 /// An imported game, as far as results are compared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedGame {
-    /// Its public id.
     pub id: String,
     /// Who played, as the files say.
     pub model: String,
-    /// The task.
     pub task: String,
-    /// The seed.
     pub seed: u64,
     /// The settings, as far as they are known.
     pub settings: ImportSettings,
     /// The last score.
     pub score: f64,
-    /// How many rounds were resolved.
     pub rounds: u32,
 }
 
 /// An imported game without its states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredImport {
-    /// Its number.
     pub key: ImportKey,
-    /// Its public id.
     pub id: String,
     /// As its files call it.
     pub run_id: String,
@@ -132,28 +117,21 @@ pub struct StoredImport {
     pub meta: String,
     /// Who played, as the files say.
     pub model: String,
-    /// The task.
     pub task: String,
-    /// The seed.
     pub seed: u64,
     /// The settings, as far as they are known.
     pub settings: ImportSettings,
     /// The last score.
     pub score: f64,
-    /// How many rounds were resolved.
     pub rounds: u32,
-    /// How many acts it has.
     pub acts: u64,
-    /// When it was imported.
     pub imported_at: Timestamp,
 }
 
 /// What a list of imported games is filtered by.
 #[derive(Clone, Debug, Default)]
 pub struct ImportFilter {
-    /// A task's name.
     pub task: Option<String>,
-    /// A model's name.
     pub model: Option<String>,
 }
 
@@ -163,9 +141,6 @@ const SELECT: &str =
 
 impl Store {
     /// Lists imported games, newest first, from the one after `before` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn list_imports(
         &self,
         filter: &ImportFilter,
@@ -184,9 +159,6 @@ impl Store {
     }
 
     /// Finds an imported game.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn find_import(&self, id: &str) -> Result<Option<StoredImport>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("id = ").push_bind(id);
@@ -194,9 +166,6 @@ impl Store {
     }
 
     /// The states `from..to` of an imported game, each with the acts that were given in it.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn imported_rounds(
         &self,
         key: ImportKey,
@@ -211,9 +180,6 @@ impl Store {
     }
 
     /// All imported games, as far as results are compared; the oldest first.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
         let query =
             "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key";

@@ -13,17 +13,11 @@ const SELECT: &str = "SELECT number, id, role, name, created_at, expires_at, rev
 
 impl Store {
     /// All keys that were ever made, in order.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn keys(&self) -> Result<Vec<Key>, StoreError> {
         self.list_keys(None, u32::MAX).await
     }
 
     /// The keys that were ever made, in order, from the one after `after` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn list_keys(
         &self,
         after: Option<OwnerKey>,
@@ -36,17 +30,11 @@ impl Store {
     }
 
     /// Whether a key was ever made.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn has_keys(&self) -> Result<bool, StoreError> {
         self.fetch_one(sqlx::query("SELECT EXISTS (SELECT 1 FROM keys)")).await
     }
 
     /// The key whose token has this hash, whatever it is worth now.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn find_key(&self, hash: TokenHash) -> Result<Option<Key>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("WHERE hash = ").push_bind(&hash.0[..]);

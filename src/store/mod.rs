@@ -58,12 +58,7 @@ pub enum OpenError {
     InUse(PathBuf),
     /// The database, or the lock file beside it, cannot be opened or locked.
     #[error("{path} cannot be opened and locked")]
-    Lock {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Lock { path: PathBuf, source: std::io::Error },
     /// It has hard links, so that its log may be beside another name.
     #[error(
         "{0} has several names (hard links), and SQLite finds what was written last by the name that the server uses: \
@@ -86,22 +81,11 @@ pub enum OpenError {
     #[error("SQLite {0} can lose commits; at least {major}.{minor}.{patch} is needed",
         major = SQLITE_VERSION_MIN.0, minor = SQLITE_VERSION_MIN.1, patch = SQLITE_VERSION_MIN.2)]
     Version(String),
-    /// SQLite refused.
     #[error("the database {path} cannot be opened")]
-    Sqlite {
-        /// The database.
-        path: PathBuf,
-        /// Why.
-        source: sqlx::Error,
-    },
+    Sqlite { path: PathBuf, source: sqlx::Error },
     /// Its tables are those of another version.
     #[error("the tables of {path} cannot be brought up to date")]
-    Migrate {
-        /// The database.
-        path: PathBuf,
-        /// Why.
-        source: sqlx::migrate::MigrateError,
-    },
+    Migrate { path: PathBuf, source: sqlx::migrate::MigrateError },
 }
 
 /// An open database. Cloning shares it.
@@ -116,9 +100,6 @@ pub struct Store {
 
 impl Store {
     /// Opens a database, creating it where there is none, and takes it for this process alone.
-    ///
-    /// # Errors
-    /// See [`OpenError`].
     pub async fn open(path: &Path) -> Result<Self, OpenError> {
         let failed = |source| OpenError::Sqlite { path: path.to_owned(), source };
         let OpenedDatabase { lock, files, options, connection } =
@@ -131,9 +112,6 @@ impl Store {
 
     /// Opens a database only to read it, also while a server has it. What is handed to the writer is
     /// refused.
-    ///
-    /// # Errors
-    /// Where there is none, or its tables are those of another version.
     pub async fn open_to_read(path: &Path) -> Result<Self, OpenError> {
         if !path.is_file() {
             return Err(OpenError::Missing(path.to_owned()));
@@ -172,15 +150,10 @@ impl Store {
     }
 
     /// Keeps entries and waits until they are durable; see [`EpisodeStore::keep`].
-    ///
-    /// # Errors
-    /// Where they were not kept.
     pub async fn keep(&self, entries: Vec<Entry>) -> Result<(), StoreError> {
         port::committed(|committed| self.append(entries, committed)).await
     }
 
-    /// The state of the writer.
-    #[must_use]
     pub fn writer(&self) -> &WriterState {
         self.writer.state()
     }
@@ -196,17 +169,11 @@ impl Store {
     }
 
     /// Whether the files of the database are still those that were opened. The writer looks after every commit, too.
-    ///
-    /// # Errors
-    /// Where one was removed, renamed or replaced.
     pub fn check_files(&self) -> Result<(), Lost> {
         self.files.check()
     }
 
     /// Whether the database can be read.
-    ///
-    /// # Errors
-    /// Where it cannot.
     pub async fn ping(&self) -> Result<(), StoreError> {
         sqlx::query("SELECT 1").execute(&mut *self.read().await?).await?;
         Ok(())

@@ -24,12 +24,9 @@ pub(super) fn committed(
     async move { kept.await.unwrap_or(Err(StoreError::Stopped(Stopped::Writer))) }.boxed()
 }
 
-/// An episode as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredEpisode {
-    /// Its number.
     pub episode: EpisodeKey,
-    /// Its public id.
     pub id: EpisodeId,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
@@ -37,7 +34,6 @@ pub struct StoredEpisode {
     pub run: Option<RunKey>,
     /// Whether it was sealed and is open to all now.
     pub revealed: bool,
-    /// The opening record.
     pub opening: RawRecord,
     /// The record of who holds which seat, if there is one.
     pub seating: Option<RawRecord>,
@@ -50,28 +46,21 @@ pub struct StoredEpisode {
     pub end: Option<RawRecord>,
     /// The head of its chain after the last stored record.
     pub head: Head,
-    /// How many rounds are resolved.
     pub rounds: u32,
     /// The score after them.
     pub score: f64,
-    /// When it was created.
     pub created_at: Timestamp,
     /// When its newest record came; in summaries, when it was created.
     pub newest_at: Timestamp,
     /// When the last act of a player came, or else the manual start; left out of summaries.
     pub last_act_at: Option<Timestamp>,
-    /// When it ended.
     pub ended_at: Option<Timestamp>,
-    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
 }
 
-/// An episode that has not ended.
 #[derive(Clone, Debug)]
 pub struct Unfinished {
-    /// Its number.
     pub episode: EpisodeKey,
-    /// Its public id.
     pub id: EpisodeId,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
@@ -84,10 +73,8 @@ pub struct Unfinished {
 /// Acts of one round, in order of their seats.
 pub type RoundActs = Vec<(AgentId, StoredAct)>;
 
-/// A stored act.
 #[derive(Clone, Debug)]
 pub struct StoredAct {
-    /// The record.
     pub record: ActRecord,
     /// Bytes of the whole record as it is stored.
     pub bytes: u64,
@@ -95,10 +82,8 @@ pub struct StoredAct {
     pub waiting_for: u32,
 }
 
-/// A resolved round, as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredRound {
-    /// The round.
     pub round: u32,
     /// The digest of the state after it.
     pub digest: [u8; 32],
@@ -123,7 +108,6 @@ pub trait EpisodeStore: Send + Sync + 'static {
     /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
     fn recovered(&self, _episode: EpisodeKey) {}
 
-    /// Finds an episode.
     fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>>;
 
     /// All episodes that have not ended; those with a round clock first.
@@ -151,7 +135,6 @@ pub trait EpisodeStore: Send + Sync + 'static {
         to: u32,
     ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>>;
 
-    /// The acts of one round, whole.
     fn round_acts(
         &self,
         episode: EpisodeKey,

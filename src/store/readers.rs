@@ -22,7 +22,6 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Requests that wait for a connection to read, for games and for all others each.
 pub const READERS_WAITING_MAX: usize = 4000;
 
-/// Of these, those of one group.
 pub const READERS_WAITING_PER_GROUP_MAX: usize = READERS_WAITING_MAX / 4;
 
 tokio::task_local! {

@@ -19,10 +19,8 @@ const CHUNK: i64 = 256;
 /// Why the results were not made again. Then they are as they were.
 #[derive(Debug, thiserror::Error)]
 pub enum RebuildError {
-    /// There is no such database.
     #[error("there is no database {0}: name the one of the server with --db")]
     NoDatabase(PathBuf),
-    /// It cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// It cannot be read or written.
@@ -33,15 +31,12 @@ pub enum RebuildError {
     Journal {
         /// The public id of the episode.
         episode: String,
-        /// What is wrong with it.
         problem: String,
     },
 }
 
-/// The result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rebuilt {
-    /// Rows that were made.
     pub rows: u64,
     /// Rows that are not as they were: others, new, or gone.
     pub differing: u64,
@@ -50,9 +45,6 @@ pub struct Rebuilt {
 /// Drops all results and makes them again from openings, acts, rounds and ends, all in one transaction and in
 /// memory that does not grow with the journals. Where `replay` is set every episode is also played again, and every
 /// hash, digest, act and score compared. `progress` is called with how many episodes of how many are done.
-///
-/// # Errors
-/// See [`RebuildError`].
 pub async fn rebuild(
     path: &Path,
     replay: bool,

@@ -55,7 +55,6 @@ pub struct ActReader {
 
 impl ActReader {
     /// Reads the acts of the rounds before `end`.
-    #[must_use]
     pub fn new(store: Store, episode: EpisodeKey, end: u32) -> Self {
         let unread = Some((0, AgentId(0)));
         Self { store, episode, end, read: VecDeque::new(), unread }
@@ -63,9 +62,6 @@ impl ActReader {
 
     /// The record of the next act, if that is one of round `round`. At most about `bytes_max` bytes are read at
     /// once.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn next_of(
         &mut self,
         round: u32,
@@ -83,9 +79,6 @@ impl ActReader {
 impl Store {
     /// The acts from `from` on, up to the end of the round before `end`: as many as have `bytes_max` bytes together,
     /// and at least one.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn acts_part(
         &self,
         episode: EpisodeKey,
@@ -134,9 +127,6 @@ impl Store {
     }
 
     /// How many bytes the end record of an episode has; `None` before its end.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn end_bytes(&self, episode: EpisodeKey) -> Result<Option<usize>, StoreError> {
         let query = sqlx::query("SELECT octet_length(ending) FROM episodes WHERE key = ?");
         let bytes: Option<u64> = self.fetch_one(query.bind(episode.0)).await?;
@@ -144,18 +134,12 @@ impl Store {
     }
 
     /// The end record of an episode that has ended.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn end_record(&self, episode: EpisodeKey) -> Result<RawRecord, StoreError> {
         let query = sqlx::query("SELECT ending FROM episodes WHERE key = ?");
         self.fetch_one(query.bind(episode.0)).await
     }
 
     /// The resolved rounds `from..to` without their acts.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn resolved(
         &self,
         episode: EpisodeKey,
@@ -268,7 +252,6 @@ from_row! {
     StoredRound { round, digest, score, head }
 }
 
-/// An act, with its seat.
 impl FromRow for (AgentId, StoredAct) {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let Json(record) = get(row, "record")?;

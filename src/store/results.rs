@@ -52,7 +52,6 @@ pub(super) async fn add(
 /// Something that may change a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// A run is over.
     Run(RunKey),
     /// Games were read from files.
     Imports,
@@ -140,30 +139,22 @@ impl Changes {
 pub struct BoardOwner {
     /// The public id of the key, or of the entry in a competition.
     pub id: String,
-    /// The name that is shown.
     pub name: String,
 }
 
-/// A run that is over.
 #[derive(Clone, Debug)]
 pub struct BoardRun {
-    /// Its number.
     pub run: RunKey,
-    /// Its public id.
     pub id: String,
     /// Who answers for it: the entrant of a competition, or else the holder of a key, if any.
     pub owner: Option<BoardOwner>,
     /// Whether an organizer vouches for its declaration.
     pub vouched: bool,
-    /// The suite's name.
     pub suite: String,
-    /// The suite's digest.
     pub digest: String,
     /// What was decided about it, as JSON.
     pub definition: String,
-    /// How it ended.
     pub status: String,
-    /// When it was started.
     pub created_at: Timestamp,
     /// Its games that have ended, in the order of its plan.
     pub games: Vec<BoardGame>,
@@ -178,33 +169,24 @@ impl BoardRun {
     }
 }
 
-/// A game that has ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardGame {
-    /// The task's name.
     pub task: String,
-    /// The seed.
     pub seed: u64,
-    /// The score.
     pub score: f64,
-    /// What its acts were.
     pub acts: u64,
     /// See [`Tally`].
     pub invalid: u64,
     /// See [`Tally`].
     pub timeouts: u64,
-    /// Whether it was voided.
     pub voided: bool,
 }
 
 /// A finished game that several holders played.
 #[derive(Clone, Debug)]
 pub struct BoardMixed {
-    /// The episode.
     pub episode: EpisodeKey,
-    /// Its opening record.
     pub opening: RawRecord,
-    /// Its score.
     pub score: f64,
     /// For each holder the model's name, whether the server plays there or an organizer answers for the name, and the number
     /// of the holder's key.
@@ -219,9 +201,6 @@ const ON_BOARDS: &str = "r.ended_at IS NOT NULL AND r.voided_at IS NULL
 impl Store {
     /// Runs on boards with greater numbers than `after`, in order of their numbers; few at a time, some of which may
     /// not be over yet. None are left where it is empty.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn runs_on_boards(&self, after: Option<RunKey>) -> Result<Vec<BoardRun>, StoreError> {
         let mut query = select_runs();
         query.push(" AND r.key > ").push_bind(after.map_or(i64::MIN, |run| run.0));
@@ -243,10 +222,6 @@ impl Store {
         Ok(runs)
     }
 
-    /// A run, if it is one of those on boards.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn run_on_boards(&self, run: RunKey) -> Result<Option<BoardRun>, StoreError> {
         let mut query = select_runs();
         query.push(" AND r.key = ").push_bind(run.0);
@@ -259,9 +234,6 @@ impl Store {
     }
 
     /// The run of an episode, if it belongs to one.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, StoreError> {
         let query = sqlx::query("SELECT run FROM episodes WHERE key = ?");
         let run: Option<Option<RunKey>> = self.fetch_optional(query.bind(episode.0)).await?;
@@ -285,9 +257,6 @@ impl Store {
 
     /// Finished games of several holders that anybody may read, with greater numbers than `after`, in order of their
     /// numbers; few at a time, and the number after which to continue; none at the end.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn mixed_games(
         &self,
         after: Option<EpisodeKey>,
@@ -305,9 +274,6 @@ impl Store {
     }
 
     /// A game of several holders, if it is finished, counts, and anybody may read it.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn mixed_game(&self, episode: EpisodeKey) -> Result<Option<BoardMixed>, StoreError> {
         let query = sqlx::query(
             "SELECT e.opening, r.score FROM results r JOIN episodes e ON e.key = r.episode
@@ -360,7 +326,6 @@ impl FromRow for BoardRun {
     }
 }
 
-/// A game, with its run.
 impl FromRow for (RunKey, Option<BoardGame>) {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let run = get(row, "run")?;

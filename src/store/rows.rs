@@ -15,15 +15,12 @@ use crate::journal::chain::Head;
 use crate::journal::record::RawRecord;
 use crate::keys::{OwnerKey, Role};
 
-/// The value of a column.
 pub(super) trait Column: Sized {
-    /// The type that SQLite gives.
     type Stored: for<'r> Decode<'r, Sqlite> + Type<Sqlite>;
 
     fn of(stored: Self::Stored) -> Result<Self, BoxDynError>;
 }
 
-/// The value of a row.
 pub(super) trait FromRow: Sized {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error>;
 }

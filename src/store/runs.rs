@@ -16,18 +16,14 @@ use crate::journal::Tally;
 use crate::keys::OwnerKey;
 use crate::store::entries::RunRow;
 
-/// A run as it is stored.
 #[derive(Clone, Debug)]
 pub struct StoredRun {
-    /// Its number.
     pub run: RunKey,
-    /// Its public id.
     pub id: String,
     /// The key with which it was created, if any.
     pub owner: Option<OwnerKey>,
     /// What was decided about it, as JSON.
     pub definition: String,
-    /// The digest of its suite.
     pub digest: String,
     /// `running`, or the name of how it ended.
     pub status: String,
@@ -39,40 +35,30 @@ pub struct StoredRun {
     pub void_reason: Option<String>,
     /// Whether it was sealed and is open to all now.
     pub revealed: bool,
-    /// When it was created.
     pub created_at: Timestamp,
-    /// When it ended.
     pub ended_at: Option<Timestamp>,
 }
 
-/// An episode of a run.
 #[derive(Clone, Debug)]
 pub struct StoredGame {
-    /// Its number.
     pub episode: EpisodeKey,
-    /// Its public id.
     pub id: EpisodeId,
     /// Which game of the run's plan it is, from 0.
     pub slot: u32,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: String,
-    /// Why it ended, if it has.
     pub reason: Option<String>,
     /// The score so far.
     pub score: f64,
-    /// How many rounds are resolved.
     pub rounds: u32,
     /// What its acts were; all 0 before its end.
     pub tally: Tally,
-    /// Why it was voided, if it was.
     pub void_reason: Option<String>,
-    /// When it ended.
     pub ended_at: Option<Timestamp>,
 }
 
 impl StoredGame {
     /// The game as boards take it, in the plan of its run; none if the plan is shorter.
-    #[must_use]
     pub fn in_plan(&self, plan: &[Slot]) -> Option<Game> {
         Some(Game {
             slot: *plan.get(self.slot as usize)?,
@@ -85,13 +71,11 @@ impl StoredGame {
     }
 
     /// Whether it counts: it was not voided.
-    #[must_use]
     pub const fn counts(&self) -> bool {
         self.void_reason.is_none()
     }
 
     /// Whether it has ended.
-    #[must_use]
     pub const fn is_over(&self) -> bool {
         self.ended_at.is_some()
     }
@@ -100,11 +84,8 @@ impl StoredGame {
 /// What a list of runs is filtered by.
 #[derive(Clone, Debug, Default)]
 pub struct RunFilter {
-    /// The name of a status.
     pub status: Option<String>,
-    /// A model's name.
     pub model: Option<String>,
-    /// A suite's name.
     pub suite: Option<String>,
     /// Which of them the caller may know of.
     pub readable: Readable,
@@ -122,19 +103,12 @@ const SELECT: &str = "
 
 impl Store {
     /// Finds a run by its public id.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn find_run(&self, id: &str) -> Result<Option<StoredRun>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.id = ").push_bind(id);
         self.fetch_optional(query.build()).await
     }
 
-    /// The run with this number.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn run(&self, run: RunKey) -> Result<Option<StoredRun>, StoreError> {
         let mut query = QueryBuilder::<Sqlite>::new(SELECT);
         query.push("r.key = ").push_bind(run.0);
@@ -142,9 +116,6 @@ impl Store {
     }
 
     /// Lists the runs that the caller may see, newest first, from the one after `before` on.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn list_runs(
         &self,
         filter: &RunFilter,
@@ -180,9 +151,6 @@ impl Store {
     }
 
     /// The runs that have not ended, and those of which a game has not, in order.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn unfinished_runs(&self) -> Result<Vec<RunKey>, StoreError> {
         let query = sqlx::query(
             "SELECT key FROM runs WHERE status = 'running'
@@ -193,17 +161,11 @@ impl Store {
     }
 
     /// All games of a run that were ever opened, by their places in its plan and then by age.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn games_of(&self, run: RunKey) -> Result<Vec<StoredGame>, StoreError> {
         Ok(self.games_of_all(&[run]).await?.remove(&run).unwrap_or_default())
     }
 
     /// The games of several runs, as [`Store::games_of`] has them; a run without games is left out.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn games_of_all(
         &self,
         runs: &[RunKey],
@@ -241,17 +203,11 @@ impl Store {
     }
 
     /// The number of the newest run, 0 where there is none.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn last_run_key(&self) -> Result<i64, StoreError> {
         self.fetch_one(sqlx::query("SELECT coalesce(max(key), 0) FROM runs")).await
     }
 
     /// The run that was created with an idempotency key, and the hash of the body sent then.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn run_created_with(
         &self,
         key: &str,
@@ -283,7 +239,6 @@ impl FromRow for StoredRun {
     }
 }
 
-/// A game, with its run.
 impl FromRow for (RunKey, StoredGame) {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));

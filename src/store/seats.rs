@@ -15,26 +15,20 @@ use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
 /// A seat that has a holder, as it is shown.
 #[derive(Clone, Debug)]
 pub struct HeldSeat {
-    /// The seat.
     pub agent: AgentId,
     /// The number of the claim; 0 for the creator.
     pub holder: u32,
     /// The name on the holder's key; `None` on a server without keys.
     pub name: Option<String>,
-    /// Who plays.
     pub model: String,
     /// The built-in player that the server hosts here.
     pub player: Option<String>,
-    /// Since when.
     pub claimed_at: Timestamp,
 }
 
 impl Store {
     /// All seats of an episode that have holders and were noted, in order; nothing where the creator
     /// simply holds all.
-    ///
-    /// # Errors
-    /// Where the database cannot be read; so for all functions here.
     pub async fn held_seats(&self, episode: EpisodeKey) -> Result<Vec<HeldSeat>, StoreError> {
         let query = sqlx::query(
             "SELECT s.agent, s.holder, k.name, s.model, s.player, s.claimed_at
@@ -44,9 +38,6 @@ impl Store {
     }
 
     /// The number of the claim that was made with an idempotency key, and the hash of the body sent then.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn claimed_with(&self, key: &str) -> Result<Option<(u32, Vec<u8>)>, StoreError> {
         let query =
             sqlx::query("SELECT holder, idempotency_body FROM claims WHERE idempotency_key = ?");
@@ -54,9 +45,6 @@ impl Store {
     }
 
     /// The seats of one claim, in order.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn seats_of(
         &self,
         episode: EpisodeKey,

@@ -12,34 +12,27 @@ use crate::keys::{Key, OwnerKey};
 /// The rights of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
-    /// One seat of an episode.
     Seat {
-        /// The episode.
         episode: EpisodeId,
         /// The key of the seat's holder, if any.
         owner: Option<OwnerKey>,
-        /// The seat.
         agent: AgentId,
     },
     /// Several seats of an episode.
     Swarm {
-        /// The episode.
         episode: EpisodeId,
         /// The key of the seats' holder, if any.
         owner: Option<OwnerKey>,
-        /// Which seats.
         seats: Seats,
     },
     /// All seats of all episodes of a run.
     Run {
-        /// The number of the run.
         run: RunKey,
         /// The key with which it was created, if any.
         owner: Option<OwnerKey>,
         /// The competition, where it is an attempt in one.
         competition: Option<CompetitionKey>,
     },
-    /// A person.
     Key(Key),
 }
 
@@ -48,15 +41,11 @@ pub enum Grant {
 pub enum Seats {
     /// All that were not open to claims, and that the server does not play.
     Creators,
-    /// Those of one claim.
     Claimed(Arc<[AgentId]>),
 }
 
 impl Store {
     /// The rights of the token with this hash, if it is known.
-    ///
-    /// # Errors
-    /// Where the database cannot be read.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
         let query = sqlx::query(
             "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,

@@ -61,7 +61,6 @@ struct Job {
     committed: Committed,
 }
 
-/// The outcome of a job.
 type Outcome = Result<(), StoreError>;
 
 /// The state of the writer, shared with readers.
@@ -78,31 +77,25 @@ pub struct WriterState {
 
 impl WriterState {
     /// Whether a commit failed: nothing is stored any more.
-    #[must_use]
     pub fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
     }
 
     /// Whether another program has held the lock of the database for a while: nothing can be written.
-    #[must_use]
     pub fn is_locked_out(&self) -> bool {
         self.locked_out.load(Ordering::Acquire)
     }
 
     /// What boards have to read again.
-    #[must_use]
     pub fn changes(&self) -> &Changes {
         &self.changes
     }
 
-    /// How many jobs are queued.
-    #[must_use]
     pub fn backlog_jobs(&self) -> usize {
         self.backlog_jobs.load(Ordering::Relaxed)
     }
 
     /// How many bytes the queued jobs take.
-    #[must_use]
     pub fn backlog_bytes(&self) -> usize {
         self.backlog_bytes.load(Ordering::Relaxed)
     }
@@ -124,7 +117,6 @@ impl WriterState {
             && entries.iter().filter_map(Entry::chain).any(|episode| broken.contains(&episode))
     }
 
-    /// Notes that a job was refused.
     fn note_refused(&self, entries: &[Entry]) {
         // Nothing comes after an opening before it was kept.
         let opens = entries.iter().any(|entry| matches!(entry, Entry::Open(_)));
@@ -151,7 +143,6 @@ impl WriterState {
     }
 }
 
-/// The handle of the writer.
 #[derive(Clone, Debug)]
 pub(super) struct Writer {
     queue: mpsc::UnboundedSender<Job>,

@@ -11,7 +11,6 @@ use crate::ids::TokenHash;
 use crate::store::StoreError;
 use crate::store::entries::{Entry, Holder};
 
-/// Why an act was not acknowledged.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ActError {
     /// By the rules of the barrier.
@@ -28,7 +27,6 @@ pub enum ActError {
 /// The outcomes of several acts, in their order.
 pub type Outcomes = Vec<Result<Receipt, ActError>>;
 
-/// Why an episode was not started.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum StartError {
     /// It cannot begin yet.
@@ -39,12 +37,10 @@ pub enum StartError {
     Journal(#[from] StoreError),
 }
 
-/// A claim of seats.
 #[derive(Clone, Debug)]
 pub struct Claim {
     /// Who claims them; the number and the time are not known yet.
     pub holder: Holder,
-    /// Which seats.
     pub wanted: Wanted,
     /// The hashes of as many seat tokens as there are seats wanted.
     pub seats: Vec<TokenHash>,
@@ -53,7 +49,6 @@ pub struct Claim {
     pub idempotency: Option<(String, [u8; 32])>,
 }
 
-/// The result of a claim.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claimed {
     /// The number of the claim in its episode.
@@ -62,7 +57,6 @@ pub struct Claimed {
     pub agents: Vec<AgentId>,
 }
 
-/// Why a claim was refused.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ClaimError {
     /// The seats have holders, or there never were open ones.
@@ -107,7 +101,6 @@ pub(super) enum Earlier {
     Found(Option<RecordedAct>),
 }
 
-/// The reply to an act.
 pub(super) enum Reply {
     Outcome(Result<Receipt, ActError>),
     /// Its round is over: the caller has to look up what the seat did then. The actor does not, as all

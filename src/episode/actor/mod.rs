@@ -78,7 +78,6 @@ pub(super) struct EpisodeInit {
     pub(super) newest_at: Timestamp,
     /// Bytes that its acts take in the journal.
     pub(super) bytes: u64,
-    /// What its acts were.
     pub(super) tally: Tally,
     /// Who holds which seat, where that is not simply the creator.
     pub(super) seating: Option<Seating>,
@@ -695,7 +694,6 @@ pub(super) fn seated(seating: &Seating, head: Head) -> (RawRecord, Head) {
     (record, head)
 }
 
-/// How an act is counted.
 fn kind(recorded: &RecordedAct) -> &'static str {
     match (recorded.decision.source, recorded.decision.valid) {
         (Source::Clock, _) => "clock",

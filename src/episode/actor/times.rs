@@ -16,7 +16,6 @@ pub(in super::super) struct Times {
 }
 
 impl Times {
-    /// Those of a new episode.
     pub(in super::super) fn new(created_at: Timestamp) -> Self {
         Self { created_at, last_act_at: AtomicI64::new(created_at.as_millisecond()) }
     }

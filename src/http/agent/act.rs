@@ -95,7 +95,6 @@ impl App {
     }
 }
 
-/// A receipt as it is written.
 pub(in super::super) fn receipt(
     episode: &EpisodeId,
     agent: AgentId,

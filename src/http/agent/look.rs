@@ -34,14 +34,12 @@ pub(in super::super) struct Look {
     cached: Option<Bytes>,
 }
 
-/// What was written for a seat.
 struct Written {
     sight: Bytes,
     prompt: Option<Vec<u8>>,
 }
 
 impl Look {
-    /// A seat as it is now.
     pub(in super::super) fn now(
         app: &App,
         handle: &Handle,

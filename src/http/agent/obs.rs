@@ -14,7 +14,6 @@ use super::look::{Look, observation};
 use crate::episode::Snapshot;
 use crate::wire::observation::Observation;
 
-/// How to look.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

@@ -16,7 +16,6 @@ use crate::board::cross_play::pairs;
 use crate::board::page;
 use crate::wire::board::CrossPlay;
 
-/// Which games.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

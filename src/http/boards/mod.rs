@@ -11,7 +11,6 @@ use super::error::{ApiError, Code};
 use super::page::{CURSOR_BYTES_MAX, page_limit};
 use crate::wire::table::Table;
 
-/// The format of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Format {
     Json,
@@ -36,7 +35,6 @@ impl Format {
         Ok(named.unwrap_or(Self::Json))
     }
 
-    /// The format that the query names.
     pub(super) fn named(name: Option<&str>) -> Result<Option<Self>, ApiError> {
         match name {
             None => Ok(None),

@@ -145,7 +145,6 @@ fn created(handle: &Handle, claimed: &Claimed, tokens: &Tokens) -> Response {
     answer::with_tokens(StatusCode::CREATED, body)
 }
 
-/// The seats of the request.
 fn wanted(request: &ClaimRequest, spec: &Spec, problems: &mut Problems) -> Option<Wanted> {
     let agents = spec.config.num_agents();
     let seats = request.seats.unwrap_or(1);

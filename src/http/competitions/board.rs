@@ -22,7 +22,6 @@ use crate::store::competitions::Declared;
 use crate::wire::competition::{CompetitionBoard, CompetitionRow};
 use crate::wire::table::{Table, text as safe_cell};
 
-/// How the board is to be written.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

@@ -43,7 +43,6 @@ impl App {
         found.ok_or_else(|| ApiError::not_found("the competition"))
     }
 
-    /// An entrant of a competition.
     async fn entrant(
         &self,
         competition: &StoredCompetition,

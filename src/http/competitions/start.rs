@@ -78,7 +78,6 @@ pub(in super::super) async fn start_attempt(
     .await
 }
 
-/// Replaces the token of an attempt.
 async fn replace_token(
     app: &App,
     competition: &StoredCompetition,

@@ -70,7 +70,6 @@ pub(in super::super) async fn create_episode(
     .await
 }
 
-/// Replaces the tokens of an episode.
 async fn new_tokens(app: &App, id: EpisodeId, shows_seed: bool) -> Result<Response, ApiError> {
     let handle = app.episode(&id).await?;
     let tokens = Tokens::new(app, &handle.spec);

@@ -19,7 +19,6 @@ use crate::episode::actor::Handle;
 use crate::episode::memory;
 use crate::wire::episode::{RoundEvent, StreamedEvent};
 
-/// From where to listen.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

@@ -71,7 +71,6 @@ pub(in super::super) struct JournalReader {
 
 enum Position {
     Opening,
-    /// Before this round.
     Before(u32),
     /// In the list of acts of a line.
     In(OpenLine),

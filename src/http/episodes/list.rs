@@ -15,7 +15,6 @@ use crate::store::episodes::Filter;
 use crate::wire::episode::EpisodeList;
 
 list_params! {
-    /// Which episodes to list.
     ListParams {
         /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
         status,

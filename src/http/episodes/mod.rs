@@ -153,7 +153,6 @@ fn broken(problem: &str) -> ApiError {
     ApiError::new(Code::Internal, "what is stored of this episode cannot be read")
 }
 
-/// The description of a stored episode.
 fn spec(stored: &StoredEpisode) -> Result<Spec, ApiError> {
     match stored.opening.read() {
         Ok(Record::Opening(opening)) => {

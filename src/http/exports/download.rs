@@ -41,7 +41,6 @@ const PIECES_PENDING: usize = 4;
 /// Bytes that an export is taken to need: two states, a group of rows, and the pieces that wait.
 const EXPORT_BYTES: usize = 32 * 1024 * 1024;
 
-/// Which episodes are exported.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]

@@ -152,7 +152,6 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
 /// How ids of competitions begin.
 const COMPETITION_PREFIX: &str = "cmp_";
 
-/// A suite of the caller's own.
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
     let OwnSuite { name, tasks, seeds, settings } = own;
     let settings = settings.unwrap_or_default();

@@ -15,7 +15,6 @@ use crate::store::runs::{RunFilter, StoredRun};
 use crate::wire::run::RunList;
 
 list_params! {
-    /// Which runs to list.
     ListParams {
         /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
         status,

@@ -24,7 +24,6 @@ struct Seated {
 }
 
 impl Seated {
-    /// Whether this seat is one of them.
     fn holds(&self, agent: AgentId) -> bool {
         match &self.seats {
             Seats::Creators => self.handle.spec.is_creators(agent),

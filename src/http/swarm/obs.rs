@@ -23,7 +23,6 @@ use crate::clock;
 use crate::episode::{Snapshot, Status};
 use crate::wire::act::SwarmObsResponse;
 
-/// How to look.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
