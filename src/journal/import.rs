@@ -2,7 +2,6 @@
 //! by the rules.
 
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use swarmbench_protocol::import::{ImportConfig, ImportSummary};
 
@@ -28,7 +27,7 @@ pub struct ImportRow {
     /// The seed.
     pub seed: u64,
     /// The settings that make games comparable.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The score after the last round.
     pub score: f64,
     /// How many rounds were resolved.
@@ -82,22 +81,6 @@ pub struct ImportedRound {
     pub acts: Option<Vec<u8>>,
 }
 
-/// The settings of an imported game, as far as they are known.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct ImportSettings {
-    pub num_agents: u32,
-    pub max_round: u32,
-    pub width: u32,
-    pub height: u32,
-    pub view_size: u32,
-    pub rules: Option<String>,
-    pub control: Option<String>,
-    pub memory: Option<i64>,
-    pub noise: Option<f64>,
-    pub max_delay: Option<i64>,
-}
-
 /// An imported game, as far as results are compared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedGame {
@@ -110,7 +93,7 @@ pub struct ImportedGame {
     /// The seed.
     pub seed: u64,
     /// The settings, as far as they are known.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The last score.
     pub score: f64,
     /// How many rounds were resolved.
@@ -135,7 +118,7 @@ pub struct StoredImport {
     /// The seed.
     pub seed: u64,
     /// The settings, as far as they are known.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The last score.
     pub score: f64,
     /// How many rounds were resolved.
@@ -148,7 +131,6 @@ pub struct StoredImport {
 
 impl From<StoredImport> for ImportSummary {
     fn from(stored: StoredImport) -> Self {
-        let settings = stored.settings;
         Self {
             id: stored.id,
             run_id: stored.run_id,
@@ -159,18 +141,7 @@ impl From<StoredImport> for ImportSummary {
             score: stored.score,
             rounds: stored.rounds,
             acts: stored.acts,
-            settings: ImportConfig {
-                num_agents: settings.num_agents,
-                max_round: settings.max_round,
-                width: settings.width,
-                height: settings.height,
-                view_size: settings.view_size,
-                rules: settings.rules,
-                control: settings.control,
-                memory: settings.memory,
-                noise: settings.noise,
-                max_delay: settings.max_delay,
-            },
+            settings: stored.settings,
             imported_at: stored.imported_at,
         }
     }

@@ -15,9 +15,7 @@ use swarmbench_engine::AgentId;
 use crate::ids::{EpisodeId, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
 use chain::Head;
-pub use import::{
-    ImportHash, ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, StoredImport,
-};
+pub use import::{ImportHash, ImportKey, ImportRow, ImportedGame, ImportedRound, StoredImport};
 use record::{ActRecord, RawRecord, RecordedConfig};
 pub use swarmbench_journal::{Tally, chain, record, replay};
 

@@ -3,12 +3,13 @@
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{QueryBuilder, Row, Sqlite};
+use swarmbench_protocol::import::ImportConfig;
 
 use super::episodes::time;
 use super::writer::chunks;
 use super::{Store, failure};
 use crate::journal::{
-    ImportKey, ImportRow, ImportSettings, ImportedGame, ImportedRound, JournalError, StoredImport,
+    ImportKey, ImportRow, ImportedGame, ImportedRound, JournalError, StoredImport,
 };
 
 /// What a list of imported games is filtered by.
@@ -136,7 +137,7 @@ fn seed(row: &SqliteRow) -> Result<u64, sqlx::Error> {
     row.try_get::<i64, _>("seed").map(i64::unsigned_abs)
 }
 
-fn settings(row: &SqliteRow) -> Result<ImportSettings, sqlx::Error> {
+fn settings(row: &SqliteRow) -> Result<ImportConfig, sqlx::Error> {
     let text: String = row.try_get("settings")?;
     serde_json::from_str(&text).map_err(|error| sqlx::Error::Decode(error.into()))
 }

@@ -16,9 +16,7 @@ use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{EpisodeId, Token, TokenKind};
 use swarmbench::journal::record::{ActRecord, Source};
-use swarmbench::journal::{
-    Entry, EpisodeKey, Holder, ImportRow, ImportSettings, Journal, RunKey, RunRow,
-};
+use swarmbench::journal::{Entry, EpisodeKey, Holder, ImportRow, Journal, RunKey, RunRow};
 use swarmbench::keys::OwnerKey;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
@@ -26,6 +24,7 @@ use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::work::Workers;
 use swarmbench_engine::{AgentId, Config, Settings};
+use swarmbench_protocol::import::ImportConfig;
 
 use crate::app::TestApp;
 
@@ -213,7 +212,7 @@ impl Offline {
             model: model.to_owned(),
             task: "Synchronization".to_owned(),
             seed,
-            settings: ImportSettings {
+            settings: ImportConfig {
                 num_agents: 1,
                 max_round: ROUNDS,
                 width: 10,
@@ -353,16 +352,8 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
     let checked = Config::check(&Settings {
         task: task.to_owned(),
         rules: suite.rules.clone(),
-        control: settings.control,
         seed: i64::try_from(seed).expect("a seed"),
-        num_agents: settings.num_agents,
-        width: settings.width,
-        height: settings.height,
-        view_size: settings.view_size,
-        memory: settings.memory,
-        max_round: settings.max_round,
-        noise: settings.noise,
-        max_delay: settings.max_delay,
+        ..Settings::from(&settings)
     });
     Spec {
         config: Arc::new(checked.expect("good settings")),
