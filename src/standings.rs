@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Settings, TaskName};
+use swarmbench_protocol::import::KnownSettings;
 use tokio::sync::Mutex;
 
-use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported, KnownSettings};
+use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
 use crate::board::cross_play::{MixedGame, Model, Setting};
 use crate::board::result::RunResult;
 use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
@@ -168,44 +169,23 @@ fn built_in() -> impl Iterator<Item = (BoardId, BoardSuite)> {
 }
 
 fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
-    let settings = &suite.settings;
     BoardSuite {
         tasks: suite.tasks.iter().filter_map(|name| TaskName::parse(name)).collect(),
         plan,
         settings: KnownSettings {
-            num_agents: settings.num_agents,
-            max_round: settings.max_round,
-            width: settings.width,
-            height: settings.height,
-            view_size: settings.view_size,
             rules: Some(suite.rules.clone()),
-            control: Some(settings.control.clone()),
-            memory: Some(settings.memory),
-            noise: Some(settings.noise),
-            max_delay: Some(settings.max_delay),
+            ..KnownSettings::from(&Settings::from(&suite.settings))
         },
     }
 }
 
 /// An imported game as a board shows it, if its task is known.
 fn imported(game: ImportedGame) -> Option<Imported> {
-    let settings = game.settings;
     Some(Imported {
         slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed },
         model: game.model,
         score: game.score,
-        settings: KnownSettings {
-            num_agents: settings.num_agents.into(),
-            max_round: settings.max_round.into(),
-            width: settings.width.into(),
-            height: settings.height.into(),
-            view_size: settings.view_size.into(),
-            rules: settings.rules,
-            control: settings.control,
-            memory: settings.memory,
-            noise: settings.noise,
-            max_delay: settings.max_delay,
-        },
+        settings: KnownSettings::from(&game.settings),
     })
 }
 
@@ -294,16 +274,8 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
 /// The settings that decide a game, except task, seed and rules.
 fn settings(config: &RecordedConfig) -> SuiteSettings {
     SuiteSettings {
-        control: config.control.clone(),
-        num_agents: config.num_agents.into(),
-        width: config.width,
-        height: config.height,
-        view_size: config.view_size,
-        memory: config.memory,
-        max_round: config.max_round.into(),
-        noise: config.noise,
-        max_delay: config.max_delay,
         round_deadline_ms: config.round_deadline_ms,
         bank_ms: config.bank_ms,
+        ..SuiteSettings::from(&Settings::from(config))
     }
 }

@@ -8,9 +8,10 @@ use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::import::ImportConfig;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
-use crate::store::imports::{ImportHash, ImportRow, ImportSettings, ImportedRound};
+use crate::store::imports::{ImportHash, ImportRow, ImportedRound};
 use crate::wire::Position;
 use crate::wire::episode::{State, StateAgent};
 
@@ -208,10 +209,10 @@ impl Builder {
 }
 
 /// The settings that make games comparable.
-fn settings(meta: &Meta) -> ImportSettings {
+fn settings(meta: &Meta) -> ImportConfig {
     let word = |name: &str| meta.rest.get(name).and_then(Value::as_str).map(str::to_owned);
     let number = |name: &str| meta.rest.get(name).and_then(Value::as_i64);
-    ImportSettings {
+    ImportConfig {
         num_agents: meta.num_agents,
         max_round: meta.max_round,
         width: meta.width,

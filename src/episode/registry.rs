@@ -709,34 +709,17 @@ fn recovery_micros(episode: &Unfinished) -> u64 {
 mod tests {
     use super::*;
     use crate::journal::record::RecordedConfig;
+    use swarmbench_engine::{Config, Settings, TaskName};
 
     fn unfinished(key: i64, clocked: bool, agents: u16, rounds: u32) -> Unfinished {
-        let config = RecordedConfig {
-            task: "Flocking".to_owned(),
-            rules: "paper".to_owned(),
-            control: "decentralized".to_owned(),
-            seed: 1,
-            num_agents: agents,
+        let settings = Settings {
+            num_agents: agents.into(),
             width: 64,
             height: 64,
-            view_size: 5,
-            memory: 5,
             max_round: 1000,
-            noise: 0.0,
-            max_delay: 0,
-            round_deadline_ms: Some(1000),
-            bank_ms: 0,
-            start: "immediate".to_owned(),
-            idle_timeout_ms: 1000,
-            visibility: "public".to_owned(),
-            model: "a model".to_owned(),
-            custom_template: false,
-            closes_at: None,
-            open_seats: Vec::new(),
-            fill_after_ms: None,
-            fill_with: None,
-            player: None,
+            ..Settings::standard(TaskName::Flocking, 1)
         };
+        let config = RecordedConfig::of(&Config::check(&settings).expect("good settings"));
         let id = EpisodeId::from_text(key.to_string());
         let played = Some((config, rounds));
         Unfinished { episode: EpisodeKey(key), id, owner: None, clocked, played }

@@ -1,10 +1,10 @@
 //! The tables `imports` and `import_rounds`: games that were read from files.
 
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{QueryBuilder, Row as _, Sqlite};
+use swarmbench_protocol::import::ImportConfig;
 
 use super::Store;
 use super::StoreError;
@@ -27,7 +27,7 @@ pub struct ImportRow {
     pub task: String,
     pub seed: u64,
     /// The settings that make games comparable.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The score after the last round.
     pub score: f64,
     pub resolved: u32,
@@ -75,22 +75,6 @@ pub struct ImportedRound {
     pub acts: Option<Vec<u8>>,
 }
 
-/// The settings of an imported game, as far as they are known.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct ImportSettings {
-    pub num_agents: u32,
-    pub max_round: u32,
-    pub width: u32,
-    pub height: u32,
-    pub view_size: u32,
-    pub rules: Option<String>,
-    pub control: Option<String>,
-    pub memory: Option<i64>,
-    pub noise: Option<f64>,
-    pub max_delay: Option<i64>,
-}
-
 /// An imported game, as far as results are compared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedGame {
@@ -100,7 +84,7 @@ pub struct ImportedGame {
     pub task: String,
     pub seed: u64,
     /// The settings, as far as they are known.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The last score.
     pub score: f64,
     pub rounds: u32,
@@ -120,7 +104,7 @@ pub struct StoredImport {
     pub task: String,
     pub seed: u64,
     /// The settings, as far as they are known.
-    pub settings: ImportSettings,
+    pub settings: ImportConfig,
     /// The last score.
     pub score: f64,
     pub rounds: u32,

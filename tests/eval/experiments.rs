@@ -201,7 +201,7 @@ fn the_command_line_wins_over_a_file() {
     .expect("an experiment");
     let mut said =
         Experiment { models: Some(List(vec![ModelEntry::named("c")])), ..Experiment::default() };
-    said.settings.view_size = Some(List(vec![7]));
+    said.settings.view_size = vec![7];
     let plan = Plan::of(&file.with(said), None).expect("a plan");
     let told: Vec<_> = (plan.runs.iter())
         .map(|run| {

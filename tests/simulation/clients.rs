@@ -311,8 +311,8 @@ fn settings(dice: &mut Dice) -> Settings {
     let mut below = |n: usize| i64::try_from(dice.below(n)).expect("a small number");
     let size = 8 + below(3);
     let reference = below(4) == 0;
+    let task = TaskName::ALL[usize::try_from(below(5)).expect("a place")];
     Settings {
-        task: TaskName::ALL[usize::try_from(below(5)).expect("a place")].name().to_owned(),
         rules: if reference { "reference" } else { "paper" }.to_owned(),
         control: if below(4) == 0 { "centralized" } else { "decentralized" }.to_owned(),
         seed: below(1 << 20),
@@ -324,5 +324,6 @@ fn settings(dice: &mut Dice) -> Settings {
         max_round: 1 + below(7),
         noise: if below(4) == 0 { 0.3 } else { 0.0 },
         max_delay: below(2),
+        ..Settings::standard(task, 0)
     }
 }

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::sync::Arc;
 
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::import::KnownSettings;
 
 use super::interval::{Difference, Memory};
 use super::rank::{Pick, PlayerRuns, Row, View, rank_players};
@@ -32,38 +33,6 @@ pub struct BoardSuite {
     pub plan: Vec<Slot>,
     /// The settings of all of them, but for clocks.
     pub settings: KnownSettings,
-}
-
-/// Settings of games, as far as they are known.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct KnownSettings {
-    pub num_agents: i64,
-    pub max_round: i64,
-    pub width: i64,
-    pub height: i64,
-    pub view_size: i64,
-    pub rules: Option<String>,
-    pub control: Option<String>,
-    pub memory: Option<i64>,
-    pub noise: Option<f64>,
-    pub max_delay: Option<i64>,
-}
-
-impl KnownSettings {
-    /// Whether all that both know is equal.
-    fn agrees(&self, other: &Self) -> bool {
-        fn same<T: PartialEq>(one: Option<&T>, other: Option<&T>) -> bool {
-            one.zip(other).is_none_or(|(one, other)| one == other)
-        }
-        let sizes = |of: &Self| (of.num_agents, of.max_round, of.width, of.height, of.view_size);
-        sizes(self) == sizes(other)
-            && same(self.rules.as_ref(), other.rules.as_ref())
-            && same(self.control.as_ref(), other.control.as_ref())
-            && same(self.memory.as_ref(), other.memory.as_ref())
-            && same(self.noise.as_ref(), other.noise.as_ref())
-            && same(self.max_delay.as_ref(), other.max_delay.as_ref())
-    }
 }
 
 /// A game that was read from files, for which nobody vouches.
@@ -370,7 +339,7 @@ mod tests {
     fn boards() -> Boards {
         let plan = slots(&TaskName::ALL, &[27, 42]);
         let settings = KnownSettings {
-            num_agents: 12,
+            num_agents: Some(12),
             memory: Some(5),
             rules: Some("paper".to_owned()),
             ..KnownSettings::default()
@@ -484,7 +453,7 @@ mod tests {
             score,
             settings: settings.clone(),
         };
-        let told = KnownSettings { num_agents: 12, ..KnownSettings::default() };
+        let told = KnownSettings { num_agents: Some(12), ..KnownSettings::default() };
         let other = KnownSettings { memory: Some(3), ..told.clone() };
         let reference = KnownSettings { rules: Some("reference".to_owned()), ..told.clone() };
         boards.set_imported(vec![

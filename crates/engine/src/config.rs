@@ -1,6 +1,7 @@
 //! The settings of an episode, checked, as the rest of the engine uses them.
 
 use crate::names::{Control, RuleSet, TaskName};
+use crate::settings::Settings;
 
 /// Checked settings: an episode that can be laid out and played to its end.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +18,8 @@ pub struct Config {
     pub(crate) max_round: u32,
     pub(crate) noise: f64,
     pub(crate) max_delay: u32,
+    /// As they were asked for: journals and clients are shown these.
+    pub(crate) settings: Settings,
 }
 
 impl Config {

@@ -9,34 +9,91 @@ use crate::config::Config;
 use crate::names::{Control, RuleSet, TaskName};
 use crate::tasks;
 
-/// The requested settings of an episode, unchecked.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// The name of the task, such as `Transport`.
-    pub task: String,
-    /// The name of the rule set, `paper` or `reference`.
-    pub rules: String,
-    /// The name of the control, `decentralized` or `centralized`.
-    pub control: String,
-    /// The seed of the layout, 0 to 2⁵³ − 1.
-    pub seed: i64,
-    /// How many agents play.
-    pub num_agents: i64,
-    /// Columns of the map, its wall ring included.
-    pub width: i64,
-    /// Rows of the map, its wall ring included.
-    pub height: i64,
-    /// Rows and columns of an agent's window; odd.
-    pub view_size: i64,
-    /// How many past rounds an agent remembers.
-    pub memory: i64,
-    /// After how many rounds the episode ends.
-    pub max_round: i64,
-    /// The probability with which a delivered message is corrupted.
-    pub noise: f64,
-    /// The most rounds by which a message is late.
-    pub max_delay: i64,
+/// The settings of a game that are numbers, in the order in which suites and journals have them. Every struct that has
+/// them among its fields is made from this list.
+///
+/// A line says: the name, its type when it is asked for `=>` when it was checked, the usual value, and the range
+/// (`Config::check` has the rules that depend on other settings). A setting that comes later has 0 for its usual value and
+/// `#[serde(default, skip_serializing_if = "…")]`: old journals and suites do not have it, and keep their bytes.
+///
+/// Calls `$then!` with `$input` and the list. Some structs have other fields after `max_round`, so `$inner` stands there.
+#[macro_export]
+macro_rules! for_each_setting {
+    ($then:path, $input:tt, $inner:tt) => {
+        $then! { $input
+            [
+                /// How many agents play.
+                num_agents: i64 => u16 = 12 in 1..=1024;
+                /// Columns of the map.
+                width: i64 => i64 = 10 in 8..=256;
+                /// Rows of the map.
+                height: i64 => i64 = 10 in 8..=256;
+                /// Rows and columns of an agent's window; odd, 3 to 2 · size + 1.
+                view_size: i64 => i64 = 5 in 3..=513;
+                /// How many past rounds an agent remembers.
+                memory: i64 => i64 = 5 in 0..=50;
+                /// After how many rounds the episode ends.
+                max_round: i64 => u32 = 100 in 1..=100_000;
+            ] $inner
+            [
+                /// The probability with which a delivered message is corrupted.
+                noise: f64 => f64 = 0.0 in 0..=1;
+                /// The most rounds by which a message is late.
+                max_delay: i64 => i64 = 0 in 0..=100;
+            ] {}
+        }
+    };
 }
+
+macro_rules! define_settings {
+    ({} $([$(
+        $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+        $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+    )*] {})*) => {
+        /// What an episode was asked to be; unchecked.
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct Settings {
+            /// The name of the task, such as `Transport`.
+            pub task: String,
+            /// The name of the rule set, `paper` or `reference`.
+            pub rules: String,
+            /// The name of the control, `decentralized` or `centralized`.
+            pub control: String,
+            /// The seed of the layout, 0 to 2⁵³ − 1.
+            pub seed: i64,
+            $($($(#[doc = $doc])* pub $setting: $asked,)*)*
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self {
+                    task: String::new(),
+                    rules: RuleSet::Paper.name().to_owned(),
+                    control: Control::Decentralized.name().to_owned(),
+                    seed: 0,
+                    $($($setting: $usual,)*)*
+                }
+            }
+        }
+
+        impl Settings {
+            /// The names of all settings but task, rules and seed, in order.
+            pub const NAMES: &[&str] = &["control", $($(stringify!($setting),)*)*];
+
+            /// The value of the setting with one of [`Self::NAMES`], as text.
+            #[must_use]
+            pub fn get(&self, name: &str) -> Option<String> {
+                match name {
+                    "control" => Some(self.control.clone()),
+                    $($(stringify!($setting) => Some(self.$setting.to_string()),)*)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+for_each_setting! { define_settings, {}, {} }
 
 impl Settings {
     /// The paper's standard setting for a task: 12 agents on 10 × 10 cells, windows of 5 × 5,
@@ -47,25 +104,6 @@ impl Settings {
             task: task.name().to_owned(),
             seed: i64::try_from(seed).unwrap_or(i64::MAX),
             ..Self::default()
-        }
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            task: String::new(),
-            rules: RuleSet::Paper.name().to_owned(),
-            control: Control::Decentralized.name().to_owned(),
-            seed: 0,
-            num_agents: 12,
-            width: 10,
-            height: 10,
-            view_size: 5,
-            memory: 5,
-            max_round: 100,
-            noise: 0.0,
-            max_delay: 0,
         }
     }
 }
@@ -227,6 +265,7 @@ impl Config {
             max_round: cast(s.max_round),
             noise: s.noise,
             max_delay: cast(s.max_delay),
+            settings: s.clone(),
         };
         config.check_combinations()?;
         Ok(config)
@@ -278,23 +317,10 @@ impl Config {
         check.done()
     }
 
-    /// The settings that give this configuration.
+    /// The settings that were checked.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        Settings {
-            task: self.task.name().to_owned(),
-            rules: self.rules.name().to_owned(),
-            control: self.control.name().to_owned(),
-            seed: cast(self.seed),
-            num_agents: i64::from(self.num_agents),
-            width: i64::from(self.width),
-            height: i64::from(self.height),
-            view_size: i64::from(self.view_size),
-            memory: cast(self.memory),
-            max_round: i64::from(self.max_round),
-            noise: self.noise,
-            max_delay: i64::from(self.max_delay),
-        }
+        self.settings.clone()
     }
 }
 

@@ -89,6 +89,44 @@ const REFUSED: &[Row] = &[
     ),
 ];
 
+/// A name, how it is set, and its range.
+type Number = (&'static str, fn(&mut Settings, i32), [i32; 2]);
+
+macro_rules! numbers {
+    ({} $([$(
+        $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+        $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+    )*] {})*) => {
+        const NUMBERS: &[Number] = &[$($((
+            stringify!($setting),
+            |settings, value| settings.$setting = value.into(),
+            [$least, $most],
+        ),)*)*];
+    };
+}
+
+swarmbench_engine::for_each_setting! { numbers, {}, {} }
+
+/// Clients read the ranges of the list in the OpenAPI document.
+#[test]
+fn the_ranges_in_the_list_of_settings_are_those_that_are_checked() {
+    for &(name, set, [least, most]) in NUMBERS {
+        for (value, is_allowed) in
+            [(least - 1, false), (least, true), (most, true), (most + 1, false)]
+        {
+            let mut settings = Settings {
+                width: 256,
+                height: 256,
+                memory: 0,
+                ..Settings::standard(TaskName::Transport, 1)
+            };
+            set(&mut settings, value);
+            let refused = Config::check(&settings).map_err(|errors| errors.0[0].field).err();
+            assert_eq!(refused, (!is_allowed).then_some(name), "{name} {value}");
+        }
+    }
+}
+
 /// What an episode that was created before may have, and a new one may not.
 const REFUSED_WHEN_NEW: &[Row] = &[
     (
@@ -240,7 +278,6 @@ fn settings() -> impl Strategy<Value = Settings> {
             // The largest of them are slow to play without optimisation.
             let max_round = if width * height > 1600 || agents > 100 { 3 } else { rounds };
             Settings {
-                task: task.name().to_owned(),
                 rules: if reference { "reference" } else { "paper" }.to_owned(),
                 control: if centralized { "centralized" } else { "decentralized" }.to_owned(),
                 seed,
@@ -252,6 +289,7 @@ fn settings() -> impl Strategy<Value = Settings> {
                 max_round,
                 noise,
                 max_delay: delay,
+                ..Settings::standard(task, 0)
             }
         },
     )

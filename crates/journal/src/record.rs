@@ -113,45 +113,41 @@ impl Opening {
     }
 }
 
-/// All settings of an episode, under the names that the wire has for them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct RecordedConfig {
-    pub task: String,
-    pub rules: String,
-    pub control: String,
-    pub seed: u64,
-    pub num_agents: u16,
-    pub width: i64,
-    pub height: i64,
-    pub view_size: i64,
-    pub memory: i64,
-    pub max_round: u32,
-    pub noise: f64,
-    pub max_delay: i64,
-    pub round_deadline_ms: Option<u64>,
-    pub bank_ms: u64,
-    pub start: String,
-    pub idle_timeout_ms: u64,
-    pub visibility: String,
-    pub model: String,
-    pub custom_template: bool,
-    /// From then on no new round begins.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub closes_at: Option<jiff::Timestamp>,
-    /// Numbers of the agents whose seats were open to claims.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub open_seats: Vec<u16>,
-    /// After this time built-in players take the open seats that nobody claimed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fill_after_ms: Option<u64>,
-    /// Which built-in player takes them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fill_with: Option<String>,
-    /// The built-in player that the server hosts on the creator's seats.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub player: Option<String>,
+swarmbench_protocol::game_settings! {
+    checked
+    /// All settings of an episode, under the names that the wire has for them.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(missing_docs, reason = "the names are those of the wire, described there")]
+    pub struct RecordedConfig {
+        pub task: String,
+        pub rules: String,
+        pub control: String,
+        pub seed: u64,
+        ..settings,
+        pub round_deadline_ms: Option<u64>,
+        pub bank_ms: u64,
+        pub start: String,
+        pub idle_timeout_ms: u64,
+        pub visibility: String,
+        pub model: String,
+        pub custom_template: bool,
+        /// From then on no new round begins.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub closes_at: Option<jiff::Timestamp>,
+        /// Numbers of the agents whose seats were open to claims.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        pub open_seats: Vec<u16>,
+        /// After so long built-in players take the open seats that nobody claimed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub fill_after_ms: Option<u64>,
+        /// Which built-in player takes them.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub fill_with: Option<String>,
+        /// The built-in player that the server hosts on the creator's seats.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub player: Option<String>,
+    }
 }
 
 impl RecordedConfig {
@@ -162,28 +158,9 @@ impl RecordedConfig {
         Self {
             task: settings.task,
             rules: settings.rules,
-            control: settings.control,
             seed: u64::try_from(settings.seed).expect("a checked seed is not negative"),
-            num_agents: config.num_agents(),
-            width: settings.width,
-            height: settings.height,
-            view_size: settings.view_size,
-            memory: settings.memory,
-            max_round: config.max_round(),
-            noise: settings.noise,
-            max_delay: settings.max_delay,
-            round_deadline_ms: None,
-            bank_ms: 0,
             start: "now".to_owned(),
-            idle_timeout_ms: 0,
-            visibility: String::new(),
-            model: String::new(),
-            custom_template: false,
-            closes_at: None,
-            open_seats: Vec::new(),
-            fill_after_ms: None,
-            fill_with: None,
-            player: None,
+            ..Self::from(config)
         }
     }
 
@@ -195,16 +172,8 @@ impl RecordedConfig {
         Config::check(&Settings {
             task: self.task.clone(),
             rules: self.rules.clone(),
-            control: self.control.clone(),
             seed: i64::try_from(self.seed).unwrap_or(i64::MAX),
-            num_agents: i64::from(self.num_agents),
-            width: self.width,
-            height: self.height,
-            view_size: self.view_size,
-            memory: self.memory,
-            max_round: i64::from(self.max_round),
-            noise: self.noise,
-            max_delay: self.max_delay,
+            ..Settings::from(self)
         })
     }
 }

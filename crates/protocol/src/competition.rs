@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
+use crate::game_settings;
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -72,21 +73,19 @@ pub struct SealedSuite {
     pub settings: Option<SealedSettings>,
 }
 
-/// Settings of all games, with the names, limits and defaults that they have for an episode.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the names are those of an episode, described there")]
-pub struct SealedSettings {
-    pub control: Option<String>,
-    pub num_agents: Option<i64>,
-    pub width: Option<i64>,
-    pub height: Option<i64>,
-    pub view_size: Option<i64>,
-    pub memory: Option<i64>,
-    pub max_round: Option<i64>,
-    pub noise: Option<f64>,
-    pub max_delay: Option<i64>,
+game_settings! {
+    partial
+    /// Settings of all games, with the names, limits and defaults that they have for an episode.
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    #[serde(deny_unknown_fields)]
+    pub struct SealedSettings {
+        /// `decentralized` or `centralized`.
+        #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub control: Option<String>,
+        ..settings,
+    }
 }
 
 /// The clocks of all games.

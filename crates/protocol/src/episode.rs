@@ -6,6 +6,7 @@ use swarmbench_engine::{AgentState, SpectatorView};
 
 use super::status::Status;
 use super::{Position, Seconds};
+use crate::game_settings;
 
 /// How an episode ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,142 +23,110 @@ pub struct EpisodeResult {
     pub journal_head: String,
 }
 
-/// What an episode is to be. Everything but `task` has a default.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
-pub struct EpisodeRequest {
-    /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
-    #[cfg_attr(feature = "openapi", schema(required))]
-    pub task: Option<String>,
-    /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
-    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub seed: Option<i64>,
-    /// `paper` or `reference`.
-    #[cfg_attr(feature = "openapi", schema(default = "paper"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rules: Option<String>,
-    /// How many agents play.
-    #[cfg_attr(feature = "openapi", schema(default = 12, minimum = 1, maximum = 1024))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub num_agents: Option<i64>,
-    /// Columns of the map.
-    #[cfg_attr(feature = "openapi", schema(default = 10, minimum = 8, maximum = 256))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub width: Option<i64>,
-    /// Rows of the map.
-    #[cfg_attr(feature = "openapi", schema(default = 10, minimum = 8, maximum = 256))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height: Option<i64>,
-    /// Rows and columns of an agent's window; odd, 3 to 2 · size + 1.
-    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 3, maximum = 513))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub view_size: Option<i64>,
-    /// How many past rounds an agent remembers.
-    #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 0, maximum = 50))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub memory: Option<i64>,
-    /// After how many rounds the episode ends.
-    #[cfg_attr(feature = "openapi", schema(default = 100, minimum = 1, maximum = 100_000))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_round: Option<i64>,
-    /// `decentralized` or `centralized`.
-    #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub control: Option<String>,
-    /// The probability with which a delivered message is corrupted.
-    #[cfg_attr(feature = "openapi", schema(default = 0.0, minimum = 0, maximum = 1))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise: Option<f64>,
-    /// The most rounds by which a message is late.
-    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 100))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_delay: Option<i64>,
-    /// A round's clock in seconds; none by default.
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub round_deadline_s: Option<f64>,
-    /// What a seat may overspend in all rounds together, in seconds.
-    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bank_s: Option<f64>,
-    /// `now` or `manual`.
-    #[cfg_attr(feature = "openapi", schema(default = "now"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub start: Option<String>,
-    /// After so many seconds without any act it ends as abandoned.
-    #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub idle_timeout_s: Option<f64>,
-    /// `public` or `owner`: who reads state, events and resolved rounds before the end.
-    #[cfg_attr(feature = "openapi", schema(default = "public"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub visibility: Option<String>,
-    /// Who plays; at most 200 characters.
-    #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub model: Option<String>,
-    /// What else is known of who plays; at most 16 KiB of JSON.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub agent_meta: Option<Map<String, Value>>,
-    /// A prompt template of the episode's own; at most 32 KiB.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub prompt_template: Option<String>,
-    /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
-    #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub open_seats: Option<i64>,
-    /// After so many seconds built-in players take the open seats that nobody claimed; never by default.
-    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fill_after_s: Option<f64>,
-    /// Which built-in player takes them; `default` is the task's own.
-    #[cfg_attr(feature = "openapi", schema(default = "default"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fill_with: Option<String>,
-    /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
-    /// task's own.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub player: Option<String>,
+game_settings! {
+    partial
+    /// What an episode is to be. Everything but `task` has a default.
+    #[derive(Clone, Debug, Default, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    #[serde(deny_unknown_fields)]
+    #[cfg_attr(feature = "openapi", schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
+    pub struct EpisodeRequest {
+        /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
+        #[cfg_attr(feature = "openapi", schema(required))]
+        pub task: Option<String>,
+        /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub seed: Option<i64>,
+        /// `paper` or `reference`.
+        #[cfg_attr(feature = "openapi", schema(default = "paper"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rules: Option<String>,
+        ..settings {
+            /// `decentralized` or `centralized`.
+            #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub control: Option<String>
+        },
+        /// A round's clock in seconds; none by default.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub round_deadline_s: Option<f64>,
+        /// What a seat may overspend in all rounds together, in seconds.
+        #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub bank_s: Option<f64>,
+        /// `now` or `manual`.
+        #[cfg_attr(feature = "openapi", schema(default = "now"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub start: Option<String>,
+        /// After so many seconds without any act it ends as abandoned.
+        #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub idle_timeout_s: Option<f64>,
+        /// `public` or `owner`: who reads state, events and resolved rounds before the end.
+        #[cfg_attr(feature = "openapi", schema(default = "public"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub visibility: Option<String>,
+        /// Who plays; at most 200 characters.
+        #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub model: Option<String>,
+        /// What else is known of who plays; at most 16 KiB of JSON.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub agent_meta: Option<Map<String, Value>>,
+        /// A prompt template of the episode's own; at most 32 KiB.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub prompt_template: Option<String>,
+        /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
+        #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub open_seats: Option<i64>,
+        /// After so many seconds built-in players take the open seats that nobody claimed; never by default.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub fill_after_s: Option<f64>,
+        /// Which built-in player takes them; `default` is the task's own.
+        #[cfg_attr(feature = "openapi", schema(default = "default"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub fill_with: Option<String>,
+        /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
+        /// task's own.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub player: Option<String>,
+    }
 }
 
-/// All settings of an episode, defaults filled in.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[expect(missing_docs, reason = "the same as in the request")]
-pub struct EpisodeConfig {
-    pub task: String,
-    /// Null as long as the episode runs and the caller may not know it.
-    pub seed: Option<u64>,
-    pub rules: String,
-    pub num_agents: u16,
-    pub width: i64,
-    pub height: i64,
-    pub view_size: i64,
-    pub memory: i64,
-    pub max_round: u32,
-    pub control: String,
-    pub noise: f64,
-    pub max_delay: i64,
-    pub round_deadline_s: Option<Seconds>,
-    pub bank_s: Seconds,
-    pub start: String,
-    pub idle_timeout_s: Seconds,
-    pub visibility: String,
-    pub model: String,
-    pub agent_meta: Map<String, Value>,
-    /// Null for the built-in template; the journal has the text of either.
-    pub prompt_template: Option<String>,
-    #[serde(default)]
-    pub open_seats: u16,
-    #[serde(default)]
-    pub fill_after_s: Option<Seconds>,
-    #[serde(default)]
-    pub fill_with: Option<String>,
-    #[serde(default)]
-    pub player: Option<String>,
+game_settings! {
+    checked
+    /// All settings of an episode, defaults filled in.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    #[expect(missing_docs, reason = "the same as in the request")]
+    pub struct EpisodeConfig {
+        pub task: String,
+        /// Null as long as the episode runs and the caller may not know it.
+        pub seed: Option<u64>,
+        pub rules: String,
+        ..settings { pub control: String },
+        pub round_deadline_s: Option<Seconds>,
+        pub bank_s: Seconds,
+        pub start: String,
+        pub idle_timeout_s: Seconds,
+        pub visibility: String,
+        pub model: String,
+        pub agent_meta: Map<String, Value>,
+        /// Null for the built-in template; the journal has the text of either.
+        pub prompt_template: Option<String>,
+        #[serde(default)]
+        pub open_seats: u16,
+        #[serde(default)]
+        pub fill_after_s: Option<Seconds>,
+        #[serde(default)]
+        pub fill_with: Option<String>,
+        #[serde(default)]
+        pub player: Option<String>,
+    }
 }
 
 /// A new episode, with tokens that are shown this once.

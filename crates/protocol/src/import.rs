@@ -1,6 +1,9 @@
 //! Games that were read from files.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use crate::game_settings;
 
 /// An imported game. Nobody vouches for it: what it tells is what its files told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +50,42 @@ pub struct ImportConfig {
     pub memory: Option<i64>,
     pub noise: Option<f64>,
     pub max_delay: Option<i64>,
+}
+
+game_settings! {
+    partial
+    /// Settings of games, as far as they are known.
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    pub struct KnownSettings {
+        /// `paper` or `reference`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rules: Option<String>,
+        /// `decentralized` or `centralized`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub control: Option<String>,
+        ..settings,
+    }
+}
+
+impl KnownSettings {
+    /// Whether all that both know is equal.
+    #[must_use]
+    pub fn agrees(&self, other: &Self) -> bool {
+        let (one, other) = (self.by_name(), other.by_name());
+        one.iter().all(|(name, value)| other.get(name).is_none_or(|other| other == value))
+    }
+
+    fn by_name(&self) -> Map<String, Value> {
+        let Value::Object(known) = json!(self) else { unreachable!("a struct is an object") };
+        known
+    }
+}
+
+impl From<&ImportConfig> for KnownSettings {
+    fn from(settings: &ImportConfig) -> Self {
+        serde_json::from_value(json!(settings)).expect("the same names, and smaller numbers")
+    }
 }
 
 /// A page of imported games, newest first.

@@ -17,6 +17,7 @@ pub mod names;
 pub mod observation;
 pub mod problem;
 pub mod run;
+pub mod settings;
 pub mod status;
 pub mod suite;
 pub mod table;
@@ -47,7 +48,7 @@ impl From<Position> for Pos {
 }
 
 /// A duration in seconds; whole numbers are written without a fraction.
-#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(value_type = f64))]
 pub struct Seconds(pub f64);

@@ -8,6 +8,8 @@ use serde_json::{Map, Value};
 use super::Seconds;
 use super::problem::Limit;
 use super::suite::Suite;
+use crate::game_settings;
+use swarmbench_engine::Settings;
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -120,30 +122,19 @@ pub struct OwnSuite {
     pub settings: Option<OwnSettings>,
 }
 
-/// Settings of all games of a suite of one's own, as for an episode.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the same as of an episode")]
-pub struct OwnSettings {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub control: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub num_agents: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub width: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub view_size: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub memory: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_round: Option<i64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_delay: Option<i64>,
+game_settings! {
+    partial
+    /// Settings of all games of a suite of one's own, as for an episode.
+    #[derive(Clone, Debug, Default, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    #[serde(deny_unknown_fields)]
+    pub struct OwnSettings {
+        /// `decentralized` or `centralized`.
+        #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub control: Option<String>,
+        ..settings,
+    }
 }
 
 /// A suite as it is shown. Only runs with the same name, digest and rules can be compared.
@@ -168,22 +159,18 @@ pub struct SuiteView {
     pub settings: SuiteSettingsView,
 }
 
-/// The settings of all games of a suite.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[expect(missing_docs, reason = "the same as of an episode")]
-pub struct SuiteSettingsView {
-    pub control: String,
-    pub num_agents: i64,
-    pub width: i64,
-    pub height: i64,
-    pub view_size: i64,
-    pub memory: i64,
-    pub max_round: i64,
-    pub noise: f64,
-    pub max_delay: i64,
-    pub round_deadline_s: Option<Seconds>,
-    pub bank_s: Seconds,
+game_settings! {
+    complete
+    /// The settings of all games of a suite.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+    #[expect(missing_docs, reason = "the same as of an episode")]
+    pub struct SuiteSettingsView {
+        pub control: String,
+        ..settings,
+        pub round_deadline_s: Option<Seconds>,
+        pub bank_s: Seconds,
+    }
 }
 
 impl SuiteView {
@@ -201,17 +188,9 @@ impl SuiteView {
             seeds: with_seeds.then(|| suite.seeds.clone()),
             games: u32::try_from(suite.tasks.len() * suite.seeds.len()).unwrap_or(u32::MAX),
             settings: SuiteSettingsView {
-                control: settings.control.clone(),
-                num_agents: settings.num_agents,
-                width: settings.width,
-                height: settings.height,
-                view_size: settings.view_size,
-                memory: settings.memory,
-                max_round: settings.max_round,
-                noise: settings.noise,
-                max_delay: settings.max_delay,
                 round_deadline_s: settings.round_deadline_ms.map(seconds),
                 bank_s: seconds(settings.bank_ms),
+                ..SuiteSettingsView::from(&Settings::from(settings))
             },
         }
     }

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{RuleSet, Settings, TaskName};
 
+use crate::game_settings;
+
 /// Which games are played, and by which settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,56 +22,28 @@ pub struct Suite {
     pub settings: SuiteSettings,
 }
 
-/// The settings of all games of a suite: those of an episode but task, seed and rules.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(missing_docs, reason = "the names are those of the wire, described there")]
-pub struct SuiteSettings {
-    pub control: String,
-    pub num_agents: i64,
-    pub width: i64,
-    pub height: i64,
-    pub view_size: i64,
-    pub memory: i64,
-    pub max_round: i64,
-    pub noise: f64,
-    pub max_delay: i64,
-    /// A round's clock; none for none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub round_deadline_ms: Option<u64>,
-    /// What a seat may overspend in all rounds together.
-    #[serde(default)]
-    pub bank_ms: u64,
+game_settings! {
+    complete
+    /// The settings of all games of a suite: those of an episode but task, seed and rules.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct SuiteSettings {
+        /// `decentralized` or `centralized`.
+        pub control: String,
+        ..settings,
+        /// A round's clock; none for none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub round_deadline_ms: Option<u64>,
+        /// What a seat may overspend in all rounds together.
+        #[serde(default)]
+        pub bank_ms: u64,
+    }
 }
 
 impl Default for SuiteSettings {
     /// The standard setting.
     fn default() -> Self {
-        let Settings {
-            control,
-            num_agents,
-            width,
-            height,
-            view_size,
-            memory,
-            max_round,
-            noise,
-            max_delay,
-            ..
-        } = Settings::default();
-        Self {
-            control,
-            num_agents,
-            width,
-            height,
-            view_size,
-            memory,
-            max_round,
-            noise,
-            max_delay,
-            round_deadline_ms: None,
-            bank_ms: 0,
-        }
+        Self::from(&Settings::default())
     }
 }
 
@@ -124,20 +98,11 @@ impl Suite {
     /// All settings of the engine for one of its games.
     #[must_use]
     pub fn settings_of(&self, game: &Game) -> Settings {
-        let settings = &self.settings;
         Settings {
             task: game.task.clone(),
             rules: self.rules.clone(),
-            control: settings.control.clone(),
             seed: i64::try_from(game.seed).unwrap_or(i64::MAX),
-            num_agents: settings.num_agents,
-            width: settings.width,
-            height: settings.height,
-            view_size: settings.view_size,
-            memory: settings.memory,
-            max_round: settings.max_round,
-            noise: settings.noise,
-            max_delay: settings.max_delay,
+            ..Settings::from(&self.settings)
         }
     }
 

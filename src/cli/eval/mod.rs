@@ -17,7 +17,7 @@ use progress::Progress;
 use showing::Showing;
 
 use crate::eval::conduct::{Conductor, News};
-use crate::eval::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds};
+use crate::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
 use crate::eval::plan::{Plan, Planned};
 use crate::eval::report::{Played, Report};
 use crate::eval::stop_reason::StopReason;
@@ -88,33 +88,8 @@ struct Games {
     /// Seeds, and ranges of them such as 0..20 for 0 to 19 (27,42,57,72,87).
     #[arg(long, alias = "seed", value_delimiter = ',')]
     seeds: Vec<Seeds>,
-    /// Rule sets: paper, reference (paper).
-    #[arg(long, value_delimiter = ',')]
-    rules: Vec<String>,
-    /// decentralized, centralized (decentralized).
-    #[arg(long, value_delimiter = ',')]
-    control: Vec<String>,
-    /// Cells of a map: 15 is 15 × 15, 20x15 is 20 columns and 15 rows (10).
-    #[arg(long, value_delimiter = ',', value_name = "SIZE")]
-    map_size: Vec<MapSize>,
-    /// How many agents play (12).
-    #[arg(long, value_delimiter = ',', value_name = "N")]
-    num_agents: Vec<i64>,
-    /// Rows and columns of an agent's window (5).
-    #[arg(long, value_delimiter = ',', value_name = "CELLS")]
-    view_size: Vec<i64>,
-    /// How many earlier rounds an agent remembers (5).
-    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
-    memory: Vec<i64>,
-    /// The maximum number of rounds of a game (100).
-    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
-    max_round: Vec<i64>,
-    /// The probability with which a message is corrupted (0).
-    #[arg(long, value_delimiter = ',', value_name = "PROBABILITY")]
-    noise: Vec<f64>,
-    /// The maximum delay of a message, in rounds (0).
-    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
-    max_delay: Vec<i64>,
+    #[command(flatten)]
+    settings: Axes,
     /// A prompt template for models instead of the server's own; docs/play/prompts.md.
     #[arg(long, value_name = "FILE")]
     prompt_template: Option<PathBuf>,
@@ -144,20 +119,7 @@ fn list<T>(values: Vec<T>) -> Option<List<T>> {
 impl Args {
     /// The options of the command line.
     fn said(&mut self) -> Experiment {
-        let Games {
-            task,
-            seeds,
-            rules,
-            control,
-            map_size,
-            num_agents,
-            view_size,
-            memory,
-            max_round,
-            noise,
-            max_delay,
-            prompt_template,
-        } = &mut self.games;
+        let Games { task, seeds, settings, prompt_template } = &mut self.games;
         let models = std::mem::take(&mut self.who.model);
         Experiment {
             tasks: taken(task),
@@ -167,17 +129,9 @@ impl Args {
             player_seed: self.who.player_seed,
             prompt_template: prompt_template.take(),
             settings: Axes {
-                rules: taken(rules),
-                control: taken(control),
-                map_size: taken(map_size),
-                num_agents: taken(num_agents),
-                view_size: taken(view_size),
-                memory: taken(memory),
-                max_round: taken(max_round),
-                noise: taken(noise),
-                max_delay: taken(max_delay),
-                temperature: taken(&mut self.asking.temperature),
-                top_p: taken(&mut self.asking.top_p),
+                temperature: std::mem::take(&mut self.asking.temperature),
+                top_p: std::mem::take(&mut self.asking.top_p),
+                ..std::mem::take(settings)
             },
             parallel: self.hosting.parallel,
             board: self.showing.board.map(Into::into),

@@ -4,6 +4,7 @@ use axum::extract::State;
 use axum::response::Response;
 use jiff::Timestamp;
 use serde_json::json;
+use swarmbench_engine::Settings;
 
 use super::super::App;
 use super::super::answer;
@@ -124,7 +125,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         tasks: suite.tasks.unwrap_or_else(all_tasks),
         seeds: suite.seeds.unwrap_or(5),
         rules: suite.rules.unwrap_or_else(|| "paper".to_owned()),
-        settings: settings(suite.settings.unwrap_or_default(), millis(deadline), millis(bank)),
+        settings: settings(&suite.settings.unwrap_or_default(), millis(deadline), millis(bank)),
         idle_timeout_ms: millis(idle),
         opens_at,
         closes_at,
@@ -142,20 +143,11 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
     problems.none_or(Some(definition))
 }
 
-fn settings(asked: SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSettings {
-    let usual = SuiteSettings::default();
+fn settings(asked: &SealedSettings, deadline_ms: u64, bank_ms: u64) -> SuiteSettings {
     SuiteSettings {
-        control: asked.control.unwrap_or(usual.control),
-        num_agents: asked.num_agents.unwrap_or(usual.num_agents),
-        width: asked.width.unwrap_or(usual.width),
-        height: asked.height.unwrap_or(usual.height),
-        view_size: asked.view_size.unwrap_or(usual.view_size),
-        memory: asked.memory.unwrap_or(usual.memory),
-        max_round: asked.max_round.unwrap_or(usual.max_round),
-        noise: asked.noise.unwrap_or(usual.noise),
-        max_delay: asked.max_delay.unwrap_or(usual.max_delay),
         round_deadline_ms: Some(deadline_ms),
         bank_ms,
+        ..SuiteSettings::from(&asked.over(Settings::default()))
     }
 }
 

@@ -148,20 +148,12 @@ fn created(handle: &Handle, tokens: &Tokens, shows_seed: bool) -> Response {
 /// Validates the request; all errors are reported at once.
 fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     let mut problems = Problems::default();
-    let defaults = Settings::default();
+    let usual = Settings::default();
     let settings = Settings {
         task: request.task.clone().unwrap_or_default(),
-        rules: request.rules.unwrap_or(defaults.rules),
-        control: request.control.unwrap_or(defaults.control),
+        rules: request.rules.clone().unwrap_or_else(|| usual.rules.clone()),
         seed: request.seed.unwrap_or_else(|| drawn_seed(app)),
-        num_agents: request.num_agents.unwrap_or(defaults.num_agents),
-        width: request.width.unwrap_or(defaults.width),
-        height: request.height.unwrap_or(defaults.height),
-        view_size: request.view_size.unwrap_or(defaults.view_size),
-        memory: request.memory.unwrap_or(defaults.memory),
-        max_round: request.max_round.unwrap_or(defaults.max_round),
-        noise: request.noise.unwrap_or(defaults.noise),
-        max_delay: request.max_delay.unwrap_or(defaults.max_delay),
+        ..request.over(usual)
     };
     let checked = if request.task.is_some() {
         Config::check(&settings).map_err(|errors| {

@@ -170,15 +170,6 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
         task: settings.task,
         seed: u64::try_from(settings.seed).ok().filter(|_| with_seed),
         rules: settings.rules,
-        num_agents: spec.config.num_agents(),
-        width: settings.width,
-        height: settings.height,
-        view_size: settings.view_size,
-        memory: settings.memory,
-        max_round: spec.config.max_round(),
-        control: settings.control,
-        noise: settings.noise,
-        max_delay: settings.max_delay,
         round_deadline_s: spec.round_deadline.map(Seconds::of),
         bank_s: Seconds::of(spec.bank),
         start: if spec.manual_start { "manual" } else { "now" }.to_owned(),
@@ -191,5 +182,6 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
         fill_after_s: spec.fill_after.map(Seconds::of),
         fill_with: spec.fill_with.clone(),
         player: spec.player.clone(),
+        ..EpisodeConfig::from(&*spec.config)
     }
 }

@@ -8,7 +8,7 @@ use super::App;
 use super::auth::Caller;
 use super::error::ApiError;
 use crate::store::imports::StoredImport;
-use crate::wire::import::{ImportConfig, ImportSummary};
+use crate::wire::import::ImportSummary;
 
 impl App {
     /// An imported game. They are public like episodes that have ended.
@@ -23,7 +23,6 @@ impl App {
 
 impl From<StoredImport> for ImportSummary {
     fn from(stored: StoredImport) -> Self {
-        let settings = stored.settings;
         Self {
             id: stored.id,
             run_id: stored.run_id,
@@ -34,18 +33,7 @@ impl From<StoredImport> for ImportSummary {
             score: stored.score,
             rounds: stored.rounds,
             acts: stored.acts,
-            settings: ImportConfig {
-                num_agents: settings.num_agents,
-                max_round: settings.max_round,
-                width: settings.width,
-                height: settings.height,
-                view_size: settings.view_size,
-                rules: settings.rules,
-                control: settings.control,
-                memory: settings.memory,
-                noise: settings.noise,
-                max_delay: settings.max_delay,
-            },
+            settings: stored.settings,
             imported_at: stored.imported_at,
         }
     }

@@ -154,7 +154,6 @@ const COMPETITION_PREFIX: &str = "cmp_";
 
 fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> Option<Suite> {
     let OwnSuite { name, tasks, seeds, settings } = own;
-    let settings = settings.unwrap_or_default();
     problems.text("suite.name", &name, app.limits.suite_name_chars_max);
     if Suite::BUILT_IN.contains(&name.as_str()) {
         problems.refuse("suite.name", "is that of a built-in suite; choose another");
@@ -187,19 +186,7 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
         problems.refuse("suite.seeds", "must be from 0 to 9007199254740991");
         return None;
     };
-    let usual = SuiteSettings::default();
-    let settings = SuiteSettings {
-        control: settings.control.unwrap_or(usual.control),
-        num_agents: settings.num_agents.unwrap_or(usual.num_agents),
-        width: settings.width.unwrap_or(usual.width),
-        height: settings.height.unwrap_or(usual.height),
-        view_size: settings.view_size.unwrap_or(usual.view_size),
-        memory: settings.memory.unwrap_or(usual.memory),
-        max_round: settings.max_round.unwrap_or(usual.max_round),
-        noise: settings.noise.unwrap_or(usual.noise),
-        max_delay: settings.max_delay.unwrap_or(usual.max_delay),
-        ..usual
-    };
+    let settings = SuiteSettings::from(&settings.unwrap_or_default().over(Settings::default()));
     (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
 }
 

@@ -22,9 +22,10 @@ use swarmbench::run::new_id;
 use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::store::entries::{Entry, Holder, RunRow};
-use swarmbench::store::imports::{ImportRow, ImportSettings};
+use swarmbench::store::imports::ImportRow;
 use swarmbench::work::Workers;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
+use swarmbench_protocol::import::ImportConfig;
 
 use crate::app::TestApp;
 use crate::game;
@@ -213,7 +214,7 @@ impl Offline {
             model: model.to_owned(),
             task: "Synchronization".to_owned(),
             seed,
-            settings: ImportSettings {
+            settings: ImportConfig {
                 num_agents: 1,
                 max_round: ROUNDS,
                 width: 10,
@@ -353,16 +354,8 @@ fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
     let checked = Config::check(&Settings {
         task: task.to_owned(),
         rules: suite.rules.clone(),
-        control: settings.control,
         seed: i64::try_from(seed).expect("a seed"),
-        num_agents: settings.num_agents,
-        width: settings.width,
-        height: settings.height,
-        view_size: settings.view_size,
-        memory: settings.memory,
-        max_round: settings.max_round,
-        noise: settings.noise,
-        max_delay: settings.max_delay,
+        ..Settings::from(&settings)
     });
     Spec {
         round_deadline: settings.round_deadline_ms.map(Duration::from_millis),

@@ -288,20 +288,10 @@ impl Definition {
 
     /// The settings of a game of a task, but for its seed.
     fn settings_of(&self, task: &str) -> Settings {
-        let settings = &self.settings;
         Settings {
             task: task.to_owned(),
             rules: self.rules.clone(),
-            control: settings.control.clone(),
-            seed: 0,
-            num_agents: settings.num_agents,
-            width: settings.width,
-            height: settings.height,
-            view_size: settings.view_size,
-            memory: settings.memory,
-            max_round: settings.max_round,
-            noise: settings.noise,
-            max_delay: settings.max_delay,
+            ..Settings::from(&self.settings)
         }
     }
 

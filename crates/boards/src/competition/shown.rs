@@ -1,6 +1,7 @@
 //! What everybody sees of a competition, in the shapes of the wire.
 
 use jiff::Timestamp;
+use swarmbench_engine::Settings;
 use swarmbench_protocol::Seconds;
 use swarmbench_protocol::competition::{
     AttemptWindow, Clocks, Competition, CompetitionRow, EntrantSummary, SealedSettings,
@@ -47,17 +48,7 @@ pub fn competition(
             tasks: Some(definition.tasks.clone()),
             seeds: Some(definition.seeds),
             rules: Some(definition.rules.clone()),
-            settings: Some(SealedSettings {
-                control: Some(settings.control.clone()),
-                num_agents: Some(settings.num_agents),
-                width: Some(settings.width),
-                height: Some(settings.height),
-                view_size: Some(settings.view_size),
-                memory: Some(settings.memory),
-                max_round: Some(settings.max_round),
-                noise: Some(settings.noise),
-                max_delay: Some(settings.max_delay),
-            }),
+            settings: Some(SealedSettings::from(&Settings::from(settings))),
         },
         clocks: Clocks {
             round_deadline_s: settings.round_deadline_ms.map(seconds),

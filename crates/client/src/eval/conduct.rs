@@ -10,13 +10,14 @@ use serde_json::{Map, Value, json};
 use tokio_util::sync::CancellationToken;
 
 use super::conversation::Conversation;
-use super::plan::{AXES, META, Planned, Who, ranges};
+use super::plan::{META, Planned, Who, axes, ranges, value};
 use super::stop_reason::StopReason;
 use crate::client::{Client, ClientError};
 use crate::drive::{DriveError, End, Note, Swarm, drive};
 use crate::llm::Model;
 use crate::play::{BuiltIns, GameParams};
 use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_engine::Settings;
 use swarmbench_protocol::act::{Receipt, SwarmAct};
 use swarmbench_protocol::observation::Observation;
 use swarmbench_protocol::run::{RunDetail, RunList, RunSummary};
@@ -211,23 +212,8 @@ fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReas
 
 /// In what a run is another than the planned one, in words.
 fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
-    let settings = &run.suite.settings;
-    let size = super::experiment::MapSize { width: settings.width, height: settings.height };
-    let number = |value: Option<f64>| value.map(|value| value.to_string());
-    let was = |axis: &str| match axis {
-        "rules" => Some(run.suite.rules.clone()),
-        "control" => Some(settings.control.clone()),
-        "map_size" => Some(size.to_string()),
-        "num_agents" => Some(settings.num_agents.to_string()),
-        "view_size" => Some(settings.view_size.to_string()),
-        "memory" => Some(settings.memory.to_string()),
-        "max_round" => Some(settings.max_round.to_string()),
-        "noise" => Some(settings.noise.to_string()),
-        "max_delay" => Some(settings.max_delay.to_string()),
-        "temperature" => number(run.temperature),
-        "top_p" => number(run.top_p),
-        _ => None,
-    };
+    let settings = Settings::from(&run.suite.settings);
+    let was = |axis| value(axis, &run.suite.rules, &settings, [run.temperature, run.top_p]);
     let said = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
     let mut found = Vec::new();
     let mut compare = |what: &str, was: Option<String>, is: Option<String>| {
@@ -237,7 +223,7 @@ fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     };
     compare("tasks", Some(run.suite.tasks.join(" + ")), Some(planned.suite.tasks.join(" + ")));
     compare("seeds", run.suite.seeds.as_deref().map(ranges), Some(ranges(&planned.suite.seeds)));
-    for axis in AXES {
+    for axis in axes() {
         compare(axis, was(axis), planned.setting(axis));
     }
     let template = planned.template.as_deref().map(digest_of_template);

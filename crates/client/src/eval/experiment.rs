@@ -1,5 +1,6 @@
 //! An experiment: lists of models, tasks, seeds and settings, as a file has them.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
 use std::path::PathBuf;
@@ -7,8 +8,8 @@ use std::str::FromStr;
 
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::{Map, Value};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value, json};
 
 /// An experiment, as a file of it or a command line tells it. What is left out has a default, and what both tell is as
 /// the command line has it.
@@ -54,43 +55,71 @@ pub struct Experiment {
 }
 
 /// Lists of settings, which multiply. What is left out is as in the standard setting.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields)]
-#[expect(missing_docs, reason = "the names are those of a run, described in docs/protocol.md")]
 pub struct Axes {
-    pub rules: Option<List<String>>,
-    pub control: Option<List<String>>,
-    /// Rows and columns of the map: a number for a square one, or `WIDTHxHEIGHT`.
-    pub map_size: Option<List<MapSize>>,
-    pub num_agents: Option<List<i64>>,
-    pub view_size: Option<List<i64>>,
-    pub memory: Option<List<i64>>,
-    pub max_round: Option<List<i64>>,
-    pub noise: Option<List<f64>>,
-    pub max_delay: Option<List<i64>>,
+    /// Rule sets: paper, reference (paper).
+    #[arg(long, value_delimiter = ',')]
+    #[serde(deserialize_with = "list")]
+    pub rules: Vec<String>,
+    /// decentralized, centralized (decentralized).
+    #[arg(long, value_delimiter = ',')]
+    #[serde(deserialize_with = "list")]
+    pub control: Vec<String>,
+    /// Cells of a map: 15 is 15 × 15, 20x15 is 20 columns and 15 rows (10).
+    #[arg(long, value_delimiter = ',', value_name = "SIZE")]
+    #[serde(deserialize_with = "list")]
+    pub map_size: Vec<MapSize>,
+    /// How many agents play (12).
+    #[arg(long, value_delimiter = ',', value_name = "N")]
+    #[serde(deserialize_with = "list")]
+    pub num_agents: Vec<i64>,
+    /// Rows and columns of an agent's window (5).
+    #[arg(long, value_delimiter = ',', value_name = "CELLS")]
+    #[serde(deserialize_with = "list")]
+    pub view_size: Vec<i64>,
+    /// How many earlier rounds an agent remembers (5).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    #[serde(deserialize_with = "list")]
+    pub memory: Vec<i64>,
+    /// The maximum number of rounds of a game (100).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    #[serde(deserialize_with = "list")]
+    pub max_round: Vec<i64>,
+    /// The probability with which a message is corrupted (0).
+    #[arg(long, value_delimiter = ',', value_name = "PROBABILITY")]
+    #[serde(deserialize_with = "list")]
+    pub noise: Vec<f64>,
+    /// The maximum delay of a message, in rounds (0).
+    #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
+    #[serde(deserialize_with = "list")]
+    pub max_delay: Vec<i64>,
     /// Of models alone.
-    pub temperature: Option<List<f64>>,
+    #[arg(skip)]
+    #[serde(deserialize_with = "list")]
+    pub temperature: Vec<f64>,
     /// Of models alone.
-    pub top_p: Option<List<f64>>,
+    #[arg(skip)]
+    #[serde(deserialize_with = "list")]
+    pub top_p: Vec<f64>,
 }
 
 impl Axes {
     /// These, and what they leave out as in `base`.
     #[must_use]
     pub fn over(self, base: &Self) -> Self {
-        Self {
-            rules: self.rules.or_else(|| base.rules.clone()),
-            control: self.control.or_else(|| base.control.clone()),
-            map_size: self.map_size.or_else(|| base.map_size.clone()),
-            num_agents: self.num_agents.or_else(|| base.num_agents.clone()),
-            view_size: self.view_size.or_else(|| base.view_size.clone()),
-            memory: self.memory.or_else(|| base.memory.clone()),
-            max_round: self.max_round.or_else(|| base.max_round.clone()),
-            noise: self.noise.or_else(|| base.noise.clone()),
-            max_delay: self.max_delay.or_else(|| base.max_delay.clone()),
-            temperature: self.temperature.or_else(|| base.temperature.clone()),
-            top_p: self.top_p.or_else(|| base.top_p.clone()),
-        }
+        let mut all = base.lists();
+        all.extend(self.lists());
+        Self::deserialize(json!(all)).expect("these are lists of axes")
+    }
+
+    /// The lists that are given, by the names of their axes.
+    #[must_use]
+    pub fn lists(&self) -> BTreeMap<String, Vec<Value>> {
+        let mut lists: BTreeMap<_, Vec<Value>> =
+            serde_json::from_value(json!(self)).expect("every axis is a list");
+        lists.retain(|_, values| !values.is_empty());
+        lists
     }
 }
 
@@ -221,6 +250,10 @@ impl<'de, T: Item<'de>> Deserialize<'de> for List<T> {
         }
         deserializer.deserialize_any(OneOrMany(PhantomData))
     }
+}
+
+fn list<'de, D: Deserializer<'de>, T: Item<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+    List::deserialize(deserializer).map(|List(values)| values)
 }
 
 /// What a list may be of.
@@ -380,7 +413,7 @@ impl<'de> Item<'de> for Seeds {
 }
 
 /// Columns and rows of a map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapSize {
     /// Columns.
     pub width: i64,
@@ -405,6 +438,12 @@ impl FromStr for MapSize {
 impl fmt::Display for MapSize {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+impl Serialize for MapSize {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 

@@ -6,13 +6,13 @@ use std::fmt;
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{Config, TaskName};
+use swarmbench_engine::{Config, Settings, TaskName};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
 use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_protocol::suite::Suite;
 use swarmbench_protocol::suite::digest_of_template;
-use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";
@@ -110,19 +110,29 @@ pub struct Planned {
 }
 
 /// The names of all settings that can be varied, in the order in which they multiply.
-pub const AXES: [&str; 11] = [
-    "rules",
-    "control",
-    "map_size",
-    "num_agents",
-    "view_size",
-    "memory",
-    "max_round",
-    "noise",
-    "max_delay",
-    "temperature",
-    "top_p",
-];
+pub fn axes() -> impl Iterator<Item = &'static str> {
+    let first = ["rules", "control", "map_size"];
+    let others = Settings::NAMES.iter().copied();
+    let others = others.filter(|name| !["control", "width", "height"].contains(name));
+    first.into_iter().chain(others).chain(["temperature", "top_p"])
+}
+
+/// The value of one of [`axes`] in a run by these rules and settings, at this temperature and `top_p`; none where it has
+/// none.
+pub(super) fn value(
+    axis: &str,
+    rules: &str,
+    settings: &Settings,
+    [temperature, top_p]: [Option<f64>; 2],
+) -> Option<String> {
+    match axis {
+        "rules" => Some(rules.to_owned()),
+        "map_size" => Some(MapSize { width: settings.width, height: settings.height }.to_string()),
+        "temperature" => temperature.map(|value| value.to_string()),
+        "top_p" => top_p.map(|value| value.to_string()),
+        name => settings.get(name),
+    }
+}
 
 impl Planned {
     /// The player, as boards name it.
@@ -139,29 +149,18 @@ impl Planned {
         self.suite.tasks.iter().filter_map(|task| TaskName::parse(task))
     }
 
-    /// The value of one of [`AXES`]; none where it has none.
+    /// The value of one of [`axes`]; none where it has none.
     #[must_use]
     pub fn setting(&self, axis: &str) -> Option<String> {
         let Suite { rules, settings, .. } = &self.suite;
-        let (temperature, top_p) = match &self.who {
-            Who::Model(model) => (model.temperature, model.top_p),
-            Who::Player(_) => (None, None),
-        };
-        match axis {
-            "rules" => Some(rules.clone()),
-            "control" => Some(settings.control.clone()),
-            "map_size" => {
-                Some(MapSize { width: settings.width, height: settings.height }.to_string())
-            }
-            "num_agents" => Some(settings.num_agents.to_string()),
-            "view_size" => Some(settings.view_size.to_string()),
-            "memory" => Some(settings.memory.to_string()),
-            "max_round" => Some(settings.max_round.to_string()),
-            "noise" => Some(settings.noise.to_string()),
-            "max_delay" => Some(settings.max_delay.to_string()),
-            "temperature" => temperature.map(|value| value.to_string()),
-            "top_p" => top_p.map(|value| value.to_string()),
-            _ => None,
+        value(axis, rules, &settings.into(), self.sampling())
+    }
+
+    /// The temperature and `top_p` of a model.
+    fn sampling(&self) -> [Option<f64>; 2] {
+        match &self.who {
+            Who::Model(model) => [model.temperature, model.top_p],
+            Who::Player(_) => [None, None],
         }
     }
 
@@ -197,11 +196,8 @@ impl Planned {
     /// endpoint is, how much is done at once and what may be spent are not in it.
     #[must_use]
     pub fn identity(&self) -> String {
-        let sampling = match &self.who {
-            Who::Model(model) => (model.temperature, model.top_p),
-            Who::Player(_) => (None, None),
-        };
-        let text = json!([FORMAT, self.name(), self.suite, sampling, self.template, self.meta()]);
+        let text =
+            json!([FORMAT, self.name(), self.suite, self.sampling(), self.template, self.meta()]);
         data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
     }
 
@@ -217,23 +213,10 @@ impl Planned {
                 name: name.clone(),
                 tasks: Some(tasks.clone()),
                 seeds: seeds.iter().map(seed).collect(),
-                settings: Some(OwnSettings {
-                    control: Some(settings.control.clone()),
-                    num_agents: Some(settings.num_agents),
-                    width: Some(settings.width),
-                    height: Some(settings.height),
-                    view_size: Some(settings.view_size),
-                    memory: Some(settings.memory),
-                    max_round: Some(settings.max_round),
-                    noise: Some(settings.noise),
-                    max_delay: Some(settings.max_delay),
-                }),
+                settings: Some(OwnSettings::from(&Settings::from(settings))),
             }))
         };
-        let (temperature, top_p) = match &self.who {
-            Who::Model(model) => (model.temperature, model.top_p),
-            Who::Player(_) => (None, None),
-        };
+        let [temperature, top_p] = self.sampling();
         let mut eval = self.meta();
         eval.insert("identity".to_owned(), json!(self.identity()));
         let mut meta = Map::new();
@@ -354,7 +337,7 @@ impl Plan {
             name: experiment.name.clone().unwrap_or_else(|| "evaluation".to_owned()),
             description: experiment.description.clone(),
             tasks: TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect(),
-            varied: AXES.into_iter().filter(is_varied).collect(),
+            varied: axes().filter(is_varied).collect(),
             shape: experiment.board.unwrap_or_default(),
             runs,
         })
@@ -379,7 +362,7 @@ impl Plan {
             is_replay: false,
         };
         let run = &self.runs[0];
-        let shared = AXES.into_iter().filter(|axis| !self.varied.contains(axis));
+        let shared = axes().filter(|axis| !self.varied.contains(axis));
         let told = shared.filter(|axis| run.setting(axis) != usual.setting(axis));
         told.filter_map(|axis| Some((axis, run.setting(axis)?))).collect()
     }
@@ -421,8 +404,11 @@ fn seeds(asked: Option<&List<Seeds>>) -> Vec<u64> {
     }
 }
 
-/// All combinations of settings: a suite without tasks, seeds and name, and how models draw.
-fn combinations(experiment: &Experiment) -> Vec<(Suite, Option<f64>, Option<f64>)> {
+/// Settings of a run: a suite without tasks, seeds and name, and the temperature and `top_p` of models.
+type Combination = (Suite, Option<f64>, Option<f64>);
+
+/// All combinations of settings.
+fn combinations(experiment: &Experiment) -> Vec<Combination> {
     let groups = match experiment.vary.as_slice() {
         [] => vec![experiment.settings.clone()],
         groups => groups.iter().map(|group| group.clone().over(&experiment.settings)).collect(),
@@ -431,36 +417,38 @@ fn combinations(experiment: &Experiment) -> Vec<(Suite, Option<f64>, Option<f64>
 }
 
 /// The combinations of one group.
-fn multiply(axes: &Axes) -> Vec<(Suite, Option<f64>, Option<f64>)> {
-    type Combination = (Suite, Option<f64>, Option<f64>);
-    fn by<T: Clone>(
-        all: Vec<Combination>,
-        values: Option<&List<T>>,
-        set: impl Fn(&mut Combination, T),
-    ) -> Vec<Combination> {
-        let Some(List(values)) = values else { return all };
-        let with = |base: &Combination, value: &T| {
-            let mut one = base.clone();
-            set(&mut one, value.clone());
-            one
-        };
-        all.iter().flat_map(|base| values.iter().map(move |value| with(base, value))).collect()
+fn multiply(group: &Axes) -> Vec<Combination> {
+    let lists = group.lists();
+    let given = axes().filter_map(|axis| Some((axis, lists.get(axis)?)));
+    given.fold(vec![(standard(), None, None)], |all, (axis, values)| {
+        all.iter()
+            .flat_map(|base| values.iter().map(move |value| with(base.clone(), axis, value)))
+            .collect()
+    })
+}
+
+/// A combination with this value on an axis.
+fn with(
+    (mut suite, mut temperature, mut top_p): Combination,
+    axis: &str,
+    value: &Value,
+) -> Combination {
+    let text = || value.as_str().expect("a text");
+    let mut set = |asked: Value| {
+        let asked: OwnSettings = serde_json::from_value(asked).expect("an axis is a setting");
+        suite.settings = (&asked.over((&suite.settings).into())).into();
+    };
+    match axis {
+        "rules" => text().clone_into(&mut suite.rules),
+        "map_size" => {
+            let MapSize { width, height } = text().parse().expect("the size of a map");
+            set(json!({ "width": width, "height": height }));
+        }
+        "temperature" => temperature = value.as_f64(),
+        "top_p" => top_p = value.as_f64(),
+        setting => set(json!({ setting: value })),
     }
-    let all = vec![(standard(), None, None)];
-    let all = by(all, axes.rules.as_ref(), |one, value| one.0.rules = value);
-    let all = by(all, axes.control.as_ref(), |one, value| one.0.settings.control = value);
-    let all = by(all, axes.map_size.as_ref(), |one, MapSize { width, height }| {
-        one.0.settings.width = width;
-        one.0.settings.height = height;
-    });
-    let all = by(all, axes.num_agents.as_ref(), |one, value| one.0.settings.num_agents = value);
-    let all = by(all, axes.view_size.as_ref(), |one, value| one.0.settings.view_size = value);
-    let all = by(all, axes.memory.as_ref(), |one, value| one.0.settings.memory = value);
-    let all = by(all, axes.max_round.as_ref(), |one, value| one.0.settings.max_round = value);
-    let all = by(all, axes.noise.as_ref(), |one, value| one.0.settings.noise = value);
-    let all = by(all, axes.max_delay.as_ref(), |one, value| one.0.settings.max_delay = value);
-    let all = by(all, axes.temperature.as_ref(), |one, value| one.1 = Some(value));
-    by(all, axes.top_p.as_ref(), |one, value| one.2 = Some(value))
+    (suite, temperature, top_p)
 }
 
 /// The suite of these tasks and seeds, under a name that follows from what it is: runs of the same suite are on the same
@@ -484,9 +472,12 @@ fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
     if suite.seeds != usual.seeds {
         parts.push(format!("seeds {}", ranges(seeds)));
     }
-    let (is, was) = (settings(&suite.settings), settings(&usual.settings));
-    for ((name, value), (_, usual)) in is.iter().zip(&was) {
-        if value != usual {
+    let (is, was) = (Settings::from(&suite.settings), Settings::from(&usual.settings));
+    let mut names = Settings::NAMES.to_vec();
+    // Names of suites have always had the size of the map before the number of agents.
+    names.sort_by_key(|name| !["control", "width", "height"].contains(name));
+    for name in names {
+        if let (Some(value), true) = (is.get(name), is.get(name) != was.get(name)) {
             parts.push(format!("{name} {value}"));
         }
     }
@@ -497,20 +488,6 @@ fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
         name
     };
     suite
-}
-
-fn settings(settings: &SuiteSettings) -> [(&'static str, String); 9] {
-    [
-        ("control", settings.control.clone()),
-        ("width", settings.width.to_string()),
-        ("height", settings.height.to_string()),
-        ("num_agents", settings.num_agents.to_string()),
-        ("view_size", settings.view_size.to_string()),
-        ("memory", settings.memory.to_string()),
-        ("max_round", settings.max_round.to_string()),
-        ("noise", settings.noise.to_string()),
-        ("max_delay", settings.max_delay.to_string()),
-    ]
 }
 
 /// Seeds in short: what follows one another as a range.
@@ -606,10 +583,9 @@ impl Problems {
 
     /// Models that a board would show as one, though they are not: one would be taken for the other, or never played.
     fn namesakes(&mut self, runs: &[Planned]) {
-        let mut known: BTreeMap<(String, String, [Option<String>; AXES.len()]), &Who> =
-            BTreeMap::new();
+        let mut known: BTreeMap<(String, String, Vec<Option<String>>), &Who> = BTreeMap::new();
         for run in runs {
-            let settings = AXES.map(|axis| run.setting(axis));
+            let settings = axes().map(|axis| run.setting(axis)).collect();
             let first = known.entry((run.name(), run.suite.name.clone(), settings));
             if *first.or_insert(&run.who) != &run.who {
                 self.tell(format!(

@@ -42,7 +42,6 @@ prop_compose! {
     ) -> Settings {
         let height = if rules == RuleSet::Reference { width } else { height };
         Settings {
-            task: task.name().to_owned(),
             rules: rules.name().to_owned(),
             control: control.name().to_owned(),
             seed,
@@ -54,6 +53,7 @@ prop_compose! {
             max_round: 25,
             noise,
             max_delay,
+            ..Settings::standard(task, 0)
         }
     }
 }

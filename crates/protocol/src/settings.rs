@@ -1,0 +1,168 @@
+//! The settings of a game, as fields of several structs.
+
+/// Defines a struct with the settings of `swarmbench_engine::for_each_setting` in the place of `..settings`, and its
+/// conversions. It is written as any other struct, after one of these words:
+///
+/// - `partial`: each setting is an `Option`, none where it was left out. `over(usual)` fills them in; from [`Settings`].
+/// - `complete`: unchecked values of all settings. From [`Settings`] and back.
+/// - `checked`: the types of checked settings. From a [`Config`], and back to [`Settings`].
+///
+/// Where a struct is made from settings, its other fields have their defaults. It has a field `control`, optional in
+/// partial structs; where the wire has it after `max_round`, it is written `..settings { pub control: String }`.
+///
+/// [`Config`]: swarmbench_engine::Config
+/// [`Settings`]: swarmbench_engine::Settings
+#[macro_export]
+macro_rules! game_settings {
+    (
+        $form:ident
+        $(#[$meta:meta])*
+        pub struct $name:ident {
+            $($(#[$before_meta:meta])* pub $before:ident: $before_type:ty,)*
+            ..settings $({ $(#[$inner_meta:meta])* pub $inner:ident: $inner_type:ty })?,
+            $($(#[$after_meta:meta])* pub $after:ident: $after_type:ty,)*
+        }
+    ) => {
+        swarmbench_engine::for_each_setting! {
+            $crate::game_settings,
+            {
+                $form $name { $(#[$meta])* }
+                { $($(#[$before_meta])* pub $before: $before_type,)* }
+                { $($(#[$after_meta])* pub $after: $after_type,)* }
+                { $($before)* $($inner)? $($after)* }
+            },
+            { $($(#[$inner_meta])* pub $inner: $inner_type,)? }
+        }
+    };
+
+    (
+        {
+            partial $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* } { $($other:ident)* }
+        }
+        $([$(
+            $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+            $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+        )*] { $($inner:tt)* })*
+    ) => {
+        $($meta)*
+        pub struct $name {
+            $($before)*
+            $(
+                $(
+                    $(#[doc = $doc])*
+                    #[cfg_attr(feature = "openapi", schema(default = $usual, minimum = $least, maximum = $most))]
+                    #[serde(skip_serializing_if = "Option::is_none")]
+                    pub $setting: Option<$asked>,
+                )*
+                $($inner)*
+            )*
+            $($after)*
+        }
+
+        impl $name {
+            /// These settings, and those that were left out as in `usual`.
+            #[must_use]
+            pub fn over(&self, usual: swarmbench_engine::Settings) -> swarmbench_engine::Settings {
+                swarmbench_engine::Settings {
+                    control: self.control.clone().unwrap_or(usual.control),
+                    $($($setting: self.$setting.unwrap_or(usual.$setting),)*)*
+                    ..usual
+                }
+            }
+        }
+
+        impl From<&swarmbench_engine::Settings> for $name {
+            fn from(settings: &swarmbench_engine::Settings) -> Self {
+                let mut all = Self {
+                    $($other: Default::default(),)*
+                    $($($setting: Some(settings.$setting),)*)*
+                };
+                all.control = Some(settings.control.clone());
+                all
+            }
+        }
+    };
+
+    (
+        {
+            complete $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* } { $($other:ident)* }
+        }
+        $([$(
+            $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+            $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+        )*] { $($inner:tt)* })*
+    ) => {
+        $($meta)*
+        pub struct $name {
+            $($before)*
+            $(
+                $($(#[doc = $doc])* $(#[serde $later])? pub $setting: $asked,)*
+                $($inner)*
+            )*
+            $($after)*
+        }
+
+        impl From<&swarmbench_engine::Settings> for $name {
+            fn from(settings: &swarmbench_engine::Settings) -> Self {
+                let mut all = Self {
+                    $($other: Default::default(),)*
+                    $($($setting: settings.$setting,)*)*
+                };
+                all.control = settings.control.clone();
+                all
+            }
+        }
+
+        impl From<&$name> for swarmbench_engine::Settings {
+            fn from(from: &$name) -> Self {
+                Self {
+                    control: from.control.clone(),
+                    $($($setting: from.$setting,)*)*
+                    ..Self::default()
+                }
+            }
+        }
+    };
+
+    (
+        {
+            checked $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* } { $($other:ident)* }
+        }
+        $([$(
+            $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+            $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+        )*] { $($inner:tt)* })*
+    ) => {
+        $($meta)*
+        pub struct $name {
+            $($before)*
+            $(
+                $($(#[doc = $doc])* $(#[serde $later])? pub $setting: $checked,)*
+                $($inner)*
+            )*
+            $($after)*
+        }
+
+        impl From<&swarmbench_engine::Config> for $name {
+            fn from(config: &swarmbench_engine::Config) -> Self {
+                let settings = config.settings();
+                let mut all = Self {
+                    $($other: Default::default(),)*
+                    $($($setting: settings.$setting.try_into().expect("it was checked"),)*)*
+                };
+                all.control = settings.control;
+                all
+            }
+        }
+
+        impl From<&$name> for swarmbench_engine::Settings {
+            fn from(from: &$name) -> Self {
+                Self {
+                    control: from.control.clone(),
+                    $($($setting: from.$setting.into(),)*)*
+                    ..Self::default()
+                }
+            }
+        }
+    };
+}
