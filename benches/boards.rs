@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Map;
-use swarmbench::clock::{Clock, Entropy, SeededEntropy, SystemClock};
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::Registry;
 use swarmbench::episode::spec::{Spec, Visibility};
@@ -20,19 +19,19 @@ use swarmbench::host::{Disk, ManualDisk};
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{Access, App, Foundation, router, serve::serve};
 use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey};
-use swarmbench::journal::Tally;
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{End, RawRecord, Record};
-use swarmbench::loadtest::latencies::Latencies;
-use swarmbench::prompt;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::manager::{self, Runs};
 use swarmbench::run::new_id;
-use swarmbench::run::suite::Suite;
 use swarmbench::store::Store;
 use swarmbench::store::entries::{EndRow, Entry, OpeningRow, RunRow};
 use swarmbench::work::Workers;
+use swarmbench_clock::{Clock, Entropy, SeededEntropy, SystemClock};
 use swarmbench_engine::{Config, Settings, World};
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{End, RawRecord, Record};
+use swarmbench_loadtest::latencies::Latencies;
+use swarmbench_protocol::suite::Suite;
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -100,7 +99,7 @@ async fn main() {
         rates.push(format!("{rate:.0}"));
         ending.store(false, Ordering::Relaxed);
         made = writer.await.expect("no panic");
-        let show = |spread: &swarmbench::loadtest::latencies::Spread| {
+        let show = |spread: &swarmbench_loadtest::latencies::Spread| {
             format!("{:.1} ms | {:.1} ms | {:.1} ms", spread.p50_ms, spread.p99_ms, spread.max_ms)
         };
         println!("| {name} | {} | {} |", show(&alone.spread()), show(&busy.spread()));
@@ -261,7 +260,7 @@ impl Made {
         &mut self,
         run: RunKey,
         run_id: &str,
-        game: &swarmbench::run::suite::Game,
+        game: &swarmbench_protocol::suite::Game,
         model: &str,
     ) -> [Entry; 2] {
         self.episodes += 1;
@@ -279,7 +278,7 @@ impl Made {
             visibility: Visibility::Public,
             model: model.to_owned(),
             agent_meta: Map::new(),
-            prompt_template: prompt::BUILT_IN.into(),
+            prompt_template: swarmbench_prompt::BUILT_IN.into(),
             custom_template: false,
             run: Some(run_id.to_owned()),
             salt: None,

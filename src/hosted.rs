@@ -16,7 +16,6 @@ use swarmbench_players::{Player, Seat, find};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use crate::clock::after;
 use crate::episode::Status;
 use crate::episode::actor::{ActError, Handle, Host};
 use crate::episode::lockstep::Submission;
@@ -24,9 +23,10 @@ use crate::episode::recovery::RecoveryError;
 use crate::episode::replay::state_at;
 use crate::episode::spec::Spec;
 use crate::fair::{FairLimit, Party, Rank, Shares};
-use crate::journal::record::Decision;
 use crate::store::StoreError;
 use crate::work::{Cancelled, WorkError};
+use swarmbench_clock::after;
+use swarmbench_journal::record::Decision;
 
 /// Rounds of hosted games that are being decided or committed at once. Hosted games would play as fast as the disk
 /// allows; this leaves most of each commit to other players.

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
-use crate::clock::Entropy;
+use swarmbench_clock::Entropy;
 
 /// Numbers of rows in the database; short, and never shown.
 macro_rules! row_keys {
@@ -140,7 +140,7 @@ impl std::fmt::Debug for Token {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SeededEntropy;
+    use swarmbench_clock::SeededEntropy;
 
     #[test]
     fn a_token_with_any_character_changed_is_refused_unseen() {

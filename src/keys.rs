@@ -3,9 +3,9 @@
 use jiff::Timestamp;
 use swarmbench_protocol::key::KeySummary;
 
-use crate::clock::Entropy;
 use crate::ids::{Token, TokenHash, TokenKind, dated_id};
-use crate::names;
+use swarmbench_clock::Entropy;
+use swarmbench_protocol::names;
 
 /// The number of a key in the database; never shown. An episode that was created with a key belongs to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -1,19 +1,17 @@
 //! A networked evaluation server for SwarmBench: it hosts episodes, resolves their rounds when all
 //! agents have acted, and keeps everything in a journal from which any of it can be recomputed.
 //!
-//! The modules, in the order in which data flows:
+//! The modules, from what a request meets first to what all others use:
 //!
-//! - [`http`]: routes and connections; the only place that names axum. [`wire`] has the shapes of its JSON.
-//! - [`episode`]: the barrier, the actor that steps the engine, and the snapshots that readers share.
-//! - [`journal`]: the records of an episode, and how it is replayed.
+//! - [`cli`]: the commands. [`server`]: starts and stops everything below.
+//! - [`http`]: routes and connections; the only place that names axum.
+//! - [`dataset`]: the public toolkit's data format. [`standings`]: the boards of a database.
+//! - [`competitions`]: runs on seeds that are secret until the end. [`run`]: suites of games for one model.
+//! - [`hosted`]: built-in players that the server plays. [`episode`]: the barrier, the actor that steps the engine, and
+//!   the snapshots that readers share.
 //! - [`store`]: the database; the only place that names sqlx.
-//! - [`run`]: suites of games for one model. [`competition`]: runs on seeds that are secret until the end.
-//! - [`prompt`]: observations as text for language models.
-//! - [`server`]: starts and stops all of the above.
-//! - [`llm`]: requests to language models, over the network or from a cassette.
-//! - [`players`]: a client of the server that plays. [`loadtest`]: many of them at once. [`cli`]: the commands.
-//! - [`fair`], [`work`]: fair shares of scarce resources, and worker threads that use them.
-//! - [`clock`], [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.
+//! - [`fair`], [`work`], [`budget`]: fair shares of scarce resources, worker threads, memory.
+//! - [`host`], [`ids`], [`keys`], [`telemetry`]: what several modules need.
 
 #![expect(
     missing_docs,
@@ -21,17 +19,6 @@
 )]
 #![expect(clippy::missing_errors_doc, reason = "error types say what can fail")]
 #![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
-
-pub use swarmbench_boards as board;
-pub use swarmbench_boards::competition;
-pub use swarmbench_client as players;
-pub use swarmbench_client::{eval, llm};
-pub use swarmbench_clock as clock;
-pub use swarmbench_journal as journal;
-pub use swarmbench_loadtest as loadtest;
-pub use swarmbench_prompt as prompt;
-pub use swarmbench_protocol as wire;
-pub use swarmbench_protocol::names;
 
 pub mod budget;
 pub mod cli;

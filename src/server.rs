@@ -13,7 +13,6 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use crate::budget::Budget;
-use crate::clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
 use crate::competitions::closing;
 use crate::episode::actor::Spawn;
 use crate::episode::quota::Quotas;
@@ -29,6 +28,7 @@ use crate::store::port::EpisodeStore;
 use crate::store::{OpenError, Store, StoreError};
 use crate::telemetry;
 use crate::work::Workers;
+use swarmbench_clock::{BEAT, Clock, Entropy, ServerClock, SystemEntropy, after, millis};
 
 /// Pause before the server retries to recover unfinished episodes and runs.
 const RECOVERY_RETRY_PAUSE: Duration = Duration::from_secs(1);
@@ -95,7 +95,7 @@ fn within_files(limits: &Limits, files: Option<u64>) -> Limits {
 /// connections are retried only after a second.
 const ACCEPT_BACKLOG: u32 = 4096;
 
-/// Listens on an address, with room for [`ACCEPT_BACKLOG`] connections.
+/// Listens on an address, with room for `ACCEPT_BACKLOG` connections.
 pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     // The port may still have closing connections of an earlier server.

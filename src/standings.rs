@@ -7,17 +7,17 @@ use swarmbench_engine::{Settings, TaskName};
 use swarmbench_protocol::import::KnownSettings;
 use tokio::sync::Mutex;
 
-use crate::board::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
-use crate::board::cross_play::{MixedGame, Model, Setting};
-use crate::board::result::RunResult;
-use crate::board::{Decentralization, Game, Owner, Player, Run, Slot};
 use crate::ids::{EpisodeKey, RunKey};
-use crate::journal::record::{Record, RecordedConfig};
 use crate::run::definition::Definition;
-use crate::run::suite::{Suite, SuiteSettings};
 use crate::store::imports::ImportedGame;
 use crate::store::results::{BoardMixed, BoardRun, Change};
 use crate::store::{Store, StoreError};
+use swarmbench_boards::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
+use swarmbench_boards::cross_play::{MixedGame, Model, Setting};
+use swarmbench_boards::result::RunResult;
+use swarmbench_boards::{Decentralization, Game, Owner, Player, Run, Slot};
+use swarmbench_journal::record::{Record, RecordedConfig};
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// The rules by which every built-in suite can be played.
 const RULES: [&str; 2] = ["paper", "reference"];

@@ -8,11 +8,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{RawRecord, Record};
-use swarmbench::journal::replay::{Report, verify};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{RawRecord, Record};
+use swarmbench_journal::replay::{Report, verify};
 
 /// A journal that was recorded once.
 struct Golden {

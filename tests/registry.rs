@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use swarmbench::budget::{Budget, NoMemory};
-use swarmbench::clock::ManualClock;
 use swarmbench::episode::actor::{Handle, Spawn};
 use swarmbench::episode::lockstep::{Receipt, Submission};
 use swarmbench::episode::quota::{Purpose, Quotas};
@@ -19,7 +18,6 @@ use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
-use swarmbench::journal::record::{ActRecord, Decision, RawRecord, Usage};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::entries::{ActRow, Entry, Held};
 use swarmbench::store::port::{
@@ -27,7 +25,9 @@ use swarmbench::store::port::{
 };
 use swarmbench::store::{Store, StoreError};
 use swarmbench::work::Workers;
+use swarmbench_clock::ManualClock;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
+use swarmbench_journal::record::{ActRecord, Decision, RawRecord, Usage};
 use tempfile::TempDir;
 
 /// Longer than anything takes, so that a test that hangs fails.

@@ -3,7 +3,7 @@
 use super::options::ServerArgs;
 use super::output::table;
 use super::pages::{Page, pages};
-use crate::wire::competition::AuditEntry;
+use swarmbench_protocol::competition::AuditEntry;
 
 /// Entries that the server sends in one page.
 const PAGE_ENTRIES_MAX: usize = 1000;

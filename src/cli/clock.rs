@@ -4,7 +4,7 @@ use jiff::SignedDuration;
 use serde_json::json;
 
 use super::options::ServerArgs;
-use crate::wire::clock::ConfirmedClock;
+use swarmbench_protocol::clock::ConfirmedClock;
 
 #[derive(Debug, clap::Args)]
 #[command(

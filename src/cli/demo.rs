@@ -10,10 +10,10 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
 use super::play::{bar, play_one, player, request, scores};
-use crate::players::client::Client;
 use crate::server::{Parts, Server};
 use crate::telemetry::{LogFormat, start_logs};
-use crate::wire::episode::EpisodeRequest;
+use swarmbench_client::client::Client;
+use swarmbench_protocol::episode::EpisodeRequest;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {

@@ -1,6 +1,6 @@
 //! `swarmbench healthcheck`
 
-use crate::players::client::Client;
+use swarmbench_client::client::Client;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {

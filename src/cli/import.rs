@@ -7,12 +7,12 @@ use indicatif::{HumanCount, ProgressBar};
 
 use super::options::open_database;
 use super::output::{progress_bar, set};
-use crate::clock::{Clock, SystemClock};
 use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Taker, read};
 use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::imports::ImportRow;
+use swarmbench_clock::{Clock, SystemClock};
 
 #[derive(Debug, clap::Args)]
 #[command(

@@ -8,10 +8,10 @@ use serde_json::json;
 
 use super::options::{Source, client, open_database};
 use super::output::{cell, table};
-use crate::clock::{Clock, SystemClock, SystemEntropy};
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::{AuditRow, Entry};
-use crate::wire::key::KeyRequest;
+use swarmbench_clock::{Clock, SystemClock, SystemEntropy};
+use swarmbench_protocol::key::KeyRequest;
 
 #[derive(Debug, clap::Args)]
 #[command(

@@ -7,13 +7,13 @@ use swarmbench_engine::TaskName;
 
 use super::options::{ServerArgs, Source, open_database};
 use super::output::{mean, rank, table, total};
-use crate::board::collection::Question;
-use crate::board::cross_play::pairs;
-use crate::board::interval::Memory;
-use crate::board::page;
 use crate::standings::Standings;
-use crate::wire::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
-use crate::wire::table::Table as _;
+use swarmbench_boards::collection::Question;
+use swarmbench_boards::cross_play::pairs;
+use swarmbench_boards::interval::Memory;
+use swarmbench_boards::page;
+use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
+use swarmbench_protocol::table::Table as _;
 
 /// The width of a terminal from which rows also show confidence intervals and failures.
 const WIDE: u16 = 132;
@@ -287,7 +287,7 @@ fn show_cross_play(found: &CrossPlay) {
 
 /// The settings that are not those of the standard one.
 fn unusual(settings: &serde_json::Map<String, serde_json::Value>) -> String {
-    let standard = serde_json::to_value(crate::run::suite::SuiteSettings::default());
+    let standard = serde_json::to_value(swarmbench_protocol::suite::SuiteSettings::default());
     let standard = standard.unwrap_or_default();
     let other = settings.iter().filter(|(name, value)| standard.get(name) != Some(value));
     let parts: Vec<String> = other.map(|(name, value)| format!("{name} {value}")).collect();

@@ -12,13 +12,13 @@ use serde::Serialize;
 
 use super::options::ServerArgs;
 use super::output::{progress_bar, set, table};
-use crate::loadtest::connection::{Answers, Target};
-use crate::loadtest::games::SEATS;
-use crate::loadtest::latencies::Spread;
-use crate::loadtest::metrics::Metrics;
-use crate::loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
 use crate::migrations::migrator;
 use crate::telemetry;
+use swarmbench_loadtest::connection::{Answers, Target};
+use swarmbench_loadtest::games::SEATS;
+use swarmbench_loadtest::latencies::Spread;
+use swarmbench_loadtest::metrics::Metrics;
+use swarmbench_loadtest::{Progress, acts, bare_handler, obs, play, polls, slow};
 
 /// Open files besides connections: the terminal, the runtime, the database of the bare writer.
 const FILES_RESERVED: u64 = 100;

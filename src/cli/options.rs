@@ -4,8 +4,8 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use crate::players::client::Client;
 use crate::store::{OpenError, Store};
+use swarmbench_client::client::Client;
 
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ServerArgs {

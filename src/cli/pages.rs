@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use crate::players::client::Client;
+use swarmbench_client::client::Client;
 
 #[derive(Deserialize)]
 pub(super) struct Page<T> {

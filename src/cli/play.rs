@@ -10,11 +10,11 @@ use swarmbench_players::{BuiltIn, default_for, find};
 
 use super::options::ServerArgs;
 use super::output::{cell, mean, progress_bar, table, total};
-use crate::players::client::Client;
-use crate::players::play::{play, play_run};
-use crate::wire::episode::{EpisodeRequest, EpisodeSummary};
-use crate::wire::observation::Sight;
-use crate::wire::run::{RunDetail, RunRequest, SuiteRequest};
+use swarmbench_client::client::Client;
+use swarmbench_client::play::{play, play_run};
+use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
+use swarmbench_protocol::observation::Sight;
+use swarmbench_protocol::run::{RunDetail, RunRequest, SuiteRequest};
 
 #[derive(Debug, clap::Args)]
 #[command(

@@ -9,11 +9,11 @@ use indicatif::HumanCount;
 use swarmbench_engine::physics::Solver;
 
 use super::output::{cell, fields, progress_bar, rank, set, table, total};
-use crate::competition::verify::{self as competition, Expected};
 use crate::competitions;
-use crate::journal::chain::Head;
-use crate::journal::replay::verify;
 use crate::store::check::{Damage, check};
+use swarmbench_boards::competition::verify::{self as competition, Expected};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::verify;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Get a journal with\n  \

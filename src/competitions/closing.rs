@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use crate::clock::{Clock, after};
 use crate::run::manager::Runs;
 use crate::run::{RunError, RunStatus};
 use crate::store::Store;
 use crate::store::competitions::RawCompetition;
 use crate::store::entries::Entry;
+use swarmbench_clock::{Clock, after};
 
 /// How often it looks.
 const PAUSE: Duration = Duration::from_secs(1);

@@ -4,16 +4,16 @@ pub mod closing;
 
 use jiff::Timestamp;
 
-use crate::clock::Entropy;
-use crate::competition::EntrantStatus;
-use crate::competition::definition::Definition;
-use crate::competition::entrant::{Declaration, Entrant};
-use crate::competition::sealed::{SEED_BYTES, Sealed};
 use crate::ids::{CompetitionKey, EntryKey, dated_id};
 use crate::keys::OwnerKey;
 use crate::store::check::Formats;
 use crate::store::competitions::{Declared, RawCompetition, RawEntrant};
 use crate::store::{Store, StoreError};
+use swarmbench_boards::competition::EntrantStatus;
+use swarmbench_boards::competition::definition::Definition;
+use swarmbench_boards::competition::entrant::{Declaration, Entrant};
+use swarmbench_boards::competition::sealed::{SEED_BYTES, Sealed};
+use swarmbench_clock::Entropy;
 
 /// A new public id of a competition.
 pub fn new_id(now: Timestamp, entropy: &dyn Entropy) -> String {

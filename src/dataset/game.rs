@@ -9,13 +9,13 @@ use swarmbench_engine::{
 };
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
-use crate::journal::record::{ActRecord, Opening, Record};
-use crate::journal::replay::{Replayer, RoundFault, acts_of};
-use crate::prompt::{self, tasks};
 use crate::store::exports::LoggedRound;
 use crate::store::port::StoredEpisode;
-use crate::wire::observation::Sight;
-use crate::wire::status::Status;
+use swarmbench_journal::record::{ActRecord, Opening, Record};
+use swarmbench_journal::replay::{Replayer, RoundFault, acts_of};
+use swarmbench_prompt::tasks;
+use swarmbench_protocol::observation::Sight;
+use swarmbench_protocol::status::Status;
 
 /// An episode that is being replayed.
 pub struct Game {
@@ -205,7 +205,7 @@ impl Game {
             Status::Running,
             None,
         );
-        prompt::render(&self.opening.prompt_template, &sight, &self.config).ok()
+        swarmbench_prompt::render(&self.opening.prompt_template, &sight, &self.config).ok()
     }
 }
 

@@ -12,8 +12,8 @@ use swarmbench_protocol::import::ImportConfig;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
 use crate::store::imports::{ImportHash, ImportRow, ImportedRound};
-use crate::wire::Position;
-use crate::wire::episode::{State, StateAgent};
+use swarmbench_protocol::Position;
+use swarmbench_protocol::episode::{State, StateAgent};
 
 const MODEL_CHARS_MAX: usize = 200;
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 
 use super::game::{Game, GameAct, Turn, grid};
-use crate::journal::record::Source;
+use swarmbench_journal::record::Source;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {

@@ -13,9 +13,9 @@ use swarmbench_engine::{Act, AgentId, Config};
 
 use super::quota::Full;
 use super::status::{Ending, Outcome, Status};
-use crate::clock::{after, millis};
-use crate::journal::record::{Decision, RawRecord, Source};
 use crate::store::port::StoredAct;
+use swarmbench_clock::{after, millis};
+use swarmbench_journal::record::{Decision, RawRecord, Source};
 
 /// What a player sent for a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -516,7 +516,7 @@ impl Lockstep {
     fn overspent(&self, now: Timestamp) -> Duration {
         let deadline = self.opened_at.zip(self.clocks.round_deadline);
         let deadline = deadline.map(|(opened_at, round)| after(opened_at, round));
-        deadline.map_or(Duration::ZERO, |deadline| crate::clock::until(deadline, now))
+        deadline.map_or(Duration::ZERO, |deadline| swarmbench_clock::until(deadline, now))
     }
 
     fn deadline(&self, seat: &Seat) -> Option<Timestamp> {

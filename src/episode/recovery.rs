@@ -16,10 +16,10 @@ use super::seating::Seating;
 use super::spec::Spec;
 use super::status::{Ending, Outcome};
 use crate::fair::{Party, Rank};
-use crate::journal::Tally;
-use crate::journal::record::{End, RawRecord, Record};
 use crate::store::port::{RoundActs, StoredEpisode};
 use crate::work::Cancelled;
+use swarmbench_journal::Tally;
+use swarmbench_journal::record::{End, RawRecord, Record};
 
 /// Recovers a stored episode. Its open round begins when that is done, however long it took.
 pub(super) async fn recover(

@@ -24,17 +24,17 @@ use super::seating::Seating;
 use super::slot::Slot;
 use super::spec::Spec;
 use crate::budget::{Budget, NoMemory, Reservation, SMALL_BYTES};
-use crate::clock::{Clock, after};
 use crate::fair::{self, FairLimit, Group, Party, Rank, Shares};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-use crate::journal::Tally;
-use crate::journal::chain::Head;
-use crate::journal::record::RawRecord;
 use crate::keys::OwnerKey;
 use crate::store::entries::{ClaimRow, Entry, Holder, OpeningRow, SeatingRow, TokenRow};
 use crate::store::port::{EpisodeStore, StoredEpisode, Unfinished};
 use crate::store::{Stopped, StoreError};
 use crate::work::{Cancelled, WorkError, Workers};
+use swarmbench_clock::{Clock, after};
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
 
 /// An episode that takes longer to play again, in microseconds, comes back after all others, and the server
 /// is ready without it.
@@ -708,8 +708,8 @@ fn recovery_micros(episode: &Unfinished) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::journal::record::RecordedConfig;
     use swarmbench_engine::{Config, Settings, TaskName};
+    use swarmbench_journal::record::RecordedConfig;
 
     fn unfinished(key: i64, clocked: bool, agents: u16, rounds: u32) -> Unfinished {
         let settings = Settings {

@@ -9,9 +9,9 @@ use super::heavy::{self, off_thread, step_micros};
 use super::replays::RecoveryError;
 use crate::fair::{Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey};
-use crate::journal::replay::{Replayer, RoundFault, acts_of};
 use crate::store::port::{RoundActs, StoredRound};
 use crate::work::Cancelled;
+use swarmbench_journal::replay::{Replayer, RoundFault, acts_of};
 
 /// Rounds that are read and played at once.
 const ROUNDS_MAX: u32 = 64;

@@ -7,9 +7,9 @@ use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use super::spec::Spec;
-use crate::clock::after;
-use crate::journal::record::{HeldSeat, Record, SeatHolder, Seats};
 use crate::store::entries::{Held, Holder};
+use swarmbench_clock::after;
+use swarmbench_journal::record::{HeldSeat, Record, SeatHolder, Seats};
 
 /// What is wanted of the open seats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -251,7 +251,8 @@ mod tests {
         assert_eq!(again.open().collect::<Vec<_>>(), [AgentId(3)]);
         let one = seating.claim(Wanted::Any(1), holder("b")).expect("open");
         assert_eq!(again.claim(Wanted::Any(1), holder("b")).expect("open"), one);
-        let bytes = |seating: &Seating| crate::journal::record::RawRecord::write(&seating.record());
+        let bytes =
+            |seating: &Seating| swarmbench_journal::record::RawRecord::write(&seating.record());
         assert_eq!(again.count_open(), 0);
         assert_eq!(bytes(&again).as_str(), bytes(&seating).as_str());
     }

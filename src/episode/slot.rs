@@ -8,7 +8,7 @@ use tokio::sync::OnceCell;
 use tokio_util::sync::CancellationToken;
 
 use super::actor::{Handle, Times};
-use crate::clock::after;
+use swarmbench_clock::after;
 
 /// How long an episode whose actor has ended by a fault is left alone before it is recovered once more:
 /// what has failed at once may fail at once again.

@@ -10,8 +10,8 @@ use swarmbench_engine::{AgentId, World};
 use super::lockstep::Lockstep;
 use super::spec::Spec;
 use super::status::{Outcome, Status};
-use crate::clock::after;
-use crate::journal::chain::Head;
+use swarmbench_clock::after;
+use swarmbench_journal::chain::Head;
 
 /// An episode between two rounds: what all readers share. Only the marks of seats that have acted change.
 #[derive(Debug)]

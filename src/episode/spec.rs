@@ -6,9 +6,9 @@ use std::time::Duration;
 use jiff::Timestamp;
 use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 
-use crate::clock::millis;
 use crate::ids::EpisodeId;
-use crate::journal::record::{self, FORMAT, Opening, RecordedConfig};
+use swarmbench_clock::millis;
+use swarmbench_journal::record::{self, FORMAT, Opening, RecordedConfig};
 pub use swarmbench_protocol::status::Visibility;
 
 /// A checked description of an episode.

@@ -22,8 +22,6 @@ use super::sights::Sights;
 use super::stream::Streams;
 use super::tokens::Tokens;
 use super::waiting::Waits;
-use crate::board::interval::Memory;
-use crate::clock::{Clock, Entropy};
 use crate::episode::actor::Handle;
 use crate::episode::registry::{Location, Registry};
 use crate::episode::replay::state_at;
@@ -34,6 +32,8 @@ use crate::standings::Standings;
 use crate::store::Store;
 use crate::telemetry;
 use crate::work::Workers;
+use swarmbench_boards::interval::Memory;
+use swarmbench_clock::{Clock, Entropy};
 
 /// Differences between rows of boards that are remembered.
 const INTERVALS_CACHED: usize = 100_000;

@@ -10,7 +10,7 @@ use super::extract::Params;
 use super::page::{NewestParams, ROWS_MAX};
 use crate::store::audit::StoredAuditEntry;
 use crate::store::entries::{AuditRow, Entry};
-use crate::wire::competition::{AuditEntry, AuditLog};
+use swarmbench_protocol::competition::{AuditEntry, AuditLog};
 
 /// List what organizers did, newest first.
 #[utoipa::path(

@@ -14,9 +14,9 @@ use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 
 use super::error::ApiError;
 use super::stream::whole;
-use crate::clock::{Clock, after};
 use crate::fair::Rank;
 use crate::store::Store;
+use swarmbench_clock::{Clock, after};
 
 /// Bytes of all cached answers.
 pub(super) const ANSWERS_BYTES_MAX: u64 = 48 * 1024 * 1024;

@@ -8,9 +8,8 @@ use super::App;
 use super::error::ApiError;
 use super::limits::Limits;
 use crate::episode::spec::Visibility;
-use crate::names;
-use crate::prompt;
-use crate::wire::problem::FieldProblem;
+use swarmbench_protocol::names;
+use swarmbench_protocol::problem::FieldProblem;
 
 /// What is wrong with a request, so far.
 #[derive(Default)]
@@ -104,7 +103,7 @@ impl Problems {
 
     pub(super) fn template(&mut self, template: Option<&str>) {
         if let Some(template) = template
-            && let Err(error) = prompt::check(template)
+            && let Err(error) = swarmbench_prompt::check(template)
         {
             self.refuse("prompt_template", error.to_string());
         }

@@ -11,7 +11,7 @@ use super::error::ApiError;
 use super::extract::{Nothing, Params};
 use crate::store::clock::CONFIRMED;
 use crate::store::entries::{AuditRow, Entry};
-use crate::wire::clock::ConfirmedClock;
+use swarmbench_protocol::clock::ConfirmedClock;
 
 /// Confirm that the clock of the server's host is right.
 ///

@@ -30,10 +30,10 @@ use super::limits::Limits;
         (name = "host", description = "How the server does."),
     ),
     components(schemas(
-        crate::wire::episode::EpisodeResult,
-        crate::wire::episode::RoundEvent,
-        crate::wire::problem::Problem,
-        crate::wire::run::RunGame,
+        swarmbench_protocol::episode::EpisodeResult,
+        swarmbench_protocol::episode::RoundEvent,
+        swarmbench_protocol::problem::Problem,
+        swarmbench_protocol::run::RunGame,
     )),
     modifiers(&Rest)
 )]

@@ -13,9 +13,7 @@ use axum::response::{IntoResponse, Response};
 
 use swarmbench_engine::SettingErrors;
 
-use crate::board::collection::Unknown;
 use crate::budget::NoMemory;
-use crate::clock::millis;
 use crate::episode::actor::{ActError, ClaimError, StartError};
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::lockstep::Refusal;
@@ -23,11 +21,13 @@ use crate::episode::quota::Full;
 use crate::episode::recovery::RecoveryError;
 use crate::episode::registry::{CreateError, FindError};
 use crate::fair::Busy;
-use crate::prompt::TemplateError;
 use crate::run::{RunError, manager};
 use crate::store::{READERS_MAX, StoreError};
-use crate::wire::problem::{FieldProblem, Limit, Problem};
 use crate::work::{JOBS_WAITING_MAX, WorkError};
+use swarmbench_boards::collection::Unknown;
+use swarmbench_clock::millis;
+use swarmbench_prompt::TemplateError;
+use swarmbench_protocol::problem::{FieldProblem, Limit, Problem};
 
 /// The kind of an error, stable on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

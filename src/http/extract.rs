@@ -12,7 +12,7 @@ use super::App;
 use super::body::{Arrived, is_light};
 use super::error::{ApiError, Code};
 use crate::fair::Party;
-use crate::wire::problem::FieldProblem;
+use swarmbench_protocol::problem::FieldProblem;
 
 /// A JSON body of the usual size, as it was read and as it came.
 pub(super) struct Json<T>(pub(super) T, pub(super) Arrived);

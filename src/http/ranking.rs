@@ -1,7 +1,7 @@
 //! The board of a competition, behind its pages.
 
 use super::cache::Weighted;
-use crate::wire::competition::CompetitionRow;
+use swarmbench_protocol::competition::CompetitionRow;
 
 /// All rows of a board in one view.
 #[derive(Debug, Default)]

@@ -17,9 +17,9 @@ use super::body::LIGHT_BODY_BYTES_MAX;
 use super::client::network;
 use super::error::{ApiError, Code};
 use super::limits::Limits;
-use crate::clock::Clock;
 use crate::fair::{Group, Party};
 use crate::keys::OwnerKey;
+use swarmbench_clock::Clock;
 
 /// Senders that are remembered for one rate between two sweeps, about.
 const SENDERS_REMEMBERED: usize = 65_536;

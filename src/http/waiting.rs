@@ -7,9 +7,9 @@ use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
 use super::error::{ApiError, Code};
-use crate::clock::{Clock, after};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
+use swarmbench_clock::{Clock, after};
 
 /// The limit of requests that wait.
 pub(super) struct Waits {

@@ -6,7 +6,6 @@ use swarmbench_protocol::suite::Game;
 use super::RunError;
 use crate::episode::spec::Spec;
 use crate::hosted;
-use crate::prompt;
 use crate::store::runs::StoredRun;
 
 pub fn read(stored: &StoredRun) -> Result<Definition, RunError> {
@@ -24,7 +23,7 @@ pub fn spec(
     salt: Option<String>,
 ) -> Result<Spec, String> {
     let recorded = definition.recorded(game).map_err(|error| error.to_string())?;
-    let template = definition.prompt_template.as_deref().unwrap_or(prompt::BUILT_IN);
+    let template = definition.prompt_template.as_deref().unwrap_or(swarmbench_prompt::BUILT_IN);
     let spec = Spec::of(&recorded, &definition.agent_meta(), template)?;
     let player = definition.player.as_deref();
     let player = player.map(|name| hosted::player(name, spec.config.task())).transpose()?;

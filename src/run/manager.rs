@@ -16,9 +16,7 @@ use tokio_stream::wrappers::UnboundedReceiverStream;
 use tokio_util::sync::CancellationToken;
 
 use super::definition::{self, Definition};
-use super::suite::Game;
 use super::{RunError, RunStatus, new_id};
-use crate::clock::{Clock, Entropy};
 use crate::episode::quota::{Full, Purpose};
 use crate::episode::registry::{self, Creation, Registry};
 use crate::episode::spec::Visibility;
@@ -29,6 +27,8 @@ use crate::ids::{EntryKey, EpisodeId, RunKey, Token, TokenKind};
 use crate::store::Store;
 use crate::store::entries::{Entry, RunRow};
 use crate::store::runs::{StoredGame, StoredRun};
+use swarmbench_clock::{Clock, Entropy};
+use swarmbench_protocol::suite::Game;
 
 /// Runs with the same lock are advanced one after the other.
 const LOCKS: usize = 256;
@@ -498,8 +498,8 @@ fn due(definition: &Definition, games: &[StoredGame], now: jiff::Timestamp) -> D
 mod tests {
     use super::*;
     use crate::ids::EpisodeKey;
-    use crate::journal::Tally;
-    use crate::run::suite::Suite;
+    use swarmbench_journal::Tally;
+    use swarmbench_protocol::suite::Suite;
 
     fn definition(parallel: u32) -> Definition {
         Definition {

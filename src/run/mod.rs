@@ -5,11 +5,10 @@ pub mod manager;
 
 use jiff::Timestamp;
 pub use swarmbench_protocol::status::RunStatus;
-pub use swarmbench_protocol::suite;
 
-use crate::clock::Entropy;
 use crate::ids::{RunKey, dated_id};
 use crate::store::StoreError;
+use swarmbench_clock::Entropy;
 
 /// Why nothing could be done with a run. It is the host's fault, never a player's.
 #[derive(Clone, Debug, thiserror::Error)]

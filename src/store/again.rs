@@ -8,9 +8,9 @@ use swarmbench_engine::physics::Solver;
 
 use super::rows::FromRow;
 use crate::ids::EpisodeKey;
-use crate::journal::chain::Head;
-use crate::journal::record::{RawRecord, first_lines, round_record};
-use crate::journal::replay::{Report, verify};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{RawRecord, first_lines, round_record};
+use swarmbench_journal::replay::{Report, verify};
 
 /// Lines of a journal that are read ahead of their replay.
 const AHEAD: usize = 4;

@@ -22,12 +22,12 @@ use super::competitions::RawCompetition;
 use super::files::may_lack_log;
 use super::rows::{FromRow, get};
 use crate::ids::EpisodeKey;
-use crate::journal::Tally;
-use crate::journal::chain::Head;
-use crate::journal::record::{ActRecord, End, Opening, RawRecord};
-use crate::journal::replay::Report;
 use crate::migrations;
 use crate::store::imports::ImportHash;
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord};
+use swarmbench_journal::replay::Report;
 
 /// Damages that are listed; further ones are counted.
 pub const DAMAGES_MAX: usize = 1000;

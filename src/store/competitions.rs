@@ -11,7 +11,7 @@ use super::rows::{FromRow, from_row, get};
 use super::runs::void_reason;
 use crate::ids::{CompetitionKey, EntryKey, RunKey, TokenHash};
 use crate::keys::OwnerKey;
-use crate::names::looks;
+use swarmbench_protocol::names::looks;
 
 #[derive(Clone, Debug)]
 pub struct RawCompetition {

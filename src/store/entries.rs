@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
-use crate::journal::Tally;
-use crate::journal::chain::Head;
-use crate::journal::record::RawRecord;
 use crate::keys::{KeyRow, OwnerKey};
 use crate::store::imports::ImportRow;
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
 
 /// One change of the database.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@ use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, Json, get};
 use crate::ids::EpisodeKey;
-use crate::journal::record::ActRecord;
+use swarmbench_journal::record::ActRecord;
 
 /// A resolved round with all that is stored of it.
 #[derive(Clone, Debug)]

@@ -149,7 +149,7 @@ impl Store {
         self.writer.append(entries, committed);
     }
 
-    /// Keeps entries and waits until they are durable; see [`EpisodeStore::keep`].
+    /// Keeps entries and waits until they are durable; see [`port::EpisodeStore::keep`].
     pub async fn keep(&self, entries: Vec<Entry>) -> Result<(), StoreError> {
         port::committed(|committed| self.append(entries, committed)).await
     }

@@ -8,9 +8,9 @@ use swarmbench_engine::AgentId;
 use super::entries::{Entry, Held};
 use super::{Stopped, StoreError};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
-use crate::journal::chain::Head;
-use crate::journal::record::{ActRecord, RawRecord, RecordedConfig};
 use crate::keys::OwnerKey;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{ActRecord, RawRecord, RecordedConfig};
 
 /// Called once entries are durable, or with the reason why they never will be.
 pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;

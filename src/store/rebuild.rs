@@ -10,8 +10,8 @@ use super::again::{StoredJournal, play_again};
 use super::rows::get;
 use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::ids::EpisodeKey;
-use crate::journal::Tally;
-use crate::journal::record::{ActRecord, RawRecord, Record};
+use swarmbench_journal::Tally;
+use swarmbench_journal::record::{ActRecord, RawRecord, Record};
 
 /// Episodes that are listed at once.
 const CHUNK: i64 = 256;

@@ -11,12 +11,12 @@ use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, Json, from_row, get};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
-use crate::journal::record::RawRecord;
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
 use crate::store::port::{
     Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
+use swarmbench_journal::record::RawRecord;
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
 const PIECE_BYTES: u64 = 128 * 1024;

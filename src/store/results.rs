@@ -11,9 +11,9 @@ use super::Store;
 use super::StoreError;
 use super::rows::{FromRow, get};
 use crate::ids::{EpisodeKey, RunKey};
-use crate::journal::Tally;
-use crate::journal::record::RawRecord;
 use crate::store::entries::Entry;
+use swarmbench_journal::Tally;
+use swarmbench_journal::record::RawRecord;
 
 /// Runs, or games of several holders, that are read at once.
 const CHUNK: i64 = 256;

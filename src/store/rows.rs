@@ -11,9 +11,9 @@ use swarmbench_engine::AgentId;
 use super::entries::Secret;
 use super::{Store, StoreError};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, RunKey};
-use crate::journal::chain::Head;
-use crate::journal::record::RawRecord;
 use crate::keys::{OwnerKey, Role};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
 
 pub(super) trait Column: Sized {
     type Stored: for<'r> Decode<'r, Sqlite> + Type<Sqlite>;

@@ -10,11 +10,11 @@ use super::Store;
 use super::StoreError;
 use super::episodes::Readable;
 use super::rows::{FromRow, get};
-use crate::board::{Game, Slot};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
-use crate::journal::Tally;
 use crate::keys::OwnerKey;
 use crate::store::entries::RunRow;
+use swarmbench_boards::{Game, Slot};
+use swarmbench_journal::Tally;
 
 #[derive(Clone, Debug)]
 pub struct StoredRun {

@@ -405,7 +405,10 @@ async fn begin(
         pause = (pause * 2).min(longest);
     };
     if begun.is_ok() && state.locked_out.swap(false, Ordering::AcqRel) {
-        tracing::info!(waited_ms = crate::clock::millis(started.elapsed()), "writing continues");
+        tracing::info!(
+            waited_ms = swarmbench_clock::millis(started.elapsed()),
+            "writing continues"
+        );
     }
     begun
 }
@@ -684,9 +687,9 @@ mod tests {
 
     use super::*;
     use crate::ids::RunKey;
-    use crate::journal::record::{Decision, RawRecord};
     use crate::store::Store;
     use crate::store::port::EpisodeStore;
+    use swarmbench_journal::record::{Decision, RawRecord};
 
     fn act(episode: i64, round: u32) -> Entry {
         Entry::Act(ActRow {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use swarmbench::clock::{Clock, SystemClock, after};
-use swarmbench::loadtest::latencies::Spread;
+use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_loadtest::latencies::Spread;
 use tokio::sync::{mpsc, watch};
 use tokio::time::{sleep, timeout};
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use swarmbench::loadtest::latencies::Spread;
+use swarmbench_loadtest::latencies::Spread;
 
 use crate::attackers::{Attack, CPU_SHARE};
 use crate::bout::{Outcome, Phase};

@@ -6,12 +6,12 @@ use std::path::Path;
 use reqwest::Method;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{ActRecord, End, RawRecord, Record, Round, Source};
-use swarmbench::journal::replay::verify;
-use swarmbench::wire::episode::EpisodeList;
 use swarmbench_engine::AgentId;
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{ActRecord, End, RawRecord, Record, Round, Source};
+use swarmbench_journal::replay::verify;
+use swarmbench_protocol::episode::EpisodeList;
 
 use crate::clients::Clients;
 use crate::ledger::{Played, Sent};

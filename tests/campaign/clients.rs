@@ -8,14 +8,14 @@ use std::time::Duration;
 
 use reqwest::{Method, RequestBuilder};
 use serde::de::DeserializeOwned;
-use swarmbench::wire::act::{
+use swarmbench_engine::AgentId;
+use swarmbench_protocol::act::{
     ActRequest, ActResponse, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse,
     SwarmObsResponse, SwarmReceipt,
 };
-use swarmbench::wire::episode::{EpisodeSummary, State};
-use swarmbench::wire::observation::Observation;
-use swarmbench::wire::problem::Problem;
-use swarmbench_engine::AgentId;
+use swarmbench_protocol::episode::{EpisodeSummary, State};
+use swarmbench_protocol::observation::Observation;
+use swarmbench_protocol::problem::Problem;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 

@@ -11,9 +11,9 @@ use std::sync::Arc;
 use rstest::rstest;
 use rustix::mount::{MountFlags, UnmountFlags, mount, mount_remount, unmount};
 use serde_json::json;
-use swarmbench::wire::act::{ActRequest, Receipt};
-use swarmbench::wire::episode::CreatedEpisode;
 use swarmbench_engine::AgentId;
+use swarmbench_protocol::act::{ActRequest, Receipt};
+use swarmbench_protocol::episode::CreatedEpisode;
 use tempfile::TempDir;
 
 use crate::audit::audit;

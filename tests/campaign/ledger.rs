@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use swarmbench::wire::act::{ActRequest, Receipt};
-use swarmbench::wire::episode::{CreatedEpisode, EpisodeResult, State};
-use swarmbench::wire::observation::Observation;
 use swarmbench_engine::{AgentId, Message};
+use swarmbench_protocol::act::{ActRequest, Receipt};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeResult, State};
+use swarmbench_protocol::observation::Observation;
 
 use crate::dice::Dice;
 use crate::plan::Game;

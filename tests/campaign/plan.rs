@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-use swarmbench::wire::act::{ActRequest, Usage};
-use swarmbench::wire::episode::EpisodeRequest;
 use swarmbench_engine::{Action, AgentId, Control, RuleSet, TaskName};
+use swarmbench_protocol::act::{ActRequest, Usage};
+use swarmbench_protocol::episode::EpisodeRequest;
 
 use crate::dice::Dice;
 

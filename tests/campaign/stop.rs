@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use reqwest::RequestBuilder;
 use serde_json::{Value, json};
-use swarmbench::wire::act::{ActResponse, SwarmObsResponse};
-use swarmbench::wire::episode::{CreatedEpisode, RoundEvent};
-use swarmbench::wire::observation::Observation;
+use swarmbench_protocol::act::{ActResponse, SwarmObsResponse};
+use swarmbench_protocol::episode::{CreatedEpisode, RoundEvent};
+use swarmbench_protocol::observation::Observation;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 

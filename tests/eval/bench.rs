@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
 use serde_json::Value;
-use swarmbench::players::client::Client;
 use swarmbench::server::{Parts, Server};
-use swarmbench::wire::run::{RunDetail, RunList};
+use swarmbench_client::client::Client;
+use swarmbench_protocol::run::{RunDetail, RunList};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;

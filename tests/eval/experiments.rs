@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use swarmbench::eval::experiment::{Experiment, List, ModelEntry, Seeds};
-use swarmbench::eval::plan::{Plan, Who, ranges};
+use swarmbench_client::eval::experiment::{Experiment, List, ModelEntry, Seeds};
+use swarmbench_client::eval::plan::{Plan, Who, ranges};
 
 use super::bench::Bench;
 
@@ -37,7 +37,7 @@ fn lists_multiply_and_what_comes_twice_is_one_run() {
         "#,
     );
     // view 3 and 5, agents 8 twice, 12 at 0.5; 12 agents, view 5 at temperature 1 comes in both groups.
-    let told = |run: &swarmbench::eval::plan::Planned| {
+    let told = |run: &swarmbench_client::eval::plan::Planned| {
         let settings = ["view_size", "num_agents", "temperature"];
         format!(
             "{} {}",

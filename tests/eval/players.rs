@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-use swarmbench::board::result::mean_and_deviation;
-use swarmbench::eval::conduct::{Conductor, Found, News};
-use swarmbench::eval::experiment::Experiment;
-use swarmbench::eval::plan::{Plan, Who};
-use swarmbench::eval::stop_reason::StopReason;
+use swarmbench_boards::result::mean_and_deviation;
+use swarmbench_client::eval::conduct::{Conductor, Found, News};
+use swarmbench_client::eval::experiment::Experiment;
+use swarmbench_client::eval::plan::{Plan, Who};
+use swarmbench_client::eval::stop_reason::StopReason;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_players::game;
 use tokio_util::sync::CancellationToken;

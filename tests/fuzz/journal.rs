@@ -6,10 +6,10 @@ use std::sync::LazyLock;
 
 use bolero::TypeGenerator;
 use serde_json::Value;
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::RawRecord;
-use swarmbench::journal::replay::{Fault, Report, verify as verify_with};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::replay::{Fault, Report, verify as verify_with};
 
 /// A journal as the server gave it.
 struct Original {

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use bolero::TypeGenerator;
 use jiff::Timestamp;
-use swarmbench::clock::after;
 use swarmbench::episode::lockstep::{
     Clocks, Effect, Event, Lockstep, RecordedAct, Refusal, ResumeState, Submission,
 };
 use swarmbench::episode::quota::Full;
 use swarmbench::episode::{Ending, Status};
-use swarmbench::journal::record::{Decision, Source};
+use swarmbench_clock::after;
 use swarmbench_engine::{Act, Action, AgentId};
+use swarmbench_journal::record::{Decision, Source};
 
 const AGENTS: u16 = 4;
 

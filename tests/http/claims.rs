@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use futures::future::join_all;
 use serde_json::{Value, json};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::replay::{Report, verify};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::{Report, verify};
 
 use crate::app::{Call, TestApp, fields, list};
 

@@ -228,7 +228,7 @@ async fn a_clock_behind_the_newest_entry_is_waited_for_or_confirmed() {
     app.stop().await;
     // Another process begins with the clock of its host.
     app.step(-HOUR_MS);
-    swarmbench::clock::Clock::confirm(app.clock());
+    swarmbench_clock::Clock::confirm(app.clock());
     app.start_in_doubt().await;
     app.pass(seconds(1_800));
     assert_eq!(app.show(&episode).await["status"], "running");
@@ -239,7 +239,7 @@ async fn a_clock_behind_the_newest_entry_is_waited_for_or_confirmed() {
     // Once more, and an organizer says that it is right; the next start need not ask again.
     app.stop().await;
     app.step(-HOUR_MS);
-    swarmbench::clock::Clock::confirm(app.clock());
+    swarmbench_clock::Clock::confirm(app.clock());
     app.start_in_doubt().await;
     confirm(&app).await;
     assert_eq!(app.problems().await, "");

@@ -1,10 +1,10 @@
 //! What is asked, and what is made of the answers.
 
 use serde_json::{Value, json};
-use swarmbench::llm::completion::{REASONING_BYTES_MAX, RESPONSE_BYTES_MAX};
-use swarmbench::llm::{Answer, ApiKey, Failure};
-use swarmbench::wire::act::ActRequest;
+use swarmbench_client::llm::completion::{REASONING_BYTES_MAX, RESPONSE_BYTES_MAX};
+use swarmbench_client::llm::{Answer, ApiKey, Failure};
 use swarmbench_engine::{Action, AgentId, Config, Settings, TaskName, answer};
+use swarmbench_protocol::act::ActRequest;
 
 use crate::endpoint::{Endpoint, Reply, completion};
 use crate::{Bench, KEY, VARIABLE, question};

@@ -2,7 +2,7 @@
 
 use futures::future::join_all;
 use serde_json::json;
-use swarmbench::llm::Stop;
+use swarmbench_client::llm::Stop;
 
 use crate::endpoint::{Endpoint, Reply, completion};
 use crate::time::Leaps;

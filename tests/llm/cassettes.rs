@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::{Value, json};
-use swarmbench::llm::{Answer, Cassette, Failure, Model, Question, Stop};
+use swarmbench_client::llm::{Answer, Cassette, Failure, Model, Question, Stop};
 use tempfile::TempDir;
 
 use crate::endpoint::{Endpoint, Reply, completion};

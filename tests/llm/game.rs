@@ -4,11 +4,10 @@
 use std::sync::Arc;
 
 use futures::future::join_all;
-use swarmbench::llm::{Cassette, Model, Question, Stop};
-use swarmbench::prompt;
-use swarmbench::wire::observation::Sight;
-use swarmbench::wire::status::Status;
+use swarmbench_client::llm::{Cassette, Model, Question, Stop};
 use swarmbench_engine::{AgentId, Config, Settings, TaskName, World, answer};
+use swarmbench_protocol::observation::Sight;
+use swarmbench_protocol::status::Status;
 use tokio::net::TcpListener;
 
 use crate::Bench;
@@ -28,9 +27,11 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
         let questions: Vec<_> = (agents.iter())
             .map(|agent| {
                 let seen = world.observe(*agent);
-                let description = prompt::tasks::description(&config);
+                let description = swarmbench_prompt::tasks::description(&config);
                 let sight = Sight::of(&seen, "ep_1".to_owned(), description, Status::Running, None);
-                let prompt = prompt::render(prompt::BUILT_IN, &sight, &config).expect("a prompt");
+                let prompt =
+                    swarmbench_prompt::render(swarmbench_prompt::BUILT_IN, &sight, &config)
+                        .expect("a prompt");
                 Question { game: game.clone(), agent: agent.to_string(), round: seen.round, prompt }
             })
             .collect();

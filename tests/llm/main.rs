@@ -14,7 +14,7 @@ mod time;
 use std::sync::Arc;
 
 use endpoint::{Endpoint, PATIENCE};
-use swarmbench::llm::{Allowance, ApiKey, Cassette, Model, Question, Settings, Stop};
+use swarmbench_client::llm::{Allowance, ApiKey, Cassette, Model, Question, Settings, Stop};
 use time::{Leaps, TIME_OUT};
 
 /// A key that can be searched for.
@@ -90,7 +90,7 @@ pub(crate) async fn stop_of(model: &Model) -> Stop {
 pub(crate) fn ask(
     model: &Model,
     question: Question,
-) -> tokio::task::JoinHandle<Result<swarmbench::llm::Answer, Stop>> {
+) -> tokio::task::JoinHandle<Result<swarmbench_client::llm::Answer, Stop>> {
     let model = model.clone();
     tokio::spawn(async move {
         tokio::time::timeout(PATIENCE, model.answer(&question)).await.expect("it ends")

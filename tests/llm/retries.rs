@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::json;
-use swarmbench::clock::Clock;
-use swarmbench::llm::{Spent, Stop};
+use swarmbench_client::llm::{Spent, Stop};
+use swarmbench_clock::Clock;
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpListener;
 
@@ -350,7 +350,7 @@ async fn an_endpoint_that_bears_one_at_a_time_answers_all() {
     })
     .await;
     let mut bench = Bench::with(&endpoint, Leaps::leaping(), 16, None);
-    bench.allowance = swarmbench::llm::Allowance::new(16, None, clock.clone());
+    bench.allowance = swarmbench_client::llm::Allowance::new(16, None, clock.clone());
     bench.settings.retries = 3;
     let model = bench.model();
     let asked: Vec<_> = (0..SEATS).map(|agent| ask(&model, question(agent, 0))).collect();

@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::Mutex;
 
-use swarmbench::llm::{Answer, Cassette, Stop};
+use swarmbench_client::llm::{Answer, Cassette, Stop};
 
 use crate::endpoint::{Endpoint, Reply};
 use crate::{Bench, KEY, question};
@@ -93,7 +93,7 @@ async fn the_key_is_nowhere() {
 async fn a_key_that_is_a_common_word_changes_no_answer() {
     let endpoint = Endpoint::replies(vec![Reply::says("The cell is EMPTY.\nACTION: UP")]).await;
     let mut bench = Bench::new(&endpoint);
-    bench.settings.key = swarmbench::llm::ApiKey::new("LOCAL_KEY", Some("EMPTY".to_owned()));
+    bench.settings.key = swarmbench_client::llm::ApiKey::new("LOCAL_KEY", Some("EMPTY".to_owned()));
     let answer = bench.model().answer(&question(0, 0)).await.expect("an answer");
     assert_eq!(answer.response, "The cell is EMPTY.\nACTION: UP");
 }

@@ -1,7 +1,7 @@
 //! What no retry helps against stops at once, with a sentence that does.
 
 use serde_json::json;
-use swarmbench::llm::{ApiKey, Stop};
+use swarmbench_client::llm::{ApiKey, Stop};
 
 use crate::endpoint::{Endpoint, Reply};
 use crate::time::Leaps;

@@ -4,7 +4,7 @@ use std::pin::Pin;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench::clock::{Clock, ManualClock, until};
+use swarmbench_clock::{Clock, ManualClock, until};
 use tokio::sync::watch;
 use tokio::time::timeout;
 

@@ -9,20 +9,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench::clock::{after, millis, until};
 use swarmbench::episode::lockstep::RecordedAct;
 use swarmbench::episode::quota::ACT_BYTES_ALWAYS;
 use swarmbench::episode::spec::Spec;
 use swarmbench::episode::{Ending, Snapshot, Status};
 use swarmbench::hosted;
 use swarmbench::ids::{EpisodeId, EpisodeKey};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{ActRecord, RawRecord, Source};
-use swarmbench::journal::replay::verify;
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::entries::{ActRow, Entry};
+use swarmbench_clock::{after, millis, until};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{AgentId, World};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{ActRecord, RawRecord, Source};
+use swarmbench_journal::replay::verify;
 
 use crate::clients::{Acts, Request, RequestId};
 use crate::journal::{JobResult, Lost};

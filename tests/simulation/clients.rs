@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use futures::future::select;
 use jiff::Timestamp;
-use swarmbench::clock::{Clock, after};
 use swarmbench::episode::Snapshot;
 use swarmbench::episode::actor::{Claim, ClaimError, Claimed, Handle, Outcomes, StartError};
 use swarmbench::episode::lockstep::Submission;
@@ -18,12 +17,13 @@ use swarmbench::episode::seating::Wanted;
 use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::ids::{EpisodeId, TokenHash};
-use swarmbench::journal::record::{Decision, Usage};
 use swarmbench::store::StoreError;
 use swarmbench::store::entries::Holder;
+use swarmbench_clock::{Clock, after};
 use swarmbench_engine::{
     Act, Action, AgentId, Config, Control, Message, Settings, TaskName, answer,
 };
+use swarmbench_journal::record::{Decision, Usage};
 use swarmbench_players::default_for;
 use swarmbench_players::game::play;
 

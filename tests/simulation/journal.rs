@@ -7,7 +7,6 @@ use std::sync::{Mutex, MutexGuard};
 use futures::future::BoxFuture;
 use swarmbench::episode::Status;
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
-use swarmbench::journal::record::{ActRecord, Source};
 use swarmbench::keys::OwnerKey;
 use swarmbench::store::StoreError;
 use swarmbench::store::entries::{
@@ -17,6 +16,7 @@ use swarmbench::store::port::{
     Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench_engine::AgentId;
+use swarmbench_journal::record::{ActRecord, Source};
 
 use crate::broken::Flaw;
 use crate::dice::Dice;

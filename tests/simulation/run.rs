@@ -13,13 +13,13 @@ use std::time::Duration;
 use futures::FutureExt;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
-use swarmbench::clock::Clock;
 use swarmbench::episode::actor::Handle;
 use swarmbench::episode::quota::{Caps, Quotas};
 use swarmbench::episode::registry::Registry;
 use swarmbench::hosted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::work::Workers;
+use swarmbench_clock::Clock;
 use tokio::sync::mpsc::UnboundedReceiver;
 
 use self::trace::{line, told};

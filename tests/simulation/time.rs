@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench::clock::{Clock, ManualClock, after, until};
+use swarmbench_clock::{Clock, ManualClock, after, until};
 
 use crate::broken::Flaw;
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::time::Duration;
 
 use sha2::{Digest, Sha256};
-use swarmbench::clock::{Entropy, SeededEntropy, SystemEntropy};
+use swarmbench_clock::{Entropy, SeededEntropy, SystemEntropy};
 
 /// The seed of this run: `SWARMBENCH_SEED`, or a new one. It is shown whether or not output is captured.
 pub(crate) fn seed(test: &str) -> u64 {

@@ -107,7 +107,7 @@ macro_rules! numbers {
 
 swarmbench_engine::for_each_setting! { numbers, {}, {} }
 
-/// Clients read the ranges of the list in the OpenAPI document.
+/// Clients read the ranges of the list in the `OpenAPI` document.
 #[test]
 fn the_ranges_in_the_list_of_settings_are_those_that_are_checked() {
     for &(name, set, [least, most]) in NUMBERS {

@@ -11,12 +11,12 @@ use serde::Serialize;
 
 use super::options::ServerArgs;
 use super::pages::{all, pages};
-use crate::players::client::Client;
-use crate::wire::competition::{
+use swarmbench_client::client::Client;
+use swarmbench_protocol::competition::{
     AttemptRequest, CodesRequest, Competition, CompetitionBoard, CreatedEntrant, EntrantChange,
     EntrantRequest, EntrantSummary, StartedAttempt,
 };
-use crate::wire::episode::VoidRequest;
+use swarmbench_protocol::episode::VoidRequest;
 
 #[derive(Debug, clap::Args)]
 #[command(

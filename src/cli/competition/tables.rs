@@ -4,7 +4,7 @@ use comfy_table::Table;
 use jiff::Timestamp;
 
 use crate::cli::output::{cell, mean, rank, table, total};
-use crate::wire::competition::{
+use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
 };
 

@@ -7,10 +7,10 @@ use std::time::Duration;
 use anyhow::bail;
 use serde_json::{Map, Value};
 
-use crate::clock::SystemClock;
-use crate::eval::experiment::Experiment;
-use crate::eval::plan::{ModelPlan, Plan, Who};
-use crate::llm::{Allowance, ApiKey, Cassette, Model, Sampling, Settings};
+use swarmbench_client::eval::experiment::Experiment;
+use swarmbench_client::eval::plan::{ModelPlan, Plan, Who};
+use swarmbench_client::llm::{Allowance, ApiKey, Cassette, Model, Sampling, Settings};
+use swarmbench_clock::SystemClock;
 
 /// The environment variable with a key where nobody names one.
 const KEY_VARIABLE: &str = "OPENAI_API_KEY";
@@ -109,7 +109,7 @@ impl Asking {
         let requests = experiment.requests.unwrap_or(super::REQUESTS);
         let at_once = usize::try_from(requests).unwrap_or(usize::MAX);
         let allowance = Allowance::new(at_once, experiment.budget, Arc::new(SystemClock));
-        let model = |run: &crate::eval::plan::Planned| match &run.who {
+        let model = |run: &swarmbench_client::eval::plan::Planned| match &run.who {
             Who::Player(_) => Ok(None),
             Who::Model(plan) => {
                 let settings = self.settings(plan, cassette.as_ref())?;

@@ -7,10 +7,10 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use crate::players::client::Client;
 use crate::server::{Parts, Server, StartError};
 use crate::store::OpenError;
 use crate::telemetry::{LogFormat, start_logs_of};
+use swarmbench_client::client::Client;
 
 /// The database where nobody names one.
 const DATABASE: &str = "swarmbench.db";

@@ -16,14 +16,14 @@ use hosting::Hosting;
 use progress::Progress;
 use showing::Showing;
 
-use crate::eval::conduct::{Conductor, News};
-use crate::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
-use crate::eval::plan::{Plan, Planned};
-use crate::eval::report::{Played, Report};
-use crate::eval::stop_reason::StopReason;
-use crate::eval::verify::{Fault, verify_run};
-use crate::llm::Model;
-use crate::players::client::{Client, ClientError};
+use swarmbench_client::client::{Client, ClientError};
+use swarmbench_client::eval::conduct::{Conductor, News};
+use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
+use swarmbench_client::eval::plan::{Plan, Planned};
+use swarmbench_client::eval::report::{Played, Report};
+use swarmbench_client::eval::stop_reason::StopReason;
+use swarmbench_client::eval::verify::{Fault, verify_run};
+use swarmbench_client::llm::Model;
 
 /// The exit code when something has to be fixed first.
 const FAILED: u8 = 1;

@@ -7,14 +7,14 @@ use std::time::Duration;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use jiff::Timestamp;
 
-use crate::clock::{Clock, SystemClock, until};
-use crate::eval::conduct::{Found, News};
-use crate::eval::plan::{Plan, Planned};
-use crate::eval::report::short;
-use crate::llm::Model;
-use crate::wire::act::{Receipt, SwarmAct};
-use crate::wire::observation::Sight;
-use crate::wire::run::{RunDetail, RunGame};
+use swarmbench_client::eval::conduct::{Found, News};
+use swarmbench_client::eval::plan::{Plan, Planned};
+use swarmbench_client::eval::report::short;
+use swarmbench_client::llm::Model;
+use swarmbench_clock::{Clock, SystemClock, until};
+use swarmbench_protocol::act::{Receipt, SwarmAct};
+use swarmbench_protocol::observation::Sight;
+use swarmbench_protocol::run::{RunDetail, RunGame};
 
 /// How often a line says how it goes where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_mins(1);

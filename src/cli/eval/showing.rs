@@ -10,9 +10,9 @@ use swarmbench_engine::TaskName;
 use super::super::leaderboard::{fit, short};
 use super::super::output::table;
 use super::Hosting;
-use crate::eval::experiment::Shape;
-use crate::eval::plan::{Plan, Who, ranges};
-use crate::eval::report::{Played, Report};
+use swarmbench_client::eval::experiment::Shape;
+use swarmbench_client::eval::plan::{Plan, Who, ranges};
+use swarmbench_client::eval::report::{Played, Report};
 
 /// Into how few columns of a terminal a model's name may be broken.
 const NAME_COLUMNS: usize = 12;

@@ -19,13 +19,13 @@ use super::mailbox::{
 };
 use super::times::Times;
 use crate::budget::Reservation;
-use crate::clock::Clock;
 use crate::fair::{Group, Party};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::Entry;
 use crate::store::port::EpisodeStore;
 use crate::store::{Stopped, StoreError};
+use swarmbench_clock::Clock;
 
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 pub(super) const COMMANDS_WAITING_MAX: usize = 64;

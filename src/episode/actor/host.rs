@@ -10,13 +10,13 @@ use super::super::replays::Replays;
 use super::super::spec::{Spec, Visibility};
 use super::handle::Handle;
 use crate::budget::Budget;
-use crate::clock::Clock;
 use crate::fair::{Group, Party};
 use crate::ids::RunKey;
 use crate::keys::OwnerKey;
 use crate::store::StoreError;
 use crate::store::port::EpisodeStore;
 use crate::work::Workers;
+use swarmbench_clock::Clock;
 
 /// Starts a task that runs on its own.
 pub type Spawn = Arc<dyn Fn(BoxFuture<'static, ()>) + Send + Sync>;

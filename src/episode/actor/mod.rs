@@ -31,12 +31,8 @@ use super::snapshot::Snapshot;
 use super::spec::{Spec, Visibility};
 use super::status::{Ending, Status};
 use crate::budget::Reservation;
-use crate::clock::{Clock, after};
 use crate::fair::{Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-use crate::journal::Tally;
-use crate::journal::chain::Head;
-use crate::journal::record::{End, RawRecord, Source, end_record, round_record};
 use crate::keys::OwnerKey;
 use crate::store::StoreError;
 use crate::store::entries::{
@@ -49,6 +45,10 @@ pub use handle::{Handle, Running};
 pub use host::{Host, Spawn};
 pub use mailbox::{ActError, Claim, ClaimError, Claimed, Outcomes, StartError};
 use mailbox::{Batch, Earlier, Envelope, Message, Reply, Sent};
+use swarmbench_clock::{Clock, after};
+use swarmbench_journal::Tally;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{End, RawRecord, Source, end_record, round_record};
 pub(super) use times::Times;
 
 /// Bytes of text that are written to a round's record, and hashed, in a microsecond.

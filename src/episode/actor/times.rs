@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use jiff::Timestamp;
 
-use crate::clock::Clock;
 use crate::store::port::StoredEpisode;
+use swarmbench_clock::Clock;
 
 /// Moments of an episode by the running time. The journal has them by the time of day only, which may have
 /// been set since.

@@ -16,9 +16,9 @@ use super::look::{Look, observation};
 use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
-use crate::journal::record::{self, Decision, Source};
-use crate::wire::act::{ActRequest, ActResponse, Receipt};
-use crate::wire::problem::FieldProblem;
+use swarmbench_journal::record::{self, Decision, Source};
+use swarmbench_protocol::act::{ActRequest, ActResponse, Receipt};
+use swarmbench_protocol::problem::FieldProblem;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -198,8 +198,8 @@ mod tests {
 
     use super::super::super::extract::{fields, read};
     use super::*;
-    use crate::journal::record::{ActRecord, RawRecord};
-    use crate::wire::problem::Problem;
+    use swarmbench_journal::record::{ActRecord, RawRecord};
+    use swarmbench_protocol::problem::Problem;
 
     /// What a field of a body may hold.
     #[derive(Clone, Debug, TypeGenerator)]

@@ -8,13 +8,13 @@ use swarmbench_engine::AgentId;
 use super::super::App;
 use super::super::error::ApiError;
 use super::super::sights::Key;
-use crate::clock::{millis, until};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::fair::Permit;
-use crate::prompt::{self, tasks};
-use crate::wire::episode::EpisodeResult;
-use crate::wire::observation::{Moment, Sight};
+use swarmbench_clock::{millis, until};
+use swarmbench_prompt::tasks;
+use swarmbench_protocol::episode::EpisodeResult;
+use swarmbench_protocol::observation::{Moment, Sight};
 
 /// What is written in one piece, in cells: about a millisecond of work. One piece a request is written on
 /// the async thread that asks, all others elsewhere.
@@ -100,8 +100,8 @@ impl Look {
             sight
         });
         let spec = &self.handle.spec;
-        let prompt =
-            with_prompt.then(|| prompt::render(&spec.prompt_template, &seen, &spec.config));
+        let prompt = with_prompt
+            .then(|| swarmbench_prompt::render(&spec.prompt_template, &seen, &spec.config));
         let prompt = prompt.transpose()?;
         let prompt = prompt.map(|text| serde_json::to_vec(&text).expect("a text"));
         Ok(Written { sight, prompt })

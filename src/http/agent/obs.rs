@@ -12,7 +12,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Params, wait};
 use super::look::{Look, observation};
 use crate::episode::Snapshot;
-use crate::wire::observation::Observation;
+use swarmbench_protocol::observation::Observation;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

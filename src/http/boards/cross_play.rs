@@ -12,9 +12,9 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
 use super::{Format, by_accept};
-use crate::board::cross_play::pairs;
-use crate::board::page;
-use crate::wire::board::CrossPlay;
+use swarmbench_boards::cross_play::pairs;
+use swarmbench_boards::page;
+use swarmbench_protocol::board::CrossPlay;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

@@ -11,9 +11,9 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::Params;
 use super::{Format, by_accept};
-use crate::board::collection::Question;
-use crate::board::page::{self, read_cursor};
-use crate::wire::board::Leaderboard;
+use swarmbench_boards::collection::Question;
+use swarmbench_boards::page::{self, read_cursor};
+use swarmbench_protocol::board::Leaderboard;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use super::App;
 use super::error::{ApiError, Code};
 use super::page::{CURSOR_BYTES_MAX, page_limit};
-use crate::wire::table::Table;
+use swarmbench_protocol::table::Table;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Format {

@@ -18,8 +18,8 @@ use crate::episode::spec::Spec;
 use crate::ids::{Token, TokenKind};
 use crate::store::entries::{Entry, Holder, TokenRow};
 use crate::store::tokens::{Grant, Seats};
-use crate::wire::claim::{ClaimRequest, CreatedClaim};
-use crate::wire::episode::SeatToken;
+use swarmbench_protocol::claim::{ClaimRequest, CreatedClaim};
+use swarmbench_protocol::episode::SeatToken;
 
 /// Claim open seats of an episode.
 ///

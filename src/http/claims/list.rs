@@ -8,7 +8,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use crate::wire::claim::{SeatHolder, SeatList};
+use swarmbench_protocol::claim::{SeatHolder, SeatList};
 
 /// List who holds which seat of an episode.
 #[utoipa::path(

@@ -10,7 +10,7 @@ use super::super::extract::{Id, Params};
 use super::super::page::PageParams;
 use crate::competitions::{self};
 use crate::store::competitions::Declared;
-use crate::wire::competition::{AttemptList, AttemptSummary};
+use swarmbench_protocol::competition::{AttemptList, AttemptSummary};
 
 /// List the attempts of the caller's entrants; an organizer sees all.
 #[utoipa::path(

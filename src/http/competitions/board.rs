@@ -16,11 +16,11 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use super::super::page::page_limit;
 use super::super::ranking::Ranking;
-use crate::competition::phase::{BoardView, board_view};
 use crate::competitions::StoredCompetition;
 use crate::store::competitions::Declared;
-use crate::wire::competition::{CompetitionBoard, CompetitionRow};
-use crate::wire::table::{Table, text as safe_cell};
+use swarmbench_boards::competition::phase::{BoardView, board_view};
+use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
+use swarmbench_protocol::table::{Table, text as safe_cell};
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

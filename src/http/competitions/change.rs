@@ -8,9 +8,9 @@ use super::super::auth::Organizer;
 use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Ids, Json, Nothing, Params};
-use crate::competition::EntrantStatus;
 use crate::store::entries::Entry;
-use crate::wire::competition::{EntrantChange, EntrantSummary};
+use swarmbench_boards::competition::EntrantStatus;
+use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};
 
 /// Withdraw or disqualify an entrant, take it back, or answer for its model.
 ///

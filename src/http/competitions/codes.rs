@@ -12,9 +12,9 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use crate::ids::{Token, TokenKind};
 use crate::keys::NAME_CHARS_MAX;
-use crate::names;
 use crate::store::entries::Entry;
-use crate::wire::competition::{CodesRequest, InvitationCode, InvitationCodes};
+use swarmbench_protocol::competition::{CodesRequest, InvitationCode, InvitationCodes};
+use swarmbench_protocol::names;
 
 /// Codes that are made at once.
 const CODES_MAX: usize = 1000;

@@ -13,17 +13,17 @@ use super::super::checks::Problems;
 use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
 use super::shown;
-use crate::clock::millis;
-use crate::competition::definition::{
+use crate::competitions::new_id;
+use crate::store::entries::{CompetitionRow, Entry, Secret};
+use swarmbench_boards::competition::definition::{
     ATTEMPTS_MAX, Admission, BoardRule, Counts, Definition, Window,
 };
-use crate::competition::sealed::Sealed;
-use crate::competitions::new_id;
-use crate::run::suite::SuiteSettings;
-use crate::store::entries::{CompetitionRow, Entry, Secret};
-use crate::wire::competition::{
+use swarmbench_boards::competition::sealed::Sealed;
+use swarmbench_clock::millis;
+use swarmbench_protocol::competition::{
     AttemptWindow, Attempts, Competition, CompetitionRequest, SealedSettings,
 };
+use swarmbench_protocol::suite::SuiteSettings;
 
 /// Create a competition on sealed seeds, which the server draws now.
 ///

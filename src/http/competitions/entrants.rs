@@ -11,7 +11,7 @@ use super::super::extract::{Id, Ids, Nothing, Params};
 use super::super::page::{PageParams, ROWS_MAX};
 use crate::competitions::{self, StoredEntrant};
 use crate::ids::EntryKey;
-use crate::wire::competition::{EntrantDetail, EntrantList, EntrantSummary};
+use swarmbench_protocol::competition::{EntrantDetail, EntrantList, EntrantSummary};
 
 /// Attempts that are shown with their entrant: with the longest texts less than 4 MB. An entrant has more only if an
 /// organizer voids attempts again and again; the list of attempts has all.

@@ -15,14 +15,14 @@ use super::super::extract::{Id, Nothing, Params};
 use super::super::stream::Parts;
 use super::Field;
 use crate::budget::Reservation;
-use crate::competition::entrant::Entrant;
-use crate::competition::export::{
-    Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
-};
 use crate::competitions::{self, StoredCompetition};
 use crate::ids::{CompetitionKey, EpisodeId};
 use crate::store::StoreError;
 use crate::store::competitions::Declared;
+use swarmbench_boards::competition::entrant::Entrant;
+use swarmbench_boards::competition::export::{
+    Attempt, Board, Competition, End, Episode, FORMAT, Game, Line, Writer,
+};
 
 /// Export a competition (JSON Lines): its seeds and salt, its entrants, every attempt with the complete journals of
 /// its games, and the board.

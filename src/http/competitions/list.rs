@@ -11,7 +11,7 @@ use super::super::page::{NewestParams, ROWS_MAX};
 use super::shown;
 use crate::competitions;
 use crate::ids::CompetitionKey;
-use crate::wire::competition::CompetitionList;
+use swarmbench_protocol::competition::CompetitionList;
 
 /// List competitions, newest first.
 #[utoipa::path(

@@ -20,15 +20,15 @@ use jiff::Timestamp;
 use super::App;
 use super::auth::Caller;
 use super::error::{ApiError, Code};
-use crate::board::Slot;
-use crate::competition::entrant::Entrant;
-use crate::competition::shown::{self, Revealed};
-use crate::competition::standings::{self, Attempt, standings};
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::run::RunStatus;
 use crate::store::competitions::{Declared, StoredAttempt};
 use crate::store::runs::StoredGame;
-use crate::wire::competition::{AttemptSummary, Competition, CompetitionRow};
+use swarmbench_boards::Slot;
+use swarmbench_boards::competition::entrant::Entrant;
+use swarmbench_boards::competition::shown::{self, Revealed};
+use swarmbench_boards::competition::standings::{self, Attempt, standings};
+use swarmbench_protocol::competition::{AttemptSummary, Competition, CompetitionRow};
 
 impl App {
     /// A competition of which the caller may know.

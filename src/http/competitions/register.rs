@@ -14,14 +14,14 @@ use super::super::checks::Problems;
 use super::super::client::Client;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
-use crate::competition::definition::Admission;
-use crate::competition::entrant::Declaration;
 use crate::competitions::StoredCompetition;
 use crate::competitions::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::{EntrantRow, Entry};
-use crate::wire::competition::{CreatedEntrant, EntrantRequest};
+use swarmbench_boards::competition::definition::Admission;
+use swarmbench_boards::competition::entrant::Declaration;
+use swarmbench_protocol::competition::{CreatedEntrant, EntrantRequest};
 
 /// Enter a competition.
 ///

@@ -8,7 +8,7 @@ use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::shown;
-use crate::wire::competition::Competition;
+use swarmbench_protocol::competition::Competition;
 
 /// Show a competition: its seeds and salt only after its end.
 #[utoipa::path(

@@ -12,8 +12,6 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::idempotency::{Idempotency, created_before, idempotency};
-use crate::competition::EntrantStatus;
-use crate::competition::phase::attempt as choose;
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::episode::quota::Purpose;
 use crate::fair::Party;
@@ -22,7 +20,9 @@ use crate::keys::OwnerKey;
 use crate::run::manager::NewRun;
 use crate::store::competitions::Declared;
 use crate::store::runs::StoredRun;
-use crate::wire::competition::{AttemptRequest, StartedAttempt};
+use swarmbench_boards::competition::EntrantStatus;
+use swarmbench_boards::competition::phase::attempt as choose;
+use swarmbench_protocol::competition::{AttemptRequest, StartedAttempt};
 
 /// After how long it is worth a try again where the time of day is in doubt.
 const DOUBT_PAUSE: Duration = Duration::from_secs(5);

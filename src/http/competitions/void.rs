@@ -11,8 +11,8 @@ use super::super::extract::{Ids, Json, Nothing, Params};
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
 use crate::store::entries::Entry;
-use crate::wire::competition::AttemptSummary;
-use crate::wire::episode::VoidRequest;
+use swarmbench_protocol::competition::AttemptSummary;
+use swarmbench_protocol::episode::VoidRequest;
 
 /// Void an attempt after a fault of the server: it ends, does not count, and may be started again on the same seeds.
 ///

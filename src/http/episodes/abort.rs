@@ -10,7 +10,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use crate::episode::Status;
 use crate::episode::spec::Visibility;
-use crate::wire::episode::EpisodeSummary;
+use swarmbench_protocol::episode::EpisodeSummary;
 
 /// Abort an episode. What was played stays in the journal.
 ///

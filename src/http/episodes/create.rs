@@ -24,10 +24,9 @@ use crate::episode::spec::Spec;
 use crate::fair::Party;
 use crate::hosted;
 use crate::ids::{EpisodeId, Token, TokenKind};
-use crate::prompt;
 use crate::store::entries::{Entry, TokenRow};
 use crate::store::tokens::Grant;
-use crate::wire::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, SeatToken};
 
 /// Create an episode.
 ///
@@ -220,7 +219,11 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         model,
         agent_meta,
         custom_template: request.prompt_template.is_some(),
-        prompt_template: request.prompt_template.as_deref().unwrap_or(prompt::BUILT_IN).into(),
+        prompt_template: request
+            .prompt_template
+            .as_deref()
+            .unwrap_or(swarmbench_prompt::BUILT_IN)
+            .into(),
         run: None,
         salt: None,
         closes_at: None,

@@ -17,7 +17,7 @@ use super::super::feed::{Events, Feed, feed};
 use crate::budget::Reservation;
 use crate::episode::actor::Handle;
 use crate::episode::memory;
-use crate::wire::episode::{RoundEvent, StreamedEvent};
+use swarmbench_protocol::episode::{RoundEvent, StreamedEvent};
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

@@ -11,10 +11,10 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use super::super::stream::Parts;
-use crate::journal::record::{End, Frame, first_lines};
 use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
+use swarmbench_journal::record::{End, Frame, first_lines};
 
 /// Rounds that are read at once, without their acts.
 const ROUNDS: u32 = 256;

@@ -12,7 +12,7 @@ use super::super::page::{ROWS_MAX, list_params};
 use crate::episode::Status;
 use crate::ids::EpisodeKey;
 use crate::store::episodes::Filter;
-use crate::wire::episode::EpisodeList;
+use swarmbench_protocol::episode::EpisodeList;
 
 list_params! {
     ListParams {

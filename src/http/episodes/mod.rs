@@ -19,10 +19,10 @@ use crate::episode::Status;
 use crate::episode::actor::Handle;
 use crate::episode::spec::{Spec, Visibility};
 use crate::ids::EpisodeId;
-use crate::journal::record::Record;
 use crate::store::port::StoredEpisode;
-use crate::wire::Seconds;
-use crate::wire::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
+use swarmbench_journal::record::Record;
+use swarmbench_protocol::Seconds;
+use swarmbench_protocol::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary};
 
 impl App {
     /// An episode of which the caller may read everything but the seed.

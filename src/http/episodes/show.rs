@@ -7,7 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use crate::wire::episode::EpisodeSummary;
+use swarmbench_protocol::episode::EpisodeSummary;
 
 /// Show an episode.
 #[utoipa::path(

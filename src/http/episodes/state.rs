@@ -9,7 +9,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
-use crate::wire::episode::State as StateBody;
+use swarmbench_protocol::episode::State as StateBody;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

@@ -12,7 +12,7 @@ use super::super::extract::{Id, Json, Nothing, Params};
 use crate::ids::EpisodeId;
 use crate::keys::Key;
 use crate::store::entries::{AuditRow, Entry};
-use crate::wire::episode::{EpisodeSummary, VoidRequest};
+use swarmbench_protocol::episode::{EpisodeSummary, VoidRequest};
 
 /// Void an episode after a fault of the server: it counts nowhere.
 ///

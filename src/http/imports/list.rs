@@ -11,7 +11,7 @@ use super::super::extract::{Params, one_of};
 use super::super::page::{ROWS_MAX, list_params};
 use crate::ids::ImportKey;
 use crate::store::imports::ImportFilter;
-use crate::wire::import::{ImportList, ImportSummary};
+use swarmbench_protocol::import::{ImportList, ImportSummary};
 
 list_params! {
     /// Which games to list.

@@ -8,7 +8,7 @@ use super::App;
 use super::auth::Caller;
 use super::error::ApiError;
 use crate::store::imports::StoredImport;
-use crate::wire::import::ImportSummary;
+use swarmbench_protocol::import::ImportSummary;
 
 impl App {
     /// An imported game. They are public like episodes that have ended.

@@ -7,7 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use crate::wire::import::ImportSummary;
+use swarmbench_protocol::import::ImportSummary;
 
 /// Show an imported game.
 #[utoipa::path(

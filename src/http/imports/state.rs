@@ -9,7 +9,7 @@ use super::super::episodes::state::StateParams;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Params};
 use crate::dataset::imported;
-use crate::wire::episode::State as StateBody;
+use swarmbench_protocol::episode::State as StateBody;
 
 /// Show a state of an imported game, as it was recorded.
 #[utoipa::path(

@@ -12,7 +12,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::Entry;
-use crate::wire::key::{CreatedKey, KeyRequest};
+use swarmbench_protocol::key::{CreatedKey, KeyRequest};
 
 /// Make a key for somebody.
 ///

@@ -9,7 +9,7 @@ use super::super::error::ApiError;
 use super::super::extract::Params;
 use super::super::page::{PageParams, ROWS_MAX};
 use crate::keys::{Key, OwnerKey};
-use crate::wire::key::KeyList;
+use swarmbench_protocol::key::KeyList;
 
 /// List all keys that were ever made, oldest first.
 #[utoipa::path(

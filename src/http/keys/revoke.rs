@@ -10,7 +10,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
-use crate::wire::key::KeySummary;
+use swarmbench_protocol::key::KeySummary;
 
 /// Revoke a key: from now on it opens nothing.
 ///

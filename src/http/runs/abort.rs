@@ -9,7 +9,7 @@ use super::super::auth::Caller;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Id, Nothing, Params};
 use crate::run::RunStatus;
-use crate::wire::run::RunDetail;
+use swarmbench_protocol::run::RunDetail;
 
 /// Abort a run and its open games. What was played stays, and counts.
 ///

@@ -17,12 +17,12 @@ use super::super::error::ApiError;
 use super::super::extract::{Json, Nothing, Params};
 use super::super::idempotency::{created_before, idempotency};
 use super::Known;
-use crate::clock::millis;
 use crate::hosted;
 use crate::run::definition::Definition;
 use crate::run::manager::NewRun;
-use crate::run::suite::{Suite, SuiteSettings};
-use crate::wire::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_clock::millis;
+use swarmbench_protocol::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// Start a run: a suite of games for one model.
 ///

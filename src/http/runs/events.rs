@@ -11,7 +11,7 @@ use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
 use super::super::feed::{Events, Feed, feed};
 use crate::run::manager::OpenGames;
-use crate::wire::run::StreamedRunEvent;
+use swarmbench_protocol::run::StreamedRunEvent;
 
 /// Watch a run (Server-Sent Events).
 ///

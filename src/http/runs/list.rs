@@ -12,7 +12,7 @@ use super::Known;
 use crate::ids::RunKey;
 use crate::run::RunStatus;
 use crate::store::runs::{RunFilter, StoredRun};
-use crate::wire::run::RunList;
+use swarmbench_protocol::run::RunList;
 
 list_params! {
     ListParams {

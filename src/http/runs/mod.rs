@@ -13,15 +13,15 @@ use std::collections::VecDeque;
 use super::App;
 use super::auth::{Caller, Subject};
 use super::error::{ApiError, Code};
-use crate::board::Slot;
-use crate::board::result::task_results;
 use crate::episode::spec::Visibility;
-use crate::journal::Tally;
 use crate::run::definition::{self, Definition};
-use crate::run::suite::Suite;
 use crate::store::runs::{StoredGame, StoredRun};
-use crate::wire::Seconds;
-use crate::wire::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
+use swarmbench_boards::Slot;
+use swarmbench_boards::result::task_results;
+use swarmbench_journal::Tally;
+use swarmbench_protocol::Seconds;
+use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
+use swarmbench_protocol::suite::Suite;
 
 /// A run of which the caller may know.
 struct Known {

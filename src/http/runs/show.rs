@@ -7,7 +7,7 @@ use super::super::App;
 use super::super::auth::Caller;
 use super::super::error::ApiError;
 use super::super::extract::{Id, Nothing, Params};
-use crate::wire::run::RunDetail;
+use swarmbench_protocol::run::RunDetail;
 
 /// Show a run, its results and its games.
 #[utoipa::path(

@@ -4,8 +4,8 @@ use axum::Json;
 
 use super::super::error::ApiError;
 use super::super::extract::{Nothing, Params};
-use crate::run::suite::Suite;
-use crate::wire::run::{SuiteList, SuiteView};
+use swarmbench_protocol::run::{SuiteList, SuiteView};
+use swarmbench_protocol::suite::Suite;
 
 /// Show the built-in suites, completely, by each rule set.
 #[utoipa::path(

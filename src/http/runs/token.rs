@@ -13,7 +13,7 @@ use super::super::extract::{Id, Nothing, Params};
 use crate::ids::{RunKey, Token};
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
-use crate::wire::run::RunToken;
+use swarmbench_protocol::run::RunToken;
 
 /// Get a new token for a run, in place of one that was lost.
 ///

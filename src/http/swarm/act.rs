@@ -18,7 +18,7 @@ use super::super::error::{ApiError, Code};
 use super::super::extract::{Nothing, Params, read};
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
-use crate::wire::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
+use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};
 
 /// Act for several seats.
 ///

@@ -19,9 +19,8 @@ use super::super::auth::Swarm;
 use super::super::error::{ApiError, Code};
 use super::super::extract::{Params, wait};
 use super::{Seated, Source};
-use crate::clock;
 use crate::episode::{Snapshot, Status};
-use crate::wire::act::SwarmObsResponse;
+use swarmbench_protocol::act::SwarmObsResponse;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -113,7 +112,7 @@ async fn wait_for_seats(
 ) -> Result<(Vec<Open>, bool), ApiError> {
     let mut waiting = None;
     let mut is_up = timeout.is_zero();
-    let mut up = app.clock.sleep_until(clock::after(app.clock.now(), timeout));
+    let mut up = app.clock.sleep_until(swarmbench_clock::after(app.clock.now(), timeout));
     loop {
         // Changes from here on are reported by `changed`.
         let (seated, is_over) = source.open(app).await?;
@@ -132,7 +131,7 @@ async fn wait_for_seats(
                 is_alive = any_changed(&mut followed) => if !is_alive {
                     // The actor of one has ended by a fault: it is found again, recovered.
                     tokio::select! {
-                        () = app.clock.sleep_until(clock::after(app.clock.now(), GONE_PAUSE)) => {}
+                        () = app.clock.sleep_until(swarmbench_clock::after(app.clock.now(), GONE_PAUSE)) => {}
                         () = &mut up => is_up = true,
                         () = app.stop.cancelled() => is_up = true,
                     }

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use rstest::rstest;
 use serde_json::{Value, json};
-use swarmbench::clock::{Entropy, SeededEntropy};
-use swarmbench::players::client::Client;
-use swarmbench::players::play::play;
-use swarmbench::wire::episode::EpisodeRequest;
+use swarmbench_client::client::Client;
+use swarmbench_client::play::play;
+use swarmbench_clock::{Entropy, SeededEntropy};
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::episode::EpisodeRequest;
 use tokio::task::JoinSet;
 
 use crate::app::{TestApp, list};

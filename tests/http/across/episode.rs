@@ -1,9 +1,9 @@
 //! One episode from its creation to its proof, as a reader of the README would play it.
 
 use serde_json::json;
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::replay::verify;
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::verify;
 
 use crate::app::{TestApp, list};
 

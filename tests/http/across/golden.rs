@@ -13,12 +13,12 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::replay::verify;
-use swarmbench::players::client::Client;
-use swarmbench::players::play::play;
+use swarmbench_client::client::Client;
+use swarmbench_client::play::play;
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::verify;
 use swarmbench_players::default_for;
 
 use crate::app::{Episode, TestApp};

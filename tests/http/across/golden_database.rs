@@ -20,10 +20,10 @@ use flate2::write::GzEncoder;
 use reqwest::Method;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use swarmbench::competition::verify::{Expected, verify as verify_competition};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::replay::verify;
+use swarmbench_boards::competition::verify::{Expected, verify as verify_competition};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::verify;
 
 use super::golden::games;
 use crate::app::program::{printed, swarmbench};

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use futures::future::join_all;
 use serde_json::{Value, json};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{RawRecord, Record};
-use swarmbench::journal::replay::verify;
 use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{RawRecord, Record};
+use swarmbench_journal::replay::verify;
 
 use crate::app::{Episode, TestApp, list, verified};
 

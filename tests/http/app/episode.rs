@@ -1,8 +1,8 @@
 //! An episode, as its creator and its players use it.
 
 use serde_json::{Value, json};
-use swarmbench::journal::replay::{Report, verify};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::replay::{Report, verify};
 
 use super::{TestApp, list};
 

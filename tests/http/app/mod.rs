@@ -12,7 +12,6 @@ use std::time::Duration;
 
 use reqwest::{Client, Method};
 use serde_json::Value;
-use swarmbench::clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use swarmbench::host::ManualDisk;
 use swarmbench::http::Access;
 use swarmbench::http::limits::Limits;
@@ -20,6 +19,7 @@ use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::Store;
 use swarmbench::store::entries::Entry;
+use swarmbench_clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;

@@ -336,12 +336,12 @@ async fn a_board_has_what_is_durable() {
     let mut offline = Offline::open(&app).await;
     let standings = Standings::new(offline.store.clone());
     let names = async || {
-        let question = swarmbench::board::collection::Question {
+        let question = swarmbench_boards::collection::Question {
             suite: Some("small".to_owned()),
             ..Default::default()
         };
         let ranked = standings.boards().await.expect("boards").ranked(&question).expect("a board");
-        let name = |row: &swarmbench::board::rank::Row| {
+        let name = |row: &swarmbench_boards::rank::Row| {
             let shown = row.shown().expect("a run");
             let task = shown.task(TaskName::Synchronization).expect("a task");
             format!("{} {}/{}", shown.run.player.model, task.games, task.planned)
@@ -377,7 +377,7 @@ async fn games_from_files_are_marked_and_only_shown_where_they_are_asked_for() {
     app.stop().await;
     let offline = Offline::open(&app).await;
     let standings = Standings::new(offline.store.clone());
-    let question = swarmbench::board::collection::Question {
+    let question = swarmbench_boards::collection::Question {
         suite: Some("small".to_owned()),
         imported: true,
         ..Default::default()

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::Map;
-use swarmbench::clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench::episode::Status;
 use swarmbench::episode::actor::{Claim, Handle, Spawn};
 use swarmbench::episode::lockstep::Submission;
@@ -15,17 +14,18 @@ use swarmbench::episode::spec::Spec;
 use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey, Token, TokenKind};
-use swarmbench::journal::record::Decision;
 use swarmbench::keys::OwnerKey;
 use swarmbench::run::definition::Definition;
 use swarmbench::run::new_id;
-use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::store::entries::{Entry, Holder, RunRow};
 use swarmbench::store::imports::ImportRow;
 use swarmbench::work::Workers;
+use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
+use swarmbench_journal::record::Decision;
 use swarmbench_protocol::import::ImportConfig;
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 use crate::app::TestApp;
 use crate::game;

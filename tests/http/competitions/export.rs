@@ -1,12 +1,12 @@
 //! The published file of a competition verifies, and every change of it is found.
 
 use serde_json::{Value, json};
-use swarmbench::competition::export::{Line, Writer};
-use swarmbench::competition::sealed::Sealed;
-use swarmbench::competition::verify::{Expected, Fault, Report, verify};
-use swarmbench::competition::{EntrantStatus, definition::Counts};
-use swarmbench::journal::chain::Head;
+use swarmbench_boards::competition::export::{Line, Writer};
+use swarmbench_boards::competition::sealed::Sealed;
+use swarmbench_boards::competition::verify::{Expected, Fault, Report, verify};
+use swarmbench_boards::competition::{EntrantStatus, definition::Counts};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
 
 use crate::cup::{Cup, Entrant, server};
 
@@ -222,13 +222,14 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     refused(&forged.write(), "differs");
 
     // Seeds, salt, commitment.
-    let competition = |change: &dyn Fn(&mut swarmbench::competition::export::Competition)| {
-        file.forged(|line| {
-            if let Line::Competition(competition) = line {
-                change(competition);
-            }
-        })
-    };
+    let competition =
+        |change: &dyn Fn(&mut swarmbench_boards::competition::export::Competition)| {
+            file.forged(|line| {
+                if let Line::Competition(competition) = line {
+                    change(competition);
+                }
+            })
+        };
     refused(&competition(&|c| c.seeds.swap(0, 1)), "salt and seeds hash to");
     refused(&competition(&|c| c.salt = "00".repeat(32)), "salt and seeds hash to");
     refused(&competition(&|c| c.commitment = "00".repeat(32)), "the commitment is 0000");
@@ -256,7 +257,7 @@ async fn every_forgery_is_found_though_its_chain_fits() {
 
     // Attempts and entrants.
     let attempt =
-        |number: usize, change: &dyn Fn(&mut swarmbench::competition::export::Attempt)| {
+        |number: usize, change: &dyn Fn(&mut swarmbench_boards::competition::export::Attempt)| {
             let mut forged = file.clone();
             let Line::Attempt(attempt) = &mut forged.0[attempts[number]].0 else { panic!("none") };
             change(attempt);
@@ -278,15 +279,16 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     let mut forged = file.clone();
     forged.0.drain(attempts[0]..attempts[1]);
     refused(&forged.write(), "row ");
-    let entrant = |name: &str, change: &dyn Fn(&mut swarmbench::competition::entrant::Entrant)| {
-        file.forged(|line| {
-            if let Line::Entrant(entrant) = line
-                && entrant.name == name
-            {
-                change(entrant);
-            }
-        })
-    };
+    let entrant =
+        |name: &str, change: &dyn Fn(&mut swarmbench_boards::competition::entrant::Entrant)| {
+            file.forged(|line| {
+                if let Line::Entrant(entrant) = line
+                    && entrant.name == name
+                {
+                    change(entrant);
+                }
+            })
+        };
     refused(&entrant("blue", &|e| e.declaration.model = "better".to_owned()), "setting model");
     refused(&entrant("blue", &|e| e.declaration.temperature = Some(1.0)), "other things");
     refused(&entrant("green", &|e| e.status = EntrantStatus::Active), "row ");
@@ -298,7 +300,7 @@ async fn every_forgery_is_found_though_its_chain_fits() {
     refused(&forged.write(), "it is there twice");
 
     // The board.
-    let board = |change: &dyn Fn(&mut Vec<swarmbench::competition::standings::Row>)| {
+    let board = |change: &dyn Fn(&mut Vec<swarmbench_boards::competition::standings::Row>)| {
         file.forged(|line| {
             if let Line::Board(board) = line {
                 change(&mut board.rows);

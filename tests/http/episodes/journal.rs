@@ -3,9 +3,9 @@
 use rstest::rstest;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::replay::{Fault, Report, verify};
 use swarmbench_engine::physics::Solver;
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::replay::{Fault, Report, verify};
 
 use super::{finish, request};
 use crate::app::{Episode, TestApp, verified};
@@ -52,7 +52,7 @@ async fn its_lines_are_chained_by_their_hashes() {
     assert_eq!(json!(report.score), shown["score"]);
     assert_eq!(report.opening.episode, episode.id);
     assert_eq!(report.opening.rules_revision, swarmbench_engine::RULES_REVISION);
-    assert_eq!(report.opening.prompt_template, swarmbench::prompt::BUILT_IN);
+    assert_eq!(report.opening.prompt_template, swarmbench_prompt::BUILT_IN);
 }
 
 #[tokio::test]

@@ -8,9 +8,9 @@ use swarmbench::episode::recovery::RecoveryError;
 use swarmbench::episode::registry::CreateError;
 use swarmbench::episode::seating::SeatTaken;
 use swarmbench::ids::EpisodeId;
-use swarmbench::journal::record::Source;
 use swarmbench::store::StoreError;
 use swarmbench_engine::AgentId;
+use swarmbench_journal::record::Source;
 
 use super::{Acked, Checker, Invariant, Place, Sent, same};
 use crate::clients::{Answer, RequestId};

@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use swarmbench::clock::after;
 use swarmbench::episode::Ending;
 use swarmbench::episode::spec::Spec;
 use swarmbench::hosted;
-use swarmbench::journal::chain::Head;
-use swarmbench::journal::record::{ActRecord, Record, Source, round_record};
-use swarmbench::journal::replay::{acts_of, living};
 use swarmbench::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, OpeningRow, RoundRow, SeatingRow,
 };
+use swarmbench_clock::after;
 use swarmbench_engine::{AgentId, World};
+use swarmbench_journal::chain::Head;
+use swarmbench_journal::record::{ActRecord, Record, Source, round_record};
+use swarmbench_journal::replay::{acts_of, living};
 
 use super::{Checker, Episode, Invariant, Kept, same};
 

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use futures::FutureExt as _;
-use swarmbench::clock::Clock as _;
 use swarmbench::episode::seating::Wanted;
 use swarmbench::ids::EpisodeId;
 use swarmbench::keys::OwnerKey;
+use swarmbench_clock::Clock as _;
 use swarmbench_engine::AgentId;
 
 use super::Run;

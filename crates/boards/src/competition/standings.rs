@@ -1,7 +1,7 @@
 //! Which attempt of each entrant counts, and who is ahead.
 //!
 //! Attempts count once they are over, however they ended; a voided one does not. What an attempt is
-//! worth, and when two totals are the same, is decided in [`crate::board`].
+//! worth, and when two totals are the same, is decided in [`mod@crate::rank`].
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;

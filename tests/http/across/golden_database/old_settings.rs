@@ -3,14 +3,14 @@
 use std::fs;
 
 use serde_json::{Value, json};
-use swarmbench::clock::SeededEntropy;
-use swarmbench::competition::verify::verify as verify_competition;
 use swarmbench::episode::spec::Visibility;
 use swarmbench::ids::{RunKey, Token, TokenKind};
 use swarmbench::run::definition::Definition;
-use swarmbench::run::suite::{Suite, SuiteSettings};
 use swarmbench::store::Store;
 use swarmbench::store::entries::{Entry, RunRow};
+use swarmbench_boards::competition::verify::verify as verify_competition;
+use swarmbench_clock::SeededEntropy;
+use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 use super::*;
 use crate::app::{fields, number};
