@@ -38,6 +38,7 @@ macro_rules! limits {
         impl Limits {
             /// All limits by their names: those that can be set, and those that cannot.
             #[must_use]
+            #[expect(clippy::cast_lossless, reason = "limits have several types, none above 64 bits")]
             pub fn table(&self) -> Vec<(&'static str, u64)> {
                 vec![
                     $((stringify!($first), self.$first as u64),)*
