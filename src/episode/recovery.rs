@@ -1,12 +1,13 @@
 //! Journal → running episode: every unfinished episode continues at the same round, with the acts
 //! that were already recorded.
 
-use std::sync::Arc;
+use std::sync::atomic::AtomicI64;
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use swarmbench_engine::World;
 
-use super::actor::{EpisodeInit, Host, Times};
+use super::actor::{EpisodeInit, Host, Running, Times};
 use super::heavy::{self, off_thread, step_micros};
 use super::keyframes::Keyframes;
 use super::lockstep::{Clocks, Lockstep, RecordedAct, ResumeState};
@@ -78,18 +79,22 @@ pub(super) async fn recover(
     let seating = Seating::new(&spec, times.created_at, holders);
     let clocks = clocks(&spec);
     Ok(EpisodeInit {
-        id: stored.id,
-        key: stored.episode,
-        owner: stored.owner,
-        run: stored.run,
-        party,
-        spec,
-        created_at: stored.created_at,
-        times,
+        episode: Running {
+            id: stored.id,
+            key: stored.episode,
+            owner: stored.owner,
+            run: stored.run,
+            party,
+            spec,
+            created_at: stored.created_at,
+            hosted: OnceLock::new(),
+            keyframes: Mutex::new(history.keyframes),
+            ends_at: AtomicI64::default(),
+            times,
+        },
         world,
         head: stored.head,
         lockstep: Lockstep::new(clocks, resume, clock.now()),
-        keyframes: history.keyframes,
         newest_at: stored.newest_at,
         bytes: history.bytes,
         tally: history.tally,

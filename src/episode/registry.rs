@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
 use futures::future::select;
@@ -13,7 +13,7 @@ use swarmbench_engine::World;
 use tokio::sync::{OnceCell, mpsc, oneshot};
 use tracing::Instrument as _;
 
-use super::actor::{EpisodeInit, Handle, Host, Spawn, Times, seated, spawn};
+use super::actor::{EpisodeInit, Handle, Host, Running, Spawn, Times, seated, spawn};
 use super::heavy::{is_heavy, off_thread, step_micros};
 use super::keyframes::Keyframes;
 use super::lockstep::{Lockstep, ResumeState};
@@ -384,18 +384,23 @@ impl Registry {
         };
         tracing::info!(episode = %id, task = spec.config.task().name(), model = %spec.model, "created");
         let spec = Arc::new(spec);
-        let init = EpisodeInit {
+        let episode = Running {
             id,
             key,
             owner,
             run: run.map(|(run, _)| run),
             party,
+            spec: Arc::clone(&spec),
             created_at: now,
+            hosted: OnceLock::new(),
+            keyframes: Mutex::new(Keyframes::new(Arc::clone(&world))),
+            ends_at: AtomicI64::default(),
             times: Arc::new(Times::new(running)),
-            keyframes: Keyframes::new(Arc::clone(&world)),
+        };
+        let init = EpisodeInit {
+            episode,
             lockstep: Lockstep::new(clocks(&spec), resume, self.host.clock.now()),
             newest_at: now,
-            spec,
             world,
             head,
             bytes: 0,

@@ -30,11 +30,7 @@ use swarmbench_clock::Clock;
 /// Commands (starts, aborts, claims) that lie in an episode's mailbox at once; others wait for that.
 pub(super) const COMMANDS_WAITING_MAX: usize = 64;
 
-/// An episode as others see it. Cloning shares it.
-#[derive(Clone)]
-pub struct Handle(pub(super) Arc<Running>);
-
-/// See [`Handle`].
+/// An episode in memory: its description, and what its actor updates and its handles read.
 pub struct Running {
     pub id: EpisodeId,
     /// Its number in the journal.
@@ -47,6 +43,19 @@ pub struct Running {
     pub party: Party,
     pub spec: Arc<Spec>,
     pub created_at: Timestamp,
+    pub(in super::super) hosted: OnceLock<Vec<(AgentId, String)>>,
+    pub(in super::super) keyframes: Mutex<Keyframes>,
+    pub(in super::super) ends_at: AtomicI64,
+    pub(in super::super) times: Arc<Times>,
+}
+
+/// An episode as others see it. Cloning shares it.
+#[derive(Clone)]
+pub struct Handle(pub(super) Arc<Inner>);
+
+/// See [`Handle`].
+pub(super) struct Inner {
+    pub(super) episode: Arc<Running>,
     pub(super) clock: Arc<dyn Clock>,
     pub(super) journal: Arc<dyn EpisodeStore>,
     pub(super) mailbox: mpsc::UnboundedSender<Envelope>,
@@ -57,11 +66,7 @@ pub struct Running {
     /// Serializes the lookups of acts of rounds that are over, so that one episode does not occupy all
     /// connections to the database.
     pub(super) lookups: tokio::sync::Mutex<()>,
-    pub(super) hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
     pub(super) published: watch::Receiver<Arc<Snapshot>>,
-    pub(super) keyframes: Arc<Mutex<Keyframes>>,
-    pub(super) ends_at: Arc<AtomicI64>,
-    pub(super) times: Arc<Times>,
     /// The memory that it takes; free again with the last handle.
     pub(super) memory: Arc<Reservation>,
     pub(super) gone: CancellationToken,
@@ -71,27 +76,27 @@ impl std::ops::Deref for Handle {
     type Target = Running;
 
     fn deref(&self) -> &Running {
-        &self.0
+        &self.0.episode
     }
 }
 
 impl Handle {
     /// The state that is published now.
     pub fn snapshot(&self) -> Arc<Snapshot> {
-        Arc::clone(&self.published.borrow())
+        Arc::clone(&self.0.published.borrow())
     }
 
     /// Follows what is published.
     pub fn follow(&self) -> watch::Receiver<Arc<Snapshot>> {
-        self.published.clone()
+        self.0.published.clone()
     }
 
     /// Acts for several seats; the outcomes come in the same order, once they are durable.
     pub async fn submit(&self, acts: Vec<(AgentId, Submission)>) -> Outcomes {
-        let at = self.clock.now();
+        let at = self.0.clock.now();
         let round = self.snapshot().world.round();
         let mut outcomes: Outcomes = acts.iter().map(|_| Err(ActError::Busy)).collect();
-        let (mut permits, refused) = self.in_flight.take(acts.iter().map(|(agent, _)| *agent));
+        let (mut permits, refused) = self.0.in_flight.take(acts.iter().map(|(agent, _)| *agent));
         let (now, past): (Vec<Sent>, Vec<Sent>) = (acts.into_iter().enumerate())
             .filter(|(_, (agent, _))| !refused.contains(agent))
             .map(|(place, (agent, submission))| Sent {
@@ -106,7 +111,7 @@ impl Handle {
         let late =
             self.send_batch(at, Batch { acts: now, permits: permits_of_now }, &mut outcomes).await;
         if !late.is_empty()
-            && let Err(error) = self.journal.keep(Vec::new()).await
+            && let Err(error) = self.0.journal.keep(Vec::new()).await
         {
             // Their rounds were on the way to the disk: what is found must include them.
             for sent in &late {
@@ -136,7 +141,7 @@ impl Handle {
         let places: Vec<usize> = batch.acts.iter().map(|sent| sent.place).collect();
         let (reply, replies) = oneshot::channel();
         // Without an actor the reply is dropped.
-        drop(self.mailbox.send((at, Message::Submit { batch, reply })));
+        drop(self.0.mailbox.send((at, Message::Submit { batch, reply })));
         let Ok(replies) = replies.await else {
             for place in places {
                 outcomes[place] = Err(gone().into());
@@ -155,8 +160,8 @@ impl Handle {
 
     /// What a seat did in a round that is over and durable.
     async fn earlier(&self, sent: &Sent) -> Result<Option<RecordedAct>, StoreError> {
-        let _lookup = self.lookups.lock().await;
-        let act = self.journal.act(self.key, sent.submission.round, sent.agent).await?;
+        let _lookup = self.0.lookups.lock().await;
+        let act = self.0.journal.act(self.key, sent.submission.round, sent.agent).await?;
         let recorded = act.map(|act| RecordedAct::stored(act, &self.spec.config)).transpose();
         recorded.map_err(StoreError::broken)
     }
@@ -186,9 +191,9 @@ impl Handle {
         &self,
         message: impl FnOnce(oneshot::Sender<Result<T, E>>) -> Message,
     ) -> Result<T, E> {
-        let _permit = self.commands.acquire().await;
+        let _permit = self.0.commands.acquire().await;
         let (reply, done) = oneshot::channel();
-        drop(self.mailbox.send((self.clock.now(), message(reply))));
+        drop(self.0.mailbox.send((self.0.clock.now(), message(reply))));
         done.await.unwrap_or_else(|_| Err(gone().into()))
     }
 
@@ -214,17 +219,17 @@ impl Handle {
 
     /// The group to whose share its memory belongs, if to any.
     pub(in super::super) fn memory_group(&self) -> Option<Group> {
-        self.memory.group()
+        self.0.memory.group()
     }
 
     /// Cancelled when the actor has ended and hands nothing more to the journal.
     pub(in super::super) fn gone(&self) -> CancellationToken {
-        self.gone.clone()
+        self.0.gone.clone()
     }
 
     /// Whether its actor has ended though the episode has not: after an entry was refused, or a fault.
     pub(crate) fn is_dead(&self) -> bool {
-        self.gone.is_cancelled() && !self.snapshot().status.is_over()
+        self.0.gone.is_cancelled() && !self.snapshot().status.is_over()
     }
 
     /// Whether there are other handles.

@@ -11,8 +11,8 @@ mod host;
 mod mailbox;
 mod times;
 
-use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use futures::future::BoxFuture;
@@ -23,24 +23,21 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::heavy::{self, off_thread, step_micros};
 use super::in_flight::InFlightLimit;
-use super::keyframes::Keyframes;
 use super::lockstep::{Effect, Event, Lockstep, RecordedAct};
 use super::memory;
 use super::seating::{SeatTaken, Seating, Wanted};
 use super::snapshot::Snapshot;
-use super::spec::{Spec, Visibility};
+use super::spec::Spec;
 use super::status::{Ending, Status};
 use crate::budget::Reservation;
 use crate::fair::{Party, Rank};
-use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-use crate::keys::OwnerKey;
 use crate::store::StoreError;
 use crate::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, Holder, RoundRow, SeatingRow, TokenRow,
 };
 use crate::work::Cancelled;
 use commit::AfterCommit;
-use handle::{COMMANDS_WAITING_MAX, gone};
+use handle::{COMMANDS_WAITING_MAX, Inner, gone};
 pub use handle::{Handle, Running};
 pub use host::{Host, Spawn};
 pub use mailbox::{ActError, Claim, ClaimError, Claimed, Outcomes, StartError};
@@ -62,18 +59,10 @@ const LOOKS_AGAIN_AFTER: Duration = Duration::from_secs(10);
 
 /// An episode that is about to run.
 pub(super) struct EpisodeInit {
-    pub(super) id: EpisodeId,
-    pub(super) key: EpisodeKey,
-    pub(super) owner: Option<OwnerKey>,
-    pub(super) run: Option<RunKey>,
-    pub(super) party: Party,
-    pub(super) spec: Arc<Spec>,
-    pub(super) created_at: Timestamp,
-    pub(super) times: Arc<Times>,
+    pub(super) episode: Running,
     pub(super) world: Arc<World>,
     pub(super) head: Head,
     pub(super) lockstep: Lockstep,
-    pub(super) keyframes: Keyframes,
     /// When its newest record came.
     pub(super) newest_at: Timestamp,
     /// Bytes that its acts take in the journal.
@@ -84,84 +73,62 @@ pub(super) struct EpisodeInit {
 }
 
 /// Starts the actor of an episode.
-pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> Handle {
-    note_time_of_day(&mut init.lockstep, &init.spec, &*host.clock);
+pub(super) fn spawn(host: Host, init: EpisodeInit, memory: Reservation) -> Handle {
+    let EpisodeInit { episode, world, head, mut lockstep, newest_at, bytes, tally, seating } = init;
+    note_time_of_day(&mut lockstep, &episode.spec, &*host.clock);
     let (mailbox, messages) = mpsc::unbounded_channel();
-    match init.lockstep.outcome() {
-        None => host.quotas.note(init.key, Party::of_key(init.owner)),
+    match lockstep.outcome() {
+        None => host.quotas.note(episode.key, Party::of_key(episode.owner)),
         // It may have been counted from a list that was older than its end.
-        Some(_) => host.quotas.release(init.key),
+        Some(_) => host.quotas.release(episode.key),
     }
-    let memory = Arc::new(memory);
-    let weight = Arc::downgrade(&memory);
-    let keyframe_bytes = init.keyframes.bytes();
-    let keyframes = Arc::new(Mutex::new(init.keyframes));
-    let ends_at = ends_at(&init.lockstep, &*host.clock).as_millisecond();
-    let ends_at = Arc::new(AtomicI64::new(ends_at));
-    let snapshot = Snapshot::new(&init.lockstep, &init.world, init.head);
-    snapshot.set_opened(init.lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
+    let snapshot = Snapshot::new(&lockstep, &world, head);
+    snapshot.set_opened(lockstep.opened_at().unwrap_or_else(|| host.clock.now()));
     let latest = Arc::clone(&snapshot);
     let (publish, published) = watch::channel(snapshot);
-    let gone = CancellationToken::new();
-    let hosted = Arc::new(OnceLock::new());
-    if let Some(seating) = init.seating.as_ref().filter(|_| latest.status != Status::Waiting) {
-        hosted.get_or_init(|| seating.hosted());
+    if let Some(seating) = seating.as_ref().filter(|_| latest.status != Status::Waiting) {
+        episode.hosted.get_or_init(|| seating.hosted());
     }
-    memory.resize(memory::of_episode(&init.world, keyframe_bytes, hosted_max(&hosted, &init.spec)));
-    let handle = Handle(Arc::new(Running {
-        id: init.id.clone(),
-        key: init.key,
-        owner: init.owner,
-        run: init.run,
-        party: init.party,
-        spec: Arc::clone(&init.spec),
-        created_at: init.created_at,
+    let (gone, episode, memory) = (CancellationToken::new(), Arc::new(episode), Arc::new(memory));
+    let handle = Handle(Arc::new(Inner {
+        episode: Arc::clone(&episode),
         clock: Arc::clone(&host.clock),
         journal: Arc::clone(&host.journal),
         mailbox,
-        in_flight: InFlightLimit::new(init.spec.config.num_agents()),
+        in_flight: InFlightLimit::new(episode.spec.config.num_agents()),
         commands: Semaphore::new(COMMANDS_WAITING_MAX),
         lookups: tokio::sync::Mutex::new(()),
         published,
-        keyframes: Arc::clone(&keyframes),
-        ends_at: Arc::clone(&ends_at),
-        times: Arc::clone(&init.times),
-        hosted: Arc::clone(&hosted),
-        memory,
+        memory: Arc::clone(&memory),
         gone: gone.clone(),
     }));
-    if init.spec.may_be_hosted() && !latest.status.is_over() {
-        // The receiver is gone if hosted seats are not played.
-        _ = host.hosted.send(handle.clone());
-    }
-    let has_clients = !init.spec.is_all_hosted();
+    let may_be_hosted = episode.spec.may_be_hosted() && !latest.status.is_over();
+    let has_clients = !episode.spec.is_all_hosted();
     let (spawn, workers) = (Arc::clone(&host.spawn), host.workers.clone());
     let actor = Actor {
         host,
-        id: init.id,
-        key: init.key,
-        run: init.run,
-        party: init.party,
-        spec: init.spec,
-        world: init.world,
-        head: init.head,
-        lockstep: init.lockstep,
-        newest_at: init.newest_at,
+        episode,
+        world,
+        head,
+        lockstep,
+        newest_at,
         newest_running: Timestamp::MIN,
-        bytes: init.bytes,
-        tally: init.tally,
-        seating: init.seating,
+        bytes,
+        tally,
+        seating,
         ahead: Vec::new(),
-        hosted,
-        keyframes,
-        memory: weight,
-        ends_at,
-        times: init.times,
+        memory: Arc::downgrade(&memory),
         publish,
         latest,
         failed: CancellationToken::new(),
         _gone: gone.drop_guard(),
     };
+    actor.note_end();
+    actor.note_memory();
+    if may_be_hosted {
+        // The receiver is gone if hosted seats are not played.
+        _ = actor.host.hosted.send(handle.clone());
+    }
     let actor: BoxFuture<'static, ()> = Box::pin(actor.run(messages));
     if has_clients {
         spawn(actor);
@@ -169,11 +136,6 @@ pub(super) fn spawn(host: Host, mut init: EpisodeInit, memory: Reservation) -> H
         workers.spawn_in_background(actor).unwrap_or_else(|actor| spawn(actor));
     }
     handle
-}
-
-/// How many seats the server plays: before the start, how many it may.
-fn hosted_max(hosted: &OnceLock<Vec<(AgentId, String)>>, spec: &Spec) -> usize {
-    hosted.get().map_or_else(|| spec.hosted_max(), Vec::len)
 }
 
 /// Passes the time of day to the barrier, which goes by the running time: while it is in doubt nothing is
@@ -184,18 +146,9 @@ fn note_time_of_day(lockstep: &mut Lockstep, spec: &Spec, clock: &dyn Clock) {
     lockstep.note_time_of_day(closes_at, is_in_doubt);
 }
 
-/// When the episode ends unless there is a request, or when that has to be checked again.
-fn ends_at(lockstep: &Lockstep, clock: &dyn Clock) -> Timestamp {
-    if lockstep.is_held() { after(clock.now(), LOOKS_AGAIN_AFTER) } else { lockstep.ends_at() }
-}
-
 struct Actor {
     host: Host,
-    id: EpisodeId,
-    key: EpisodeKey,
-    run: Option<RunKey>,
-    party: Party,
-    spec: Arc<Spec>,
+    episode: Arc<Running>,
     world: Arc<World>,
     head: Head,
     lockstep: Lockstep,
@@ -208,12 +161,8 @@ struct Actor {
     seating: Option<Seating>,
     /// Entries to be recorded before those of the next effects.
     ahead: Vec<Entry>,
-    hosted: Arc<OnceLock<Vec<(AgentId, String)>>>,
-    keyframes: Arc<Mutex<Keyframes>>,
     /// The memory that the episode takes, as long as there are handles to it.
     memory: Weak<Reservation>,
-    ends_at: Arc<AtomicI64>,
-    times: Arc<Times>,
     publish: watch::Sender<Arc<Snapshot>>,
     /// The state that is published, or will be once it is durable.
     latest: Arc<Snapshot>,
@@ -228,7 +177,7 @@ impl Actor {
         let failed = self.failed.clone();
         self.resume().await;
         loop {
-            note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
+            note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
             let wake = self.wakes_at();
             let clock = Arc::clone(&self.host.clock);
             let tick = async {
@@ -268,7 +217,7 @@ impl Actor {
     /// When to look at the time of day again, where something waits for it: it may be in doubt, and set.
     fn looks_again_at(&self) -> Option<Timestamp> {
         let rests_on_it = match self.lockstep.status() {
-            Status::Waiting => self.lockstep.is_held() || self.spec.closes_at.is_some(),
+            Status::Waiting => self.lockstep.is_held() || self.episode.spec.closes_at.is_some(),
             Status::Running => self.lockstep.is_held(),
             Status::Finished | Status::Aborted | Status::Abandoned => false,
         };
@@ -292,7 +241,7 @@ impl Actor {
     /// Starts an episode that waited for nothing but its last seat.
     fn start_if_seated(&mut self, at: Timestamp) -> Vec<Effect> {
         let is_seated = self.seating.as_ref().is_none_or(|seating| seating.count_open() == 0);
-        if !is_seated || self.spec.manual_start {
+        if !is_seated || self.episode.spec.manual_start {
             return Vec::new();
         }
         let mut effects = self.apply(at, Event::Start);
@@ -313,16 +262,20 @@ impl Actor {
 
     /// Passes an event with its time to the barrier.
     fn apply(&mut self, at: Timestamp, event: Event) -> Vec<Effect> {
-        note_time_of_day(&mut self.lockstep, &self.spec, &*self.host.clock);
+        note_time_of_day(&mut self.lockstep, &self.episode.spec, &*self.host.clock);
         let effects = self.lockstep.apply(at, event);
         self.note_end();
         effects
     }
 
-    /// Publishes when the episode ends unless there is a request.
+    /// Publishes when the episode ends unless there is a request, or when that has to be checked again.
     fn note_end(&self) {
-        let ends_at = ends_at(&self.lockstep, &*self.host.clock);
-        self.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
+        let ends_at = if self.lockstep.is_held() {
+            after(self.host.clock.now(), LOOKS_AGAIN_AFTER)
+        } else {
+            self.lockstep.ends_at()
+        };
+        self.episode.ends_at.store(ends_at.as_millisecond(), Ordering::Release);
     }
 
     /// Resumes before the first event: ends a layout that is solved already, or resolves a round whose
@@ -429,7 +382,7 @@ impl Actor {
         tokens: Vec<TokenRow>,
         idempotency: Option<(String, [u8; 32])>,
     ) -> Entry {
-        let episode = self.key;
+        let episode = self.episode.key;
         let holder = Holder { at: self.stamp(holder.at), ..holder };
         Entry::Claim(Box::new(ClaimRow { episode, holder, agents, tokens, idempotency }))
     }
@@ -459,7 +412,7 @@ impl Actor {
                 Earlier::Unknown => None,
             };
             let text_bytes = submission.decision.text_bytes();
-            let room = self.host.quotas.check_act(self.key, used, text_bytes, at);
+            let room = self.host.quotas.check_act(self.episode.key, used, text_bytes, at);
             for effect in self.apply(at, Event::Submit { agent, submission, earlier, room }) {
                 match effect {
                     Effect::Answer(answer) => {
@@ -511,7 +464,7 @@ impl Actor {
                 Effect::KeepStart => {
                     entries.extend(self.seating_entry());
                     let at = self.stamp(at);
-                    entries.push(Entry::Start { episode: self.key, at });
+                    entries.push(Entry::Start { episode: self.episode.key, at });
                 }
                 Effect::KeepAct { agent, recorded } => {
                     acted.push((agent, kind(&recorded)));
@@ -519,8 +472,8 @@ impl Actor {
                 }
                 Effect::Resolve => {
                     if let Err(error) = self.resolve(&mut entries).await {
-                        tracing::error!(episode = %self.id, %error, "a round was not resolved");
-                        self.host.quotas.release_bytes(self.key, self.bytes - bytes_before);
+                        tracing::error!(episode = %self.episode.id, %error, "a round was not resolved");
+                        self.host.quotas.release_bytes(self.episode.key, self.bytes - bytes_before);
                         self.failed.cancel();
                         then(Err(error));
                         return;
@@ -543,15 +496,11 @@ impl Actor {
             open,
             acted,
             next,
-            times: Arc::clone(&self.times),
             last_act_at: self.lockstep.last_act_at(),
-            episode: self.id.clone(),
-            key: self.key,
-            run: self.run,
-            is_sealed: self.spec.visibility == Visibility::Sealed,
+            episode: Arc::clone(&self.episode),
         };
         let (host, publish) = (self.host.clone(), self.publish.clone());
-        let (key, bytes) = (self.key, self.bytes - bytes_before);
+        let (key, bytes) = (self.episode.key, self.bytes - bytes_before);
         let failed = self.failed.clone();
         let is_barrier = entries.is_empty();
         let committed = move |result: Result<(), StoreError>| {
@@ -573,8 +522,8 @@ impl Actor {
         let seating = self.seating.as_ref()?;
         let (record, head) = seated(seating, self.head);
         self.head = head;
-        self.hosted.get_or_init(|| seating.hosted());
-        Some(Entry::Seat(SeatingRow { episode: self.key, record, head }))
+        self.episode.hosted.get_or_init(|| seating.hosted());
+        Some(Entry::Seat(SeatingRow { episode: self.episode.key, record, head }))
     }
 
     /// The time of day at a moment of the running time, as it is written down.
@@ -589,13 +538,13 @@ impl Actor {
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
         self.tally.count(decision.source, decision.valid, decision.usage);
-        self.host.quotas.add_bytes(self.key, bytes, at);
+        self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
         if decision.source == Source::Player {
             self.lockstep.note_act(self.newest_running);
             self.note_end();
         }
-        let (episode, round) = (self.key, self.world.round());
+        let (episode, round) = (self.episode.key, self.world.round());
         Entry::Act(ActRow { episode, round, agent, waiting_for, at, record })
     }
 
@@ -617,17 +566,22 @@ impl Actor {
             (Arc::new(world), digest, head.link(record.as_str().as_bytes()))
         };
         let micros = step_micros(self.world.config()) + text / TEXT_BYTES_PER_MICRO;
-        let urgent = (self.party, Rank::Urgent);
+        let urgent = (self.episode.party, Rank::Urgent);
         let is_heavy = heavy::is_long(micros);
         let stepped = off_thread(&self.host.workers, "step", urgent, is_heavy, step).await;
         let (world, digest, head) =
             stepped.map_err(|error| StoreError::broken(error.to_string()))?;
         self.head = head;
         self.world = world;
-        self.offer_keyframe();
+        self.episode
+            .keyframes
+            .lock()
+            .expect("nothing panics while it holds this")
+            .offer(&self.world);
+        self.note_memory();
         let now = self.host.clock.now();
         entries.push(Entry::Round(RoundRow {
-            episode: self.key,
+            episode: self.episode.key,
             round,
             digest: digest.0,
             score: self.world.score(),
@@ -649,14 +603,14 @@ impl Actor {
         Ok(())
     }
 
-    /// Offers the new state to the keyframes, and counts the memory that the episode takes now.
-    fn offer_keyframe(&self) {
-        let mut keyframes = self.keyframes.lock().expect("nothing panics while it holds this");
-        keyframes.offer(&self.world);
-        if let Some(reservation) = self.memory.upgrade() {
-            let hosted = hosted_max(&self.hosted, &self.spec);
-            reservation.resize(memory::of_episode(&self.world, keyframes.bytes(), hosted));
-        }
+    /// Counts the memory that the episode takes now; before the start with all players that it may have.
+    fn note_memory(&self) {
+        let Some(reservation) = self.memory.upgrade() else { return };
+        let hosted =
+            self.episode.hosted.get().map_or_else(|| self.episode.spec.hosted_max(), Vec::len);
+        let keyframes =
+            self.episode.keyframes.lock().expect("nothing panics while it holds this").bytes();
+        reservation.resize(memory::of_episode(&self.world, keyframes, hosted));
     }
 
     /// Writes the record of the end.
@@ -672,7 +626,7 @@ impl Actor {
         self.head = self.head.link(record.as_str().as_bytes());
         let at = self.lockstep.outcome().map_or_else(|| self.host.clock.now(), |o| o.at);
         Entry::End(EndRow {
-            episode: self.key,
+            episode: self.episode.key,
             status,
             reason: ending.name(),
             record,
@@ -681,7 +635,7 @@ impl Actor {
             score: self.world.score(),
             rounds: self.world.round(),
             tally: self.tally,
-            counts: self.spec.counts(),
+            counts: self.episode.spec.counts(),
             at: self.stamp(at),
         })
     }
