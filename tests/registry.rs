@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use futures::future::BoxFuture;
 use swarmbench::budget::{Budget, NoMemory};
 use swarmbench::episode::actor::{Handle, Spawn};
 use swarmbench::episode::lockstep::{Receipt, Submission};
@@ -19,11 +18,11 @@ use swarmbench::fair::Party;
 use swarmbench::http::limits::Limits;
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use swarmbench::keys::OwnerKey;
+use swarmbench::store::Store;
 use swarmbench::store::entries::{ActRow, Entry, Held};
 use swarmbench::store::port::{
-    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+    Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
-use swarmbench::store::{Store, StoreError};
 use swarmbench::work::Workers;
 use swarmbench_clock::ManualClock;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
@@ -51,64 +50,42 @@ impl EpisodeStore for Faulty {
         self.store.recovered(episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
+    fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>> {
         if self.stuck.lock().expect("no panic").as_ref() == Some(&id) {
             return Box::pin(std::future::pending());
         }
         self.store.episode(id)
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
+    fn unfinished(&self) -> Reply<'_, Vec<Unfinished>> {
         self.store.unfinished()
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
+    fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>> {
         self.store.holders(episode)
     }
 
-    fn entrant(
-        &self,
-        run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
+    fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>> {
         self.store.entrant(run)
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
+    fn key_id(&self, owner: OwnerKey) -> Reply<'_, Option<String>> {
         self.store.key_id(owner)
     }
 
-    fn acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
+    fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
         self.store.acts(episode, from, to)
     }
 
-    fn round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
+    fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs> {
         self.store.round_acts(episode, round)
     }
 
-    fn act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
+    fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>> {
         self.store.act(episode, round, agent)
     }
 
-    fn rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
+    fn rounds(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<StoredRound>> {
         self.store.rounds(episode, from, to)
     }
 }

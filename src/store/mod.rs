@@ -39,7 +39,7 @@ use entries::Entry;
 pub use error::{Stopped, StoreError};
 pub use files::Lost;
 use files::{Files, Lock};
-use port::Committed;
+use port::{Committed, Reply};
 pub use readers::{
     READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX, patiently, patiently_blocking,
 };
@@ -149,9 +149,10 @@ impl Store {
         self.writer.append(entries, committed);
     }
 
-    /// Keeps entries and waits until they are durable; see [`port::EpisodeStore::keep`].
-    pub async fn keep(&self, entries: Vec<Entry>) -> Result<(), StoreError> {
-        port::committed(|committed| self.append(entries, committed)).await
+    /// Keeps entries; see [`EpisodeStore::keep`](port::EpisodeStore::keep).
+    #[must_use = "entries are durable only once it has returned"]
+    pub fn keep(&self, entries: Vec<Entry>) -> Reply<'static, ()> {
+        port::committed(|committed| self.append(entries, committed))
     }
 
     pub fn writer(&self) -> &WriterState {

@@ -12,13 +12,14 @@ use crate::keys::OwnerKey;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, RawRecord, RecordedConfig};
 
+/// What a store answers.
+pub type Reply<'a, T> = BoxFuture<'a, Result<T, StoreError>>;
+
 /// Called once entries are durable, or with the reason why they never will be.
 pub type Committed = Box<dyn FnOnce(Result<(), StoreError>) + Send>;
 
 /// Hands entries over at once, and returns when they are durable.
-pub(super) fn committed(
-    append: impl FnOnce(Committed),
-) -> BoxFuture<'static, Result<(), StoreError>> {
+pub(super) fn committed(append: impl FnOnce(Committed)) -> Reply<'static, ()> {
     let (done, kept) = tokio::sync::oneshot::channel();
     append(Box::new(move |result| drop(done.send(result))));
     async move { kept.await.unwrap_or(Err(StoreError::Stopped(Stopped::Writer))) }.boxed()
@@ -100,7 +101,7 @@ pub trait EpisodeStore: Send + Sync + 'static {
 
     /// Keeps entries and waits until they, and all that was handed over before them, are durable;
     /// without entries it only waits. They are stored also if the caller is gone.
-    fn keep(&self, entries: Vec<Entry>) -> BoxFuture<'_, Result<(), StoreError>> {
+    fn keep(&self, entries: Vec<Entry>) -> Reply<'_, ()> {
         committed(|committed| self.append(entries, committed))
     }
 
@@ -108,52 +109,32 @@ pub trait EpisodeStore: Send + Sync + 'static {
     /// would leave a gap. To be called when its old actor has ended and all that it handed over was answered.
     fn recovered(&self, _episode: EpisodeKey) {}
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>>;
+    /// Finds an episode.
+    fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>>;
 
     /// All episodes that have not ended; those with a round clock first.
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>>;
+    fn unfinished(&self) -> Reply<'_, Vec<Unfinished>>;
 
     /// The holders of seats of an episode with their seats, in order of their numbers; empty where the creator
     /// holds all.
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>>;
+    fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>>;
 
     /// The competition and the entrant whose attempt a run is, where it is one.
-    fn entrant(
-        &self,
-        run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>>;
+    fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>>;
 
     /// The public id of a key.
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>>;
+    fn key_id(&self, owner: OwnerKey) -> Reply<'_, Option<String>>;
 
     /// The acts of the rounds `from..to` by round, without `response` and `reasoning`: no state follows from
     /// these, and they may be large.
-    fn acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>>;
+    fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>>;
 
-    fn round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, StoreError>>;
+    /// The acts of one round, whole.
+    fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs>;
 
     /// What one seat did in one round.
-    fn act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>>;
+    fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>>;
 
     /// The resolved rounds `from..to`.
-    fn rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>>;
+    fn rounds(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<StoredRound>>;
 }

@@ -3,19 +3,18 @@
 use std::collections::VecDeque;
 
 use futures::FutureExt;
-use futures::future::BoxFuture;
 use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
+use super::port::{
+    Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+};
 use super::rows::{FromRow, Json, from_row, get};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
-use crate::store::port::{
-    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
-};
 use swarmbench_journal::record::RawRecord;
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
@@ -146,100 +145,6 @@ impl Store {
         from: u32,
         to: u32,
     ) -> Result<Vec<StoredRound>, StoreError> {
-        self.read_rounds(episode, from, to).await
-    }
-
-    async fn read_acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> Result<Vec<(u32, RoundActs)>, StoreError> {
-        let rows = sqlx::query(
-            "SELECT round, agent, waiting_for, octet_length(record) AS bytes,
-               CASE WHEN octet_length(record) > ?
-                 THEN json_remove(record, '$.response', '$.reasoning') ELSE record END AS record
-             FROM acts WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
-        )
-        .bind(WHOLE_BYTES_MAX)
-        .bind(episode.0)
-        .bind(from)
-        .bind(to)
-        .fetch_all(&mut *self.read().await?)
-        .await?;
-        let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
-        for (number, row) in rows.iter().enumerate() {
-            if number > 0 && number.is_multiple_of(ACTS_OF_A_PIECE) {
-                tokio::task::yield_now().await;
-            }
-            let round = get(row, "round")?;
-            let (agent, mut act) = <(AgentId, StoredAct)>::from_row(row)?;
-            (act.record.response, act.record.reasoning) = (None, None);
-            match rounds.last_mut() {
-                Some((last, acts)) if *last == round => acts.push((agent, act)),
-                _ => rounds.push((round, vec![(agent, act)])),
-            }
-        }
-        Ok(rounds)
-    }
-
-    async fn read_round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> Result<RoundActs, StoreError> {
-        let rows = sqlx::query(
-            "SELECT round, agent, waiting_for, octet_length(record) AS bytes, record FROM acts
-             WHERE episode = ? AND round = ? ORDER BY agent",
-        )
-        .bind(episode.0)
-        .bind(round)
-        .fetch_all(&mut *self.read().await?)
-        .await?;
-        let mut acts = RoundActs::with_capacity(rows.len());
-        let mut unpaused = 0;
-        for row in rows {
-            if unpaused > PIECE_BYTES {
-                unpaused = 0;
-                tokio::task::yield_now().await;
-            }
-            let (agent, act) = <(AgentId, StoredAct)>::from_row(&row)?;
-            unpaused += act.bytes;
-            acts.push((agent, act));
-        }
-        Ok(acts)
-    }
-
-    async fn read_act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> Result<Option<StoredAct>, StoreError> {
-        let query = sqlx::query(
-            "SELECT agent, waiting_for, octet_length(record) AS bytes, record FROM acts
-             WHERE episode = ? AND round = ? AND agent = ?",
-        );
-        let found = self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await?;
-        Ok(found.map(|(_, act): (AgentId, StoredAct)| act))
-    }
-
-    async fn read_entrant(
-        &self,
-        run: RunKey,
-    ) -> Result<Option<(CompetitionKey, OwnerKey)>, StoreError> {
-        let query = sqlx::query(
-            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
-        );
-        self.fetch_optional(query.bind(run.0)).await
-    }
-
-    async fn read_rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> Result<Vec<StoredRound>, StoreError> {
         let query = sqlx::query(
             "SELECT round, digest, score, head FROM rounds
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round",
@@ -270,61 +175,104 @@ impl EpisodeStore for Store {
         self.writer().recovered(episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
+    fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>> {
         async move { self.find_episode(&id).await }.boxed()
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
+    fn unfinished(&self) -> Reply<'_, Vec<Unfinished>> {
         self.unfinished_episodes().boxed()
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
+    fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>> {
         self.read_holders(episode).boxed()
     }
 
-    fn entrant(
-        &self,
-        run: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
-        self.read_entrant(run).boxed()
+    fn entrant(&self, run: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>> {
+        async move {
+        let query = sqlx::query(
+            "SELECT e.competition, e.owner FROM runs r JOIN entries e ON e.key = r.entry WHERE r.key = ?",
+        );
+        self.fetch_optional(query.bind(run.0)).await
+        }
+        .boxed()
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
+    fn key_id(&self, owner: OwnerKey) -> Reply<'_, Option<String>> {
         self.read_key_id(owner).boxed()
     }
 
-    fn acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
-        self.read_acts(episode, from, to).boxed()
+    fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
+        async move {
+            let rows = sqlx::query(
+                "SELECT round, agent, waiting_for, octet_length(record) AS bytes,
+               CASE WHEN octet_length(record) > ?
+                 THEN json_remove(record, '$.response', '$.reasoning') ELSE record END AS record
+             FROM acts WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
+            )
+            .bind(WHOLE_BYTES_MAX)
+            .bind(episode.0)
+            .bind(from)
+            .bind(to)
+            .fetch_all(&mut *self.read().await?)
+            .await?;
+            let mut rounds: Vec<(u32, RoundActs)> = Vec::new();
+            for (number, row) in rows.iter().enumerate() {
+                if number > 0 && number.is_multiple_of(ACTS_OF_A_PIECE) {
+                    tokio::task::yield_now().await;
+                }
+                let round = get(row, "round")?;
+                let (agent, mut act) = <(AgentId, StoredAct)>::from_row(row)?;
+                (act.record.response, act.record.reasoning) = (None, None);
+                match rounds.last_mut() {
+                    Some((last, acts)) if *last == round => acts.push((agent, act)),
+                    _ => rounds.push((round, vec![(agent, act)])),
+                }
+            }
+            Ok(rounds)
+        }
+        .boxed()
     }
 
-    fn round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
-        self.read_round_acts(episode, round).boxed()
+    fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs> {
+        async move {
+            let rows = sqlx::query(
+                "SELECT round, agent, waiting_for, octet_length(record) AS bytes, record FROM acts
+             WHERE episode = ? AND round = ? ORDER BY agent",
+            )
+            .bind(episode.0)
+            .bind(round)
+            .fetch_all(&mut *self.read().await?)
+            .await?;
+            let mut acts = RoundActs::with_capacity(rows.len());
+            let mut unpaused = 0;
+            for row in rows {
+                if unpaused > PIECE_BYTES {
+                    unpaused = 0;
+                    tokio::task::yield_now().await;
+                }
+                let (agent, act) = <(AgentId, StoredAct)>::from_row(&row)?;
+                unpaused += act.bytes;
+                acts.push((agent, act));
+            }
+            Ok(acts)
+        }
+        .boxed()
     }
 
-    fn act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
-        self.read_act(episode, round, agent).boxed()
+    fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>> {
+        async move {
+            let query = sqlx::query(
+                "SELECT agent, waiting_for, octet_length(record) AS bytes, record FROM acts
+             WHERE episode = ? AND round = ? AND agent = ?",
+            );
+            let found =
+                self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await?;
+            Ok(found.map(|(_, act): (AgentId, StoredAct)| act))
+        }
+        .boxed()
     }
 
-    fn rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
-        self.read_rounds(episode, from, to).boxed()
+    fn rounds(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<StoredRound>> {
+        self.resolved(episode, from, to).boxed()
     }
 }

@@ -4,7 +4,6 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Mutex, MutexGuard};
 
-use futures::future::BoxFuture;
 use swarmbench::episode::Status;
 use swarmbench::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use swarmbench::keys::OwnerKey;
@@ -13,7 +12,7 @@ use swarmbench::store::entries::{
     ActRow, ClaimRow, EndRow, Entry, Held, OpeningRow, RoundRow, SeatingRow,
 };
 use swarmbench::store::port::{
-    Committed, EpisodeStore, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
+    Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench_engine::AgentId;
 use swarmbench_journal::record::{ActRecord, Source};
@@ -377,7 +376,7 @@ impl EpisodeStore for MemoryJournal {
         self.state().broken.remove(&episode);
     }
 
-    fn episode(&self, id: EpisodeId) -> BoxFuture<'_, Result<Option<StoredEpisode>, StoreError>> {
+    fn episode(&self, id: EpisodeId) -> Reply<'_, Option<StoredEpisode>> {
         let forgets = self.flaw == Some(Flaw::ForgetsTheLastAct);
         Box::pin(self.read(move |state| {
             let mut found = state.openings().find(|row| row.id == id).map(|row| state.episode(row));
@@ -388,14 +387,11 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn entrant(
-        &self,
-        _: RunKey,
-    ) -> BoxFuture<'_, Result<Option<(CompetitionKey, OwnerKey)>, StoreError>> {
+    fn entrant(&self, _: RunKey) -> Reply<'_, Option<(CompetitionKey, OwnerKey)>> {
         Box::pin(std::future::ready(Ok(None)))
     }
 
-    fn unfinished(&self) -> BoxFuture<'_, Result<Vec<Unfinished>, StoreError>> {
+    fn unfinished(&self) -> Reply<'_, Vec<Unfinished>> {
         let haunted = self.flaw == Some(Flaw::ListsAGhost);
         Box::pin(self.read(move |state| {
             let unfinished = |row: &OpeningRow| Unfinished {
@@ -421,7 +417,7 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn holders(&self, episode: EpisodeKey) -> BoxFuture<'_, Result<Vec<Held>, StoreError>> {
+    fn holders(&self, episode: EpisodeKey) -> Reply<'_, Vec<Held>> {
         let forgets = self.flaw == Some(Flaw::ForgetsClaims);
         Box::pin(self.read(move |state| {
             let claims = state.claims(episode).filter(|row| !forgets || row.holder.number == 0);
@@ -429,16 +425,11 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn key_id(&self, owner: OwnerKey) -> BoxFuture<'_, Result<Option<String>, StoreError>> {
+    fn key_id(&self, owner: OwnerKey) -> Reply<'_, Option<String>> {
         Box::pin(self.read(move |_| Ok(Some(format!("key_{}", owner.0)))))
     }
 
-    fn acts(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<(u32, RoundActs)>, StoreError>> {
+    fn acts(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<(u32, RoundActs)>> {
         Box::pin(self.read(move |state| {
             let mut rows: Vec<&ActRow> =
                 state.acts(episode).filter(|row| (from..to).contains(&row.round)).collect();
@@ -453,11 +444,7 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn round_acts(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-    ) -> BoxFuture<'_, Result<RoundActs, StoreError>> {
+    fn round_acts(&self, episode: EpisodeKey, round: u32) -> Reply<'_, RoundActs> {
         Box::pin(self.read(move |state| {
             let acts = state.acts(episode).filter(|row| row.round == round);
             let mut acts: RoundActs = acts.map(|row| (row.agent, stored(row))).collect();
@@ -466,12 +453,7 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn act(
-        &self,
-        episode: EpisodeKey,
-        round: u32,
-        agent: AgentId,
-    ) -> BoxFuture<'_, Result<Option<StoredAct>, StoreError>> {
+    fn act(&self, episode: EpisodeKey, round: u32, agent: AgentId) -> Reply<'_, Option<StoredAct>> {
         let flaw = self.flaw;
         Box::pin(self.read(move |state| {
             let found = state.acts(episode).find(|row| row.round == round && row.agent == agent);
@@ -487,12 +469,7 @@ impl EpisodeStore for MemoryJournal {
         }))
     }
 
-    fn rounds(
-        &self,
-        episode: EpisodeKey,
-        from: u32,
-        to: u32,
-    ) -> BoxFuture<'_, Result<Vec<StoredRound>, StoreError>> {
+    fn rounds(&self, episode: EpisodeKey, from: u32, to: u32) -> Reply<'_, Vec<StoredRound>> {
         Box::pin(self.read(move |state| {
             let rows = state.rounds(episode).filter(|row| (from..to).contains(&row.round));
             let round = |row: &RoundRow| StoredRound {
