@@ -31,6 +31,7 @@ mod exports;
 mod fairness;
 mod faults;
 mod files;
+mod fog;
 mod golden;
 mod golden_database;
 mod host;

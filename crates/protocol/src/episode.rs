@@ -112,6 +112,7 @@ impl EpisodeRequest {
         "control",
         "noise",
         "max_delay",
+        "fog",
         "round_deadline_s",
         "bank_s",
         "start",
