@@ -31,7 +31,6 @@ mod exports;
 mod fairness;
 mod faults;
 mod files;
-mod fog;
 mod golden;
 mod golden_database;
 mod host;

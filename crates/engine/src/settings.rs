@@ -40,9 +40,6 @@ macro_rules! for_each_setting {
                 noise: f64 => f64 = 0.0 in 0..=1;
                 /// The most rounds by which a message is late.
                 max_delay: i64 => i64 = 0 in 0..=100;
-                /// How dense the fog is; it changes nothing.
-                #[serde(default, skip_serializing_if = "swarmbench_engine::Settings::is_zero")]
-                fog: i64 => u8 = 0 in 0..=10;
             ] {}
         }
     };
@@ -99,12 +96,6 @@ macro_rules! define_settings {
 for_each_setting! { define_settings, {}, {} }
 
 impl Settings {
-    /// Whether a setting has the value of journals and suites that do not have it.
-    #[must_use]
-    pub fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
-        *value == T::default()
-    }
-
     /// The paper's standard setting for a task: 12 agents on 10 × 10 cells, windows of 5 × 5,
     /// 100 rounds, a memory of 5, decentralized, no noise, no delay.
     #[must_use]
@@ -249,7 +240,6 @@ impl Config {
         check.range("max_round", s.max_round, &limits::ROUNDS);
         check.range("memory", s.memory, &limits::MEMORY);
         check.range("max_delay", s.max_delay, &limits::DELAY);
-        check.range("fog", s.fog, &(0..=10));
         if !(0.0..=1.0).contains(&s.noise) {
             check.fail("noise", format!("must be a probability from 0 to 1, is {}", s.noise));
         }

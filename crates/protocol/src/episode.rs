@@ -112,7 +112,6 @@ impl EpisodeRequest {
         "control",
         "noise",
         "max_delay",
-        "fog",
         "round_deadline_s",
         "bank_s",
         "start",

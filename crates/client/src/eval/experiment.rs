@@ -94,10 +94,6 @@ pub struct Axes {
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     #[serde(deserialize_with = "list")]
     pub max_delay: Vec<i64>,
-    /// How dense the fog is (0).
-    #[arg(long, value_delimiter = ',', value_name = "N")]
-    #[serde(deserialize_with = "list")]
-    pub fog: Vec<i64>,
     /// Of models alone.
     #[arg(skip)]
     #[serde(deserialize_with = "list")]
