@@ -11,7 +11,7 @@ use crate::dataset::bounds::Bounds;
 use crate::dataset::read::{Problem, Taker, read};
 use crate::store::Store;
 use crate::store::entries::Entry;
-use crate::store::imports::ImportRow;
+use crate::store::entries::ImportRow;
 use swarmbench_clock::{Clock, SystemClock};
 
 #[derive(Debug, clap::Args)]

@@ -11,7 +11,8 @@ use swarmbench_engine::TaskName;
 use swarmbench_protocol::import::ImportConfig;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
-use crate::store::imports::{ImportHash, ImportRow, ImportedRound};
+use crate::store::entries::{ImportRow, ImportedRound};
+use crate::store::imports::ImportHash;
 use swarmbench_protocol::Position;
 use swarmbench_protocol::episode::{State, StateAgent};
 

@@ -17,7 +17,7 @@ use zip::ZipArchive;
 use super::bounds::{Bounded, Bounds};
 use super::format::{self, META, Meta, is_run_id};
 use super::imported::Builder;
-use crate::store::imports::ImportRow;
+use crate::store::entries::ImportRow;
 
 /// Why most invalid run ids are invalid.
 const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spaces and parentheses";

@@ -5,10 +5,10 @@ use swarmbench_engine::AgentId;
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
-use crate::store::imports::ImportRow;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
+use swarmbench_protocol::import::ImportConfig;
 
 /// One change of the database.
 #[derive(Clone, Debug)]
@@ -334,4 +334,39 @@ pub struct EndRow {
     /// Whether boards count it: it belongs to a run, or several holders played it.
     pub counts: bool,
     pub at: Timestamp,
+}
+
+/// A game as it is stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportRow {
+    /// Its public id; it follows from the digest.
+    pub id: String,
+    /// Of its name, its settings and its states.
+    pub digest: [u8; 32],
+    /// As its files call it.
+    pub run_id: String,
+    /// Its entry in the index, as JSON.
+    pub meta: String,
+    pub model: String,
+    pub task: String,
+    pub seed: u64,
+    /// The settings that make games comparable.
+    pub settings: ImportConfig,
+    /// The score after the last round.
+    pub score: f64,
+    pub resolved: u32,
+    pub acts: u64,
+    /// Its states, the layout first.
+    pub rounds: Vec<ImportedRound>,
+}
+
+/// A state, and what was done in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportedRound {
+    /// How many rounds were resolved; also the round that was decided in this state.
+    pub round: u32,
+    pub score: f64,
+    /// The state, as JSON.
+    pub state: String,
+    pub acts: Option<Vec<u8>>,
 }

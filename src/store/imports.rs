@@ -8,33 +8,9 @@ use swarmbench_protocol::import::ImportConfig;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, Json, from_row, get};
-use super::writer::chunks;
+use super::entries::{ImportRow, ImportedRound};
+use super::rows::{FromRow, Json, chunks, from_row, get};
 use crate::ids::ImportKey;
-
-/// A game as it is stored.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImportRow {
-    /// Its public id; it follows from the digest.
-    pub id: String,
-    /// Of its name, its settings and its states.
-    pub digest: [u8; 32],
-    /// As its files call it.
-    pub run_id: String,
-    /// Its entry in the index, as JSON.
-    pub meta: String,
-    pub model: String,
-    pub task: String,
-    pub seed: u64,
-    /// The settings that make games comparable.
-    pub settings: ImportConfig,
-    /// The score after the last round.
-    pub score: f64,
-    pub resolved: u32,
-    pub acts: u64,
-    /// Its states, the layout first.
-    pub rounds: Vec<ImportedRound>,
-}
 
 /// Computes the digest of an imported game, state by state.
 #[derive(Debug)]
@@ -62,17 +38,6 @@ impl ImportHash {
     pub fn finish(self) -> [u8; 32] {
         self.0.finalize().into()
     }
-}
-
-/// A state, and what was done in it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImportedRound {
-    /// How many rounds were resolved; also the round that was decided in this state.
-    pub round: u32,
-    pub score: f64,
-    /// The state, as JSON.
-    pub state: String,
-    pub acts: Option<Vec<u8>>,
 }
 
 /// An imported game, as far as results are compared.

@@ -146,3 +146,17 @@ impl Store {
         Ok(row.as_ref().map(T::from_row).transpose()?)
     }
 }
+
+/// Rows that one statement inserts: a few sizes, so that few statements need to be prepared.
+const CHUNKS: [usize; 3] = [256, 16, 1];
+
+/// Cuts rows into pieces of few different lengths.
+pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
+    let mut rest = rows;
+    std::iter::from_fn(move || {
+        let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;
+        let (chunk, after) = rest.split_at(size);
+        rest = after;
+        Some(chunk)
+    })
+}

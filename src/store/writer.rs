@@ -26,6 +26,7 @@ use tokio::task::JoinHandle;
 
 use super::files::Files;
 use super::results::Changes;
+use super::rows::chunks;
 use super::{Stopped, StoreError};
 use crate::ids::EpisodeKey;
 use crate::keys::KeyRow;
@@ -34,9 +35,6 @@ use crate::store::port::Committed;
 
 /// Jobs that one transaction takes at most, so that the first does not wait for ever.
 const GROUP_MAX: usize = 1024;
-
-/// Rows that one statement inserts: a few sizes, so that few statements need to be prepared.
-const CHUNKS: [usize; 3] = [256, 16, 1];
 
 /// How long SQLite itself waits for the lock of the database before it says that it is busy.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
@@ -667,17 +665,6 @@ async fn insert_rounds(
         insert.build().execute(&mut *connection).await?;
     }
     Ok(())
-}
-
-/// Cuts rows into pieces of few different lengths.
-pub(super) fn chunks<T>(rows: &[T]) -> impl Iterator<Item = &[T]> {
-    let mut rest = rows;
-    std::iter::from_fn(move || {
-        let size = CHUNKS.into_iter().find(|&size| size <= rest.len())?;
-        let (chunk, after) = rest.split_at(size);
-        rest = after;
-        Some(chunk)
-    })
 }
 
 #[cfg(test)]

@@ -54,6 +54,7 @@ pub mod tasks;
 
 mod act;
 mod body;
+mod check;
 mod config;
 mod digest;
 mod grid;
@@ -68,13 +69,14 @@ mod world;
 
 pub use act::{Act, Action, AgentId};
 pub use body::{Board, Body, Kind};
+pub use check::{SettingError, SettingErrors, limits};
 pub use config::Config;
 pub use digest::Digest;
 pub use grid::{BodyId, Direction, Grid, Pos};
 pub use message::Message;
 pub use names::{Control, RuleSet, TaskName};
 pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};
-pub use settings::{SettingError, SettingErrors, Settings, limits};
+pub use settings::Settings;
 pub use world::World;
 
 /// The revision of the rules that this engine plays; every journal names its own. A change of
