@@ -11,30 +11,16 @@ use swarmbench_protocol::names;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct OwnerKey(pub i64);
 
-/// What the holder of a key may do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Role {
-    /// Start attempts in a competition and see their results; nothing else.
-    Entrant,
-    /// Create episodes, and do with them what their creator may.
-    Member,
-    /// Everything: read and end all episodes, make and revoke keys.
-    Organizer,
-}
-
-impl Role {
-    pub const ALL: [Self; 3] = [Self::Entrant, Self::Member, Self::Organizer];
-
-    /// The name on the wire and in the database.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Entrant => "entrant",
-            Self::Member => "member",
-            Self::Organizer => "organizer",
-        }
-    }
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|role| role.name() == name)
+swarmbench_engine::named! {
+    /// What the holder of a key may do.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+    pub enum Role {
+        /// Start attempts in a competition and see their results; nothing else.
+        Entrant = "entrant",
+        /// Create episodes, and do with them what their creator may.
+        Member = "member",
+        /// Everything: read and end all episodes, make and revoke keys.
+        Organizer = "organizer",
     }
 }
 

@@ -52,12 +52,14 @@ pub enum ExportError {
     Stopped,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TableName {
-    /// One row per act.
-    Acts,
-    /// One row per state.
-    Rounds,
+swarmbench_engine::named! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum TableName {
+        /// One row per act.
+        Acts = "acts",
+        /// One row per state.
+        Rounds = "rounds",
+    }
 }
 
 impl TableName {
@@ -65,12 +67,6 @@ impl TableName {
         match self {
             Self::Acts => tables::ACTS,
             Self::Rounds => tables::ROUNDS,
-        }
-    }
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Acts => "acts",
-            Self::Rounds => "rounds",
         }
     }
 }

@@ -102,23 +102,14 @@ impl Player {
     }
 }
 
-/// What a board says of whether each seat decided for itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Decentralization {
-    /// One holder has all seats and says so.
-    Declared,
-    /// Seats belong to different holders, or the server hosts the players.
-    Enforced,
-}
-
-impl Decentralization {
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Declared => "declared",
-            Self::Enforced => "enforced",
-        }
+swarmbench_engine::named! {
+    /// What a board says of whether each seat decided for itself.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Decentralization {
+        /// One holder has all seats and says so.
+        Declared = "declared",
+        /// Seats belong to different holders, or the server hosts the players.
+        Enforced = "enforced",
     }
 }
 

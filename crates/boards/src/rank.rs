@@ -10,36 +10,17 @@ use super::RowId;
 use super::reference::Reference;
 use super::result::RunResult;
 
-/// Which run of a player makes its row.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Pick {
-    /// The one that gets the highest rank; of equal ones the first.
-    #[default]
-    Best,
-    /// The one that was started last.
-    Last,
-    /// All: a seed's score is its mean over the runs.
-    Mean,
-}
-
-impl Pick {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Best, Self::Last, Self::Mean];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Best => "best",
-            Self::Last => "last",
-            Self::Mean => "mean",
-        }
-    }
-
-    /// The one with this name.
-    #[must_use]
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|pick| pick.name() == name)
+swarmbench_engine::named! {
+    /// Which run of a player makes its row.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub enum Pick {
+        /// The one that gets the highest rank; of equal ones the first.
+        #[default]
+        Best = "best",
+        /// The one that was started last.
+        Last = "last",
+        /// All: a seed's score is its mean over the runs.
+        Mean = "mean",
     }
 }
 

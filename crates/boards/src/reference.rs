@@ -11,27 +11,17 @@ use super::RowId;
 /// The suite whose board they belong to.
 pub const SUITE: &str = "standard";
 
-/// Which of the paper's tables a row is from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Table {
-    /// Language models, five games a task.
-    Models,
-    /// Rule-based baselines, each for one task, twenty games.
-    Rules,
-    /// People, or strategies that people had found.
-    Humans,
-}
-
-impl Table {
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Models => "models",
-            Self::Rules => "rules",
-            Self::Humans => "humans",
-        }
+swarmbench_engine::named! {
+    /// Which of the paper's tables a row is from.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Table {
+        /// Language models, five games a task.
+        Models = "models",
+        /// Rule-based baselines, each for one task, twenty games.
+        Rules = "rules",
+        /// People, or strategies that people had found.
+        Humans = "humans",
     }
 }
 

@@ -66,27 +66,15 @@ pub struct Definition {
     pub entries_per_key: u32,
 }
 
-/// Who may enter a competition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Admission {
-    /// Anybody.
-    Anybody,
-    /// Holders of an invitation code.
-    Codes,
-}
-
-impl Admission {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Anybody, Self::Codes];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Anybody => "anybody",
-            Self::Codes => "codes",
-        }
+swarmbench_engine::named! {
+    /// Who may enter a competition.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Admission {
+        /// Anybody.
+        Anybody = "anybody",
+        /// Holders of an invitation code.
+        Codes = "codes",
     }
 }
 
@@ -100,57 +88,31 @@ pub struct Window {
     pub closes_at: Timestamp,
 }
 
-/// Which attempt of an entrant counts, of those that are over and were not voided.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Counts {
-    /// The one with the highest total; of equal ones that which was started first.
-    Best,
-    /// The one that was started last.
-    Last,
-    /// The one that was started first.
-    First,
-}
-
-impl Counts {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Best, Self::Last, Self::First];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Best => "best",
-            Self::Last => "last",
-            Self::First => "first",
-        }
+swarmbench_engine::named! {
+    /// Which attempt of an entrant counts, of those that are over and were not voided.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Counts {
+        /// The one with the highest total; of equal ones that which was started first.
+        Best = "best",
+        /// The one that was started last.
+        Last = "last",
+        /// The one that was started first.
+        First = "first",
     }
 }
 
-/// What is shown of the board before the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum BoardRule {
-    /// Ranks and totals.
-    Public,
-    /// Nothing.
-    Hidden,
-    /// Ranks and totals of what was over at some time.
-    Frozen,
-}
-
-impl BoardRule {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Public, Self::Hidden, Self::Frozen];
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Public => "public",
-            Self::Hidden => "hidden",
-            Self::Frozen => "frozen",
-        }
+swarmbench_engine::named! {
+    /// What is shown of the board before the end.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum BoardRule {
+        /// Ranks and totals.
+        Public = "public",
+        /// Nothing.
+        Hidden = "hidden",
+        /// Ranks and totals of what was over at some time.
+        Frozen = "frozen",
     }
 }
 

@@ -17,35 +17,16 @@ pub mod verify;
 
 use serde::{Deserialize, Serialize};
 
-/// Whether an entrant takes part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum EntrantStatus {
-    /// It does.
-    Active,
-    /// It has left; what it played is shown without a rank.
-    Withdrawn,
-    /// The organizer has excluded it; what it played is shown without a rank.
-    Disqualified,
-}
-
-impl EntrantStatus {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Active, Self::Withdrawn, Self::Disqualified];
-
-    /// Its name on the wire and in the database.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Active => "active",
-            Self::Withdrawn => "withdrawn",
-            Self::Disqualified => "disqualified",
-        }
-    }
-
-    /// The status with this name.
-    #[must_use]
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|status| status.name() == name)
+swarmbench_engine::named! {
+    /// Whether an entrant takes part.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum EntrantStatus {
+        /// It does.
+        Active = "active",
+        /// It has left; what it played is shown without a rank.
+        Withdrawn = "withdrawn",
+        /// The organizer has excluded it; what it played is shown without a rank.
+        Disqualified = "disqualified",
     }
 }

@@ -5,17 +5,19 @@ use jiff::Timestamp;
 
 use super::definition::{BoardRule, Definition};
 
-/// The phase of a competition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// It has not opened.
-    Announced,
-    /// Attempts may be played.
-    Open,
-    /// No round begins any more; the last ones still run.
-    Closing,
-    /// All games have ended, and everything is open to all.
-    Closed,
+swarmbench_engine::named! {
+    /// The phase of a competition.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Phase {
+        /// It has not opened.
+        Announced = "announced",
+        /// Attempts may be played.
+        Open = "open",
+        /// No round begins any more; the last ones still run.
+        Closing = "closing",
+        /// All games have ended, and everything is open to all.
+        Closed = "closed",
+    }
 }
 
 impl Phase {
@@ -30,17 +32,6 @@ impl Phase {
             Self::Open
         } else {
             Self::Closing
-        }
-    }
-
-    /// Its name on the wire.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Announced => "announced",
-            Self::Open => "open",
-            Self::Closing => "closing",
-            Self::Closed => "closed",
         }
     }
 }

@@ -44,34 +44,20 @@ pub struct Answer {
     pub retries: u32,
 }
 
-/// In which way a model failed to answer. It is the model's own doing, so it costs the model its move and is not tried
-/// again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Failure {
-    /// It refused.
-    Refusal,
-    /// A filter of the endpoint took the question or the answer away, whole or in part.
-    ContentFilter,
-    /// It came to the end of its tokens; what there is may still hold a decision.
-    Truncated,
-    /// It said nothing.
-    Empty,
-}
-
-impl Failure {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Refusal, Self::ContentFilter, Self::Truncated, Self::Empty];
-
-    /// Its name, in a cassette and for people.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Refusal => "refusal",
-            Self::ContentFilter => "content_filter",
-            Self::Truncated => "truncated",
-            Self::Empty => "empty",
-        }
+swarmbench_engine::named! {
+    /// In which way a model failed to answer. It is the model's own doing, so it costs the model its move and is not tried
+    /// again.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Failure {
+        /// It refused.
+        Refusal = "refusal",
+        /// A filter of the endpoint took the question or the answer away, whole or in part.
+        ContentFilter = "content_filter",
+        /// It came to the end of its tokens; what there is may still hold a decision.
+        Truncated = "truncated",
+        /// It said nothing.
+        Empty = "empty",
     }
 }
 
