@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
+use super::StoredCompetition;
 use crate::run::manager::Runs;
 use crate::run::{RunError, RunStatus};
 use crate::store::Store;
-use crate::store::competitions::RawCompetition;
 use crate::store::entries::Entry;
 use swarmbench_clock::{Clock, after};
 
@@ -81,7 +81,8 @@ fn failure(id: &str, error: String, last: Option<Failure>, now: Timestamp) -> Fa
 
 /// Does what can be done now to close a competition.
 async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Result<(), RunError> {
-    let Some(competition) = store.find_competition(id).await? else { return Ok(()) };
+    // What cannot be read is not opened: it could not be closed again.
+    let Some(competition) = super::find(store, id).await? else { return Ok(()) };
     for attempt in store.attempts(competition.key, None).await? {
         // A run ends with its last game; where none is open it may not know yet that its time is over.
         if attempt.status == RunStatus::Running.name() {
@@ -97,7 +98,7 @@ async fn close(store: &Store, runs: &Runs, clock: &dyn Clock, id: &str) -> Resul
 async fn reveal_if_over(
     store: &Store,
     clock: &dyn Clock,
-    competition: &RawCompetition,
+    competition: &StoredCompetition,
 ) -> Result<(), RunError> {
     let attempts = store.attempts(competition.key, None).await?;
     let is_over = attempts

@@ -11,6 +11,7 @@ use serde_json::value::RawValue;
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, SettingErrors, Settings};
 
 use super::chain::Head;
+pub use swarmbench_protocol::act::Usage;
 
 /// The version of this format.
 pub const FORMAT: u32 = 1;
@@ -291,21 +292,6 @@ pub struct ActRecord {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
 const fn is_zero(value: &u64) -> bool {
     *value == 0
-}
-
-/// What a language model's answer cost.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Usage {
-    /// Tokens of the prompt.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub prompt_tokens: Option<u64>,
-    /// Tokens of the answer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub completion_tokens: Option<u64>,
-    /// How long the answer took, in milliseconds.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub latency_ms: Option<u64>,
 }
 
 /// What a seat decided in a round: the engine's act, and what was said around it.

@@ -16,7 +16,7 @@ use super::look::{Look, observation};
 use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};
 use crate::ids::EpisodeId;
-use swarmbench_journal::record::{self, Decision, Source};
+use swarmbench_journal::record::{Decision, Source};
 use swarmbench_protocol::act::{ActRequest, ActResponse, Receipt};
 use swarmbench_protocol::problem::FieldProblem;
 
@@ -180,11 +180,7 @@ pub(in super::super) fn submission(
         act,
         valid,
         response: request.response,
-        usage: request.usage.map(|usage| record::Usage {
-            prompt_tokens: usage.prompt_tokens,
-            completion_tokens: usage.completion_tokens,
-            latency_ms: usage.latency_ms,
-        }),
+        usage: request.usage,
         reasoning: request.reasoning,
     };
     Ok(Submission { round: request.round, decision })
