@@ -265,7 +265,7 @@ impl Made {
     ) -> [Entry; 2] {
         self.episodes += 1;
         let now = SystemClock.now();
-        let seed = i64::try_from(game.seed).expect("a seed");
+        let seed = i64::from(game.seed);
         let settings = Settings { task: game.task.clone(), seed, ..Settings::default() };
         let config = Arc::new(Config::check(&settings).expect("the standard setting"));
         let world = World::new(Arc::clone(&config));

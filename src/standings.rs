@@ -182,7 +182,7 @@ fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
 /// An imported game as a board shows it, if its task is known.
 fn imported(game: ImportedGame) -> Option<Imported> {
     Some(Imported {
-        slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed },
+        slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed.try_into().ok()? },
         model: game.model,
         score: game.score,
         settings: KnownSettings::from(&game.settings),

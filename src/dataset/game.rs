@@ -131,7 +131,7 @@ impl Game {
             max_round: config.max_round,
             width: size(config.width),
             height: size(config.height),
-            seed: config.seed,
+            seed: config.seed.get(),
             view_size: size(config.view_size),
             rest: rest
                 .into_iter()

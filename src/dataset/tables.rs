@@ -117,7 +117,7 @@ fn head(game: &Game) -> Vec<Cell> {
         text(opening.run.as_ref()),
         known(&config.task),
         known(&config.model),
-        whole(config.seed),
+        whole(config.seed.get()),
         known(&config.rules),
         known(&config.control),
     ]

@@ -648,7 +648,7 @@ async fn result(
     };
     let is_same = tally == played
         && row.try_get::<&str, _>("task")? == report.opening.config.task
-        && row.try_get::<i64, _>("seed")?.unsigned_abs() == report.opening.config.seed
+        && row.try_get::<i64, _>("seed")? == i64::from(report.opening.config.seed)
         && row.try_get::<f64, _>("score")?.to_bits() == report.score.to_bits()
         && row.try_get::<u32, _>("rounds")? == report.rounds
         && row.try_get::<&str, _>("status")? == end.status;

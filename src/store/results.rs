@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{QueryBuilder, Sqlite};
+use swarmbench_engine::Seed;
 
 use super::Store;
 use super::StoreError;
@@ -172,7 +173,7 @@ impl BoardRun {
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardGame {
     pub task: String,
-    pub seed: u64,
+    pub seed: Seed,
     pub score: f64,
     pub acts: u64,
     /// See [`Tally`].

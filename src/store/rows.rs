@@ -6,7 +6,7 @@ use sqlx::error::BoxDynError;
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{ColumnIndex, Decode, Row as _, Sqlite, Type};
-use swarmbench_engine::AgentId;
+use swarmbench_engine::{AgentId, Seed};
 
 use super::entries::Secret;
 use super::{Store, StoreError};
@@ -78,6 +78,7 @@ columns! {
     AgentId: u16 => |agent| Ok(Self(agent));
     EpisodeId: String => |id| Ok(Self::from_text(id));
     Role: String => |role: String| Self::parse(&role).ok_or_else(|| format!("role {role:?}").into());
+    Seed: i64 => |seed: i64| Ok(Self::try_from(seed)?);
     Timestamp: i64 => |millis| Ok(Self::from_millisecond(millis)?);
     [u8; 32]: Vec<u8> => |bytes: Vec<u8>| Ok(bytes.try_into().map_err(|_| "a hash has 32 bytes")?);
     Head: Vec<u8> => |bytes| <[u8; 32]>::of(bytes).map(Self);

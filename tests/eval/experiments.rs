@@ -5,6 +5,7 @@ use std::path::Path;
 
 use swarmbench_client::eval::experiment::{Experiment, List, ModelEntry, Seeds};
 use swarmbench_client::eval::plan::{Plan, Who, ranges};
+use swarmbench_engine::Seed;
 
 use super::bench::Bench;
 
@@ -54,7 +55,7 @@ fn lists_multiply_and_what_comes_twice_is_one_run() {
     let suite = &plan.runs[0].suite;
     assert_eq!(
         (&*suite.tasks, &*suite.seeds),
-        (&["Pursuit", "Foraging"].map(str::to_owned)[..], &[0, 1, 2, 7][..])
+        (&["Pursuit", "Foraging"].map(str::to_owned)[..], &[0, 1, 2, 7].map(Seed::from)[..])
     );
     assert_eq!(suite.name, "Pursuit + Foraging, seeds 0..3, 7, view_size 3");
 }
@@ -178,12 +179,13 @@ fn what_is_wrong_is_said_all_at_once_in_the_words_of_the_server() {
 #[test]
 fn seeds_are_told_as_they_are_written() {
     for (seeds, told) in [
-        (&[0, 1, 2, 3][..], "0..4"),
+        (&[0_u32, 1, 2, 3][..], "0..4"),
         (&[27, 42, 57], "27, 42, 57"),
         (&[1, 2, 5, 7, 8, 9], "1, 2, 5, 7..10"),
         (&[], ""),
     ] {
-        assert_eq!(ranges(seeds), told);
+        let seeds: Vec<Seed> = seeds.iter().copied().map(Seed::from).collect();
+        assert_eq!(ranges(&seeds), told);
     }
     assert_eq!("3..=5".parse(), Ok(Seeds { from: 3, last: 5 }));
     assert_eq!(

@@ -105,8 +105,10 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
     let Who::Player(player) = &planned.who else { panic!("a player") };
     for game in &played.games {
         let task = TaskName::parse(&game.task).expect("a task");
-        let settings =
-            Settings { max_round: 40, ..Settings::standard(task, game.seed.expect("a seed")) };
+        let settings = Settings {
+            max_round: 40,
+            ..Settings::standard(task, game.seed.expect("a seed").get())
+        };
         assert_eq!(game.score, Some(score(player.by_task[&task], task, &settings)), "{game:?}");
     }
     serving.stop().await;

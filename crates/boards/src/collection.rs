@@ -354,7 +354,7 @@ mod tests {
     }
 
     fn over(key: i64, board: BoardId, score: f64) -> FinishedRun {
-        let slot = Slot { task: TaskName::Pursuit, seed: 1 };
+        let slot = Slot { task: TaskName::Pursuit, seed: 1.into() };
         let games = [game(slot.task, slot.seed, score)];
         let result = RunResult::new(run(&key.to_string(), "finished", key), &[slot], &games, true);
         let suite = BoardSuite { tasks: vec![TaskName::Pursuit], ..BoardSuite::default() };
@@ -447,9 +447,9 @@ mod tests {
     #[test]
     fn games_from_files_are_shown_where_they_are_asked_for_and_fit() {
         let mut boards = boards();
-        let game = |model: &str, task, seed, score, settings: &KnownSettings| Imported {
+        let game = |model: &str, task, seed: u32, score, settings: &KnownSettings| Imported {
             model: model.to_owned(),
-            slot: Slot { task, seed },
+            slot: Slot { task, seed: seed.into() },
             score,
             settings: settings.clone(),
         };

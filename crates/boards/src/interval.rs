@@ -172,7 +172,7 @@ mod tests {
 
     /// A run with these scores of both tasks.
     fn scored(model: &str, pursuit: &[f64], flocking: &[f64]) -> RunResult {
-        let seeds: Vec<u64> = (1..).take(pursuit.len().max(flocking.len())).collect();
+        let seeds: Vec<u32> = (1..).take(pursuit.len().max(flocking.len())).collect();
         let of = |task, scores: &[f64]| {
             let played = seeds.iter().zip(scores).map(|(&seed, &score)| game(task, seed, score));
             played.collect::<Vec<_>>()

@@ -25,7 +25,7 @@ pub mod run;
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 use swarmbench_protocol::suite::{Game as Planned, Suite};
 
 /// Who answers for a run: the holder of a key, or an entrant of a competition.
@@ -136,7 +136,7 @@ pub struct Slot {
     /// The task.
     pub task: TaskName,
     /// The seed of its layout.
-    pub seed: u64,
+    pub seed: Seed,
 }
 
 impl Slot {

@@ -246,6 +246,7 @@ pub(super) mod tests {
     use super::super::result::TaskResult;
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
     use super::*;
+    use swarmbench_engine::Seed;
 
     pub(in super::super) fn player(model: &str) -> Player {
         Player {
@@ -268,14 +269,14 @@ pub(super) mod tests {
         }
     }
 
-    pub(in super::super) fn slots(tasks: &[TaskName], seeds: &[u64]) -> Vec<Slot> {
-        let of = |&task| seeds.iter().map(move |&seed| Slot { task, seed });
+    pub(in super::super) fn slots(tasks: &[TaskName], seeds: &[u32]) -> Vec<Slot> {
+        let of = |&task| seeds.iter().map(move |&seed| Slot { task, seed: seed.into() });
         tasks.iter().flat_map(of).collect()
     }
 
-    pub(in super::super) fn game(task: TaskName, seed: u64, score: f64) -> Game {
+    pub(in super::super) fn game(task: TaskName, seed: impl Into<Seed>, score: f64) -> Game {
         Game {
-            slot: Slot { task, seed },
+            slot: Slot { task, seed: seed.into() },
             score,
             answers: 10,
             invalid: 1,

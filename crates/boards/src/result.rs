@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 
 use super::{Game, Player, RowId, Run, Slot};
 
@@ -70,7 +70,7 @@ pub struct TaskResult {
     /// The task.
     pub task: TaskName,
     /// What counts: a score for each seed, in order of the seeds.
-    pub scores: Vec<(u64, f64)>,
+    pub scores: Vec<(Seed, f64)>,
     /// The mean of the scores, and their deviation; none where there are none.
     pub mean_and_deviation: Option<(f64, f64)>,
     /// Games that were played and count.
@@ -188,7 +188,7 @@ impl TaskResult {
     }
 
     /// Adds a planned game, with whatever was played of it: those that count come first.
-    fn add(&mut self, seed: u64, played: &[Game], is_over: bool) {
+    fn add(&mut self, seed: Seed, played: &[Game], is_over: bool) {
         self.voided += u32::try_from(played.iter().filter(|game| game.voided).count()).unwrap_or(0);
         match played.first() {
             // It is played again.
@@ -216,7 +216,7 @@ impl TaskResult {
     }
 
     fn together(task: TaskName, runs: &[&Self]) -> Self {
-        let mut seeds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+        let mut seeds: BTreeMap<Seed, Vec<f64>> = BTreeMap::new();
         let mut all = Self::empty(task);
         for one in runs {
             all.games += one.games;
@@ -229,7 +229,7 @@ impl TaskResult {
                 seeds.entry(seed).or_default().push(score);
             }
         }
-        let mean_of = |(seed, mut scores): (u64, Vec<f64>)| {
+        let mean_of = |(seed, mut scores): (Seed, Vec<f64>)| {
             // A sum of floats depends on its order.
             scores.sort_by(f64::total_cmp);
             Some((seed, mean(&scores)?))
@@ -300,7 +300,7 @@ mod tests {
         };
         let (first, second) = (play("a", [2.0, 4.0]), play("b", [4.0, 10.0]));
         let both = RunResult::together(&[&first, &second]).expect("two");
-        assert_eq!(both.tasks[0].scores, [(1, 3.0), (2, 7.0)]);
+        assert_eq!(both.tasks[0].scores, [(Seed::from(1), 3.0), (Seed::from(2), 7.0)]);
         assert_eq!(shown(&both.tasks[0]), "5.00 ± 2.00 4/4");
     }
 

@@ -1,6 +1,7 @@
 //! The settings of an episode, checked, as the rest of the engine uses them.
 
 use crate::names::{Control, RuleSet, TaskName};
+use crate::seed::Seed;
 use crate::settings::Settings;
 
 /// Checked settings: an episode that can be laid out and played to its end.
@@ -9,7 +10,7 @@ pub struct Config {
     pub(crate) task: TaskName,
     pub(crate) rules: RuleSet,
     pub(crate) control: Control,
-    pub(crate) seed: u64,
+    pub(crate) seed: Seed,
     pub(crate) num_agents: u16,
     pub(crate) width: i32,
     pub(crate) height: i32,
@@ -39,6 +40,12 @@ impl Config {
     #[must_use]
     pub const fn control(&self) -> Control {
         self.control
+    }
+
+    /// The seed of the layout.
+    #[must_use]
+    pub const fn seed(&self) -> Seed {
+        self.seed
     }
 
     /// How many agents play.

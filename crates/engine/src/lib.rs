@@ -63,6 +63,7 @@ mod message;
 mod names;
 mod observe;
 mod rng;
+mod seed;
 mod settings;
 mod step;
 mod world;
@@ -76,6 +77,7 @@ pub use grid::{BodyId, Direction, Grid, Pos};
 pub use message::Message;
 pub use names::{Control, RuleSet, TaskName};
 pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};
+pub use seed::{Seed, SeedError};
 pub use settings::Settings;
 pub use world::World;
 

@@ -91,7 +91,7 @@ impl Mail {
                 0 => 0,
                 most => {
                     let key = [round, u32::from(number)];
-                    Stream::new(config.seed, "delay", &key).below(most + 1)
+                    Stream::new(config.seed.get(), "delay", &key).below(most + 1)
                 }
             };
             self.pending.push(PendingMessage {
@@ -188,7 +188,7 @@ fn corrupt(config: &Config, message: &PendingMessage, receiver: AgentId) -> Mess
         return message.text.clone();
     }
     let key = [message.sent, u32::from(message.sender.0), u32::from(receiver.0)];
-    let mut noise = Stream::new(config.seed, "noise", &key);
+    let mut noise = Stream::new(config.seed.get(), "noise", &key);
     if !noise.chance(config.noise) {
         return message.text.clone();
     }

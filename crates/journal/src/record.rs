@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
-use swarmbench_engine::{Act, Action, AgentId, Config, Message, SettingErrors, Settings};
+use swarmbench_engine::{Act, Action, AgentId, Config, Message, Seed, SettingErrors, Settings};
 
 use super::chain::Head;
 pub use swarmbench_protocol::act::Usage;
@@ -124,7 +124,7 @@ swarmbench_protocol::game_settings! {
         pub task: String,
         pub rules: String,
         pub control: String,
-        pub seed: u64,
+        pub seed: Seed,
         ..settings,
         pub round_deadline_ms: Option<u64>,
         pub bank_ms: u64,
@@ -159,7 +159,7 @@ impl RecordedConfig {
         Self {
             task: settings.task,
             rules: settings.rules,
-            seed: u64::try_from(settings.seed).expect("a checked seed is not negative"),
+            seed: config.seed(),
             start: "now".to_owned(),
             ..Self::from(config)
         }
@@ -173,7 +173,7 @@ impl RecordedConfig {
         Config::check(&Settings {
             task: self.task.clone(),
             rules: self.rules.clone(),
-            seed: i64::try_from(self.seed).unwrap_or(i64::MAX),
+            seed: self.seed.into(),
             ..Settings::from(self)
         })
     }

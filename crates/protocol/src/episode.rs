@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use swarmbench_engine::{AgentState, SpectatorView};
+use swarmbench_engine::{AgentState, Seed, SpectatorView};
 
 use super::status::Status;
 use super::{Position, Seconds};
@@ -106,7 +106,8 @@ game_settings! {
     pub struct EpisodeConfig {
         pub task: String,
         /// Null as long as the episode runs and the caller may not know it.
-        pub seed: Option<u64>,
+        #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
+        pub seed: Option<Seed>,
         pub rules: String,
         ..settings { pub control: String },
         pub round_deadline_s: Option<Seconds>,

@@ -9,7 +9,7 @@ use super::Seconds;
 use super::problem::Limit;
 use super::suite::Suite;
 use crate::game_settings;
-use swarmbench_engine::Settings;
+use swarmbench_engine::{Seed, Settings};
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -152,7 +152,8 @@ pub struct SuiteView {
     /// The tasks, in the order in which they are played.
     pub tasks: Vec<String>,
     /// The seeds; null as long as the caller may not know them.
-    pub seeds: Option<Vec<u64>>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<u64>>))]
+    pub seeds: Option<Vec<Seed>>,
     /// How many games it has.
     pub games: u32,
     /// The settings of all games.
@@ -326,7 +327,8 @@ pub struct RunGame {
     /// The task.
     pub task: String,
     /// The seed; null as long as the caller may not know it.
-    pub seed: Option<u64>,
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
+    pub seed: Option<Seed>,
     /// The id of its episode; null as long as it was not opened.
     pub episode: Option<String>,
     /// As of an episode; `planned` where it was not opened.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{RuleSet, Settings, TaskName};
+use swarmbench_engine::{RuleSet, Seed, Settings, TaskName};
 
 use crate::game_settings;
 
@@ -15,7 +15,7 @@ pub struct Suite {
     /// Names of tasks, in the order in which they are played.
     pub tasks: Vec<String>,
     /// Every task is played once on each of these.
-    pub seeds: Vec<u64>,
+    pub seeds: Vec<Seed>,
     /// The rule set.
     pub rules: String,
     /// The settings of all games.
@@ -55,7 +55,7 @@ pub struct Game {
     /// The task's name.
     pub task: String,
     /// The seed.
-    pub seed: u64,
+    pub seed: Seed,
 }
 
 impl Suite {
@@ -68,8 +68,10 @@ impl Suite {
     pub fn built_in(name: &str, rules: &str) -> Option<Self> {
         let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
         let (seeds, max_round) = match name {
-            "standard" => (vec![27, 42, 57, 72, 87], SuiteSettings::default().max_round),
-            "quick" => (vec![27], 20),
+            "standard" => {
+                ([27, 42, 57, 72, 87].map(Seed::from).to_vec(), SuiteSettings::default().max_round)
+            }
+            "quick" => (vec![Seed::from(27)], 20),
             _ => return None,
         };
         let settings = SuiteSettings { max_round, ..SuiteSettings::default() };
@@ -101,7 +103,7 @@ impl Suite {
         Settings {
             task: game.task.clone(),
             rules: self.rules.clone(),
-            seed: i64::try_from(game.seed).unwrap_or(i64::MAX),
+            seed: game.seed.into(),
             ..Settings::from(&self.settings)
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use comfy_table::{CellAlignment, ColumnConstraint};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 
 use super::super::leaderboard::{fit, short};
 use super::super::output::table;
@@ -130,7 +130,7 @@ fn terminal_width() -> u16 {
 
 /// What was evaluated, in a line.
 fn headline(plan: &Plan) -> String {
-    let seeds: BTreeSet<u64> =
+    let seeds: BTreeSet<Seed> =
         plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
     let seeds = ranges(&seeds.into_iter().collect::<Vec<_>>());
     let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));

@@ -168,7 +168,7 @@ fn config(spec: &Spec, with_seed: bool) -> EpisodeConfig {
     let settings = spec.config.settings();
     EpisodeConfig {
         task: settings.task,
-        seed: u64::try_from(settings.seed).ok().filter(|_| with_seed),
+        seed: with_seed.then(|| spec.config.seed()),
         rules: settings.rules,
         round_deadline_s: spec.round_deadline.map(Seconds::of),
         bank_s: Seconds::of(spec.bank),

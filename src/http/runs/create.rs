@@ -6,7 +6,7 @@ use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use swarmbench_engine::{Config, RuleSet, Settings, TaskName};
+use swarmbench_engine::{Config, RuleSet, Seed, SeedError, Settings, TaskName};
 
 use super::super::App;
 use super::super::answer;
@@ -181,13 +181,19 @@ fn own_suite(own: OwnSuite, rules: &str, app: &App, problems: &mut Problems) -> 
             format!("must have at most {most} games (tasks × seeds), has {games}"),
         );
     }
-    let seeds: Result<Vec<u64>, _> = seeds.into_iter().map(u64::try_from).collect();
-    let Ok(seeds) = seeds else {
+    if seeds.iter().any(|&seed| seed < 0) {
         problems.refuse("suite.seeds", "must be from 0 to 9007199254740991");
         return None;
-    };
+    }
+    if games > most {
+        return None;
+    }
+    let mut refuse = |error: SeedError| problems.refuse("suite.seeds", error.to_string());
+    let seeds = (seeds.into_iter())
+        .map(|seed| Seed::try_from(seed).map_err(&mut refuse).unwrap_or_default())
+        .collect();
     let settings = SuiteSettings::from(&settings.unwrap_or_default().over(Settings::default()));
-    (games <= most).then(|| Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
+    Some(Suite { name, tasks, seeds, rules: rules.to_owned(), settings })
 }
 
 /// Checks that a suite may be played by a new run. A repeated creation gets that run, also where

@@ -246,13 +246,14 @@ mod tests {
 
     use super::*;
     use crate::http::limits::Limits;
+    use swarmbench_engine::Seed;
 
     /// A game with the longest texts; its task and status are longer than any there is.
     fn game(slot: u32, void_reason: Option<String>) -> RunGame {
         RunGame {
             slot,
             task: "x".repeat(40),
-            seed: Some(u64::MAX),
+            seed: Some(Seed::MAX),
             episode: Some(format!("ep_{}", "0".repeat(32))),
             status: "x".repeat(20),
             reason: Some("x".repeat(40)),

@@ -22,7 +22,7 @@ use swarmbench::store::entries::ImportRow;
 use swarmbench::store::entries::{Entry, Holder, RunRow};
 use swarmbench::work::Workers;
 use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
-use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
+use swarmbench_engine::{Act, Action, AgentId, Config, Seed, Settings, TaskName};
 use swarmbench_journal::record::Decision;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
@@ -55,8 +55,8 @@ pub(super) enum Did {
     NotBegun,
 }
 
-fn seeds(count: usize) -> Vec<u64> {
-    [27, 42, 57, 72, 87].into_iter().cycle().take(count).collect()
+fn seeds(count: usize) -> Vec<Seed> {
+    [27, 42, 57, 72, 87].map(Seed::from).into_iter().cycle().take(count).collect()
 }
 
 /// One agent whose light scores as often as it changes.
@@ -246,7 +246,7 @@ impl Offline {
     pub(super) async fn mixed(&mut self, score: u32, noise: f64, other: Option<&str>) {
         let mut suite = definition("", 1).suite;
         suite.settings = SuiteSettings { num_agents: 2, noise, ..suite.settings };
-        let mut spec = spec(&suite, "Synchronization", 27, "=ours");
+        let mut spec = spec(&suite, "Synchronization", 27.into(), "=ours");
         spec.open_seats = vec![AgentId(1)];
         if other.is_none() {
             spec.fill_after = Some(Duration::ZERO);
@@ -349,12 +349,12 @@ impl Offline {
     }
 }
 
-fn spec(suite: &Suite, task: &str, seed: u64, model: &str) -> Spec {
+fn spec(suite: &Suite, task: &str, seed: Seed, model: &str) -> Spec {
     let settings = suite.settings.clone();
     let checked = Config::check(&Settings {
         task: task.to_owned(),
         rules: suite.rules.clone(),
-        seed: i64::try_from(seed).expect("a seed"),
+        seed: seed.into(),
         ..Settings::from(&settings)
     });
     Spec {

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use swarmbench_engine::{Config, SettingErrors, Settings, TaskName};
+use swarmbench_engine::{Config, Seed, SettingErrors, Settings, TaskName};
 
 use super::entrant::Declaration;
 use crate::run;
@@ -277,7 +277,7 @@ impl Definition {
 
     /// What is played in an attempt of the competition with this id, on these seeds.
     #[must_use]
-    pub fn suite(&self, id: &str, seeds: Vec<u64>) -> Suite {
+    pub fn suite(&self, id: &str, seeds: Vec<Seed>) -> Suite {
         Suite {
             name: id.to_owned(),
             tasks: self.tasks.clone(),
@@ -295,7 +295,7 @@ impl Definition {
         id: &str,
         declaration: &Declaration,
         attempt: u32,
-        seeds: Vec<u64>,
+        seeds: Vec<Seed>,
     ) -> Option<run::Definition> {
         let window = self.window(attempt)?;
         Some(run::Definition {

@@ -4,6 +4,7 @@
 use sha2::{Digest, Sha256};
 
 use swarmbench_clock::Entropy;
+use swarmbench_engine::Seed;
 
 /// Bytes of the salt that is hashed before the seeds, so that the commitment tells nothing of them.
 pub const SALT_BYTES: usize = 32;
@@ -12,7 +13,7 @@ pub const SALT_BYTES: usize = 32;
 pub const SEED_BYTES: usize = 16;
 
 /// A sealed seed.
-pub type Seed = [u8; SEED_BYTES];
+pub type SealedSeed = [u8; SEED_BYTES];
 
 /// The secret of a competition. `Debug` does not show it.
 #[derive(Clone, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub struct Sealed {
     /// What is hashed before the seeds.
     pub salt: [u8; SALT_BYTES],
     /// All seeds, attempt by attempt.
-    pub seeds: Vec<Seed>,
+    pub seeds: Vec<SealedSeed>,
 }
 
 impl std::fmt::Debug for Sealed {
@@ -57,7 +58,7 @@ impl Sealed {
 
     /// The seeds of the rules for an attempt, counted from 1, of so many seeds each.
     #[must_use]
-    pub fn of_attempt(&self, attempt: u32, each: u32) -> Vec<u64> {
+    pub fn of_attempt(&self, attempt: u32, each: u32) -> Vec<Seed> {
         let (attempt, each) = (attempt as usize, each as usize);
         let first = attempt.saturating_sub(1) * each;
         self.seeds.iter().skip(first).take(each).map(rules_seed).collect()
@@ -67,10 +68,10 @@ impl Sealed {
 /// The seed of the rules that belongs to a sealed one: the first 8 bytes (big-endian) of its SHA-256, shifted
 /// right by 11. What is left are 53 bits, as many as the rules take.
 #[must_use]
-pub fn rules_seed(seed: &Seed) -> u64 {
+pub fn rules_seed(seed: &SealedSeed) -> Seed {
     let hash = Sha256::digest(seed);
     let first = hash.first_chunk::<8>().expect("a hash has 32 bytes");
-    u64::from_be_bytes(*first) >> 11
+    (u64::from_be_bytes(*first) >> 11).try_into().expect("53 bits")
 }
 
 #[cfg(test)]
@@ -82,9 +83,9 @@ mod tests {
     /// print(int.from_bytes(h.digest()[:8], 'big') >> 11)"`, and so for the commitment.
     #[test]
     fn seeds_and_commitment_are_those_of_another_program() {
-        let seed: Seed = std::array::from_fn(|byte| u8::try_from(byte).expect("small"));
-        assert_eq!(rules_seed(&seed), 6_694_623_049_201_638);
-        assert_eq!(rules_seed(&[0xff; 16]), 3_193_895_295_640_266);
+        let seed: SealedSeed = std::array::from_fn(|byte| u8::try_from(byte).expect("small"));
+        assert_eq!(rules_seed(&seed).get(), 6_694_623_049_201_638);
+        assert_eq!(rules_seed(&[0xff; 16]).get(), 3_193_895_295_640_266);
         let sealed = Sealed { salt: [7; 32], seeds: vec![seed, [0xff; 16]] };
         let commitment = data_encoding::HEXLOWER.encode(&sealed.commitment());
         assert_eq!(commitment, "5e0c35c4e99c1aa7f8185d588a66fa04ec590e975eacfdf5ebf3a26a66d86a5f");
@@ -96,8 +97,7 @@ mod tests {
         let sealed = Sealed::draw(6, &SeededEntropy::new(3));
         let all: std::collections::BTreeSet<_> = sealed.seeds.iter().map(rules_seed).collect();
         assert_eq!(all.len(), 6);
-        assert!(all.iter().all(|seed| *seed < 1 << 53));
-        let attempts: Vec<u64> =
+        let attempts: Vec<Seed> =
             (1..=3).flat_map(|attempt| sealed.of_attempt(attempt, 2)).collect();
         assert_eq!(attempts, sealed.seeds.iter().map(rules_seed).collect::<Vec<_>>());
         assert!(sealed.of_attempt(4, 2).is_empty());

@@ -253,7 +253,7 @@ mod tests {
 
     /// An attempt with the same score in all its games.
     fn attempt(entrant: &str, number: u32, minute: i64, score: f64) -> Attempt {
-        let slot = |task, seed| Slot { task, seed };
+        let slot = |task, seed: u32| Slot { task, seed: seed.into() };
         let plan = [TaskName::Synchronization, TaskName::Foraging]
             .into_iter()
             .flat_map(|task| [slot(task, 1), slot(task, 2)])

@@ -6,7 +6,7 @@ use std::fmt;
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::{Config, Settings, TaskName};
+use swarmbench_engine::{Config, Seed, Settings, TaskName};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::experiment::{Axes, Experiment, List, MapSize, ModelEntry, Seeds, Shape};
@@ -208,11 +208,10 @@ impl Planned {
         let suite = if Suite::BUILT_IN.contains(&name.as_str()) {
             SuiteRequest::Named(name.clone())
         } else {
-            let seed = |&seed: &u64| i64::try_from(seed).unwrap_or(i64::MAX);
             SuiteRequest::Own(Box::new(OwnSuite {
                 name: name.clone(),
                 tasks: Some(tasks.clone()),
-                seeds: seeds.iter().map(seed).collect(),
+                seeds: seeds.iter().map(|&seed| seed.into()).collect(),
                 settings: Some(OwnSettings::from(&Settings::from(settings))),
             }))
         };
@@ -250,7 +249,7 @@ impl Planned {
 
     /// The name of a game for cassettes: the same whenever and wherever it is played.
     #[must_use]
-    pub fn game_name(&self, task: &str, seed: u64) -> String {
+    pub fn game_name(&self, task: &str, seed: Seed) -> String {
         let Suite { rules, settings, .. } = &self.suite;
         let template = self.template.as_deref().map(digest_of_template);
         let text = json!([rules, settings, template]).to_string();
@@ -285,7 +284,6 @@ impl Plan {
     pub fn of(experiment: &Experiment, template: Option<&str>) -> Result<Self, PlanError> {
         let mut problems = Problems::default();
         let asked = problems.tasks(experiment.tasks.as_ref());
-        let seeds = seeds(experiment.seeds.as_ref());
         let models = experiment.models.as_ref().map_or(&[][..], |List(models)| models);
         let players = problems.players(experiment, asked.as_deref());
         if models.is_empty() && players.is_empty() && problems.0.is_empty() {
@@ -295,6 +293,7 @@ impl Plan {
                     .to_owned(),
             );
         }
+        let seeds = problems.seeds(experiment.seeds.as_ref());
         let settings = combinations(experiment);
         // Where none of the names is a task, the settings are checked all the same.
         let all_tasks = asked.filter(|tasks| !tasks.is_empty());
@@ -392,18 +391,6 @@ fn model(
     }
 }
 
-/// All seeds, each once, in order.
-fn seeds(asked: Option<&List<Seeds>>) -> Vec<u64> {
-    match asked {
-        None => standard().seeds,
-        Some(List(ranges)) => {
-            let all: BTreeSet<u64> =
-                ranges.iter().flat_map(|range| range.from..=range.last).collect();
-            all.into_iter().collect()
-        }
-    }
-}
-
 /// Settings of a run: a suite without tasks, seeds and name, and the temperature and `top_p` of models.
 type Combination = (Suite, Option<f64>, Option<f64>);
 
@@ -453,7 +440,7 @@ fn with(
 
 /// The suite of these tasks and seeds, under a name that follows from what it is: runs of the same suite are on the same
 /// board. A built-in one has its own name.
-fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
+fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[Seed]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
     suite.seeds = seeds.to_vec();
     for built_in in Suite::BUILT_IN {
@@ -492,18 +479,18 @@ fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[u64]) -> Suite {
 
 /// Seeds in short: what follows one another as a range.
 #[must_use]
-pub fn ranges(seeds: &[u64]) -> String {
+pub fn ranges(seeds: &[Seed]) -> String {
     let mut parts: Vec<(u64, u64)> = Vec::new();
-    for &seed in seeds {
+    for seed in seeds.iter().map(|seed| seed.get()) {
         match parts.last_mut() {
-            Some((_, last)) if last.checked_add(1) == Some(seed) => *last = seed,
+            Some((_, last)) if *last + 1 == seed => *last = seed,
             _ => parts.push((seed, seed)),
         }
     }
     let told = parts.iter().map(|&(from, last)| match last - from {
         0 => from.to_string(),
         1 => format!("{from}, {last}"),
-        _ => format!("{from}..{}", last.saturating_add(1)),
+        _ => format!("{from}..{}", last + 1),
     });
     told.collect::<Vec<_>>().join(", ")
 }
@@ -536,6 +523,16 @@ impl Problems {
             }
         }
         Some(TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect())
+    }
+
+    /// All seeds, each once, in order.
+    fn seeds(&mut self, asked: Option<&List<Seeds>>) -> Vec<Seed> {
+        let Some(List(ranges)) = asked else { return standard().seeds };
+        let all: BTreeSet<u64> = ranges.iter().flat_map(|range| range.from..=range.last).collect();
+        let checked = all.into_iter().map(Seed::try_from);
+        checked
+            .filter_map(|seed| seed.map_err(|error| self.tell(format!("seed {error}"))).ok())
+            .collect()
     }
 
     /// The players, each once. A named one has to play every requested task; of `all`, each plays what it

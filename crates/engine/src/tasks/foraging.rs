@@ -17,7 +17,7 @@ pub(crate) struct Foraging {
 }
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
-    let mut rng = LayoutRng::new(config.seed);
+    let mut rng = LayoutRng::new(config.seed.get());
     let ground = Ground::draw(config, &mut rng);
     place_wall(&mut board, |_| false, |cell| ground.is_wall(cell));
     board.place(square(Kind::Nest, ground.nest));
@@ -27,7 +27,7 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
 
 /// How many cells inside the wall ring the source, the nest and inner walls take.
 pub(super) fn cells_taken(config: &Config) -> i64 {
-    let ground = Ground::draw(config, &mut LayoutRng::new(config.seed));
+    let ground = Ground::draw(config, &mut LayoutRng::new(config.seed.get()));
     let walls = (0..ground.walls).map(|number| {
         let (first, last) = ground.reach(number);
         i64::from(last.min(ground.length - 2) - first.max(1) + 1)

@@ -70,7 +70,7 @@ pub(crate) struct Pursuit {
 }
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
-    let mut rng = LayoutRng::new(config.seed);
+    let mut rng = LayoutRng::new(config.seed.get());
     place_ring(&mut board);
     let at = first_prey(config, &mut rng);
     let fixed = match config.rules {
@@ -83,7 +83,7 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
 
 /// How many agents fit beside the first prey.
 pub(super) fn room(config: &Config) -> i64 {
-    let prey = first_prey(config, &mut LayoutRng::new(config.seed));
+    let prey = first_prey(config, &mut LayoutRng::new(config.seed.get()));
     region(config).area() - i64::from(region(config).contains(prey))
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct Synchronization {
 }
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
-    let mut rng = LayoutRng::new(config.seed);
+    let mut rng = LayoutRng::new(config.seed.get());
     place_ring(&mut board);
     let light_on = (0..config.num_agents).map(|_| rng.randint(0, 1) == 1).collect();
     let task = Terrain::Synchronization(Synchronization { light_on, scored: None });

@@ -75,7 +75,7 @@ const LAYOUTS: [Layout; 8] = [
 ];
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
-    let mut rng = LayoutRng::new(config.seed);
+    let mut rng = LayoutRng::new(config.seed.get());
     let layout = Layout::draw(&mut rng);
     let (height, width) = (config.height, config.width);
     let (low, right) = layout.at_last;
@@ -98,7 +98,7 @@ pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
 
 /// How many cells of a region the block takes.
 pub(super) fn cells_taken(config: &Config, region: Region) -> i64 {
-    let layout = Layout::draw(&mut LayoutRng::new(config.seed));
+    let layout = Layout::draw(&mut LayoutRng::new(config.seed.get()));
     let at = layout.at(config);
     layout.cells().map(|cell| i64::from(region.contains(at.plus(cell)))).sum()
 }

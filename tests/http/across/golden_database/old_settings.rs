@@ -122,7 +122,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
     let suite = Suite {
         name: "large".to_owned(),
         tasks: vec!["Synchronization".to_owned()],
-        seeds: vec![7],
+        seeds: vec![7.into()],
         rules: "paper".to_owned(),
         settings,
     };

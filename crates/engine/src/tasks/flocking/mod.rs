@@ -26,7 +26,7 @@ pub(crate) struct Flocking {
 
 pub(super) fn plan(config: &Config, mut board: Board) -> Plan {
     let seed = match config.rules {
-        RuleSet::Paper => config.seed,
+        RuleSet::Paper => config.seed.get(),
         RuleSet::Reference => REFERENCE_SEED,
     };
     place_ring(&mut board);
