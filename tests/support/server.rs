@@ -194,9 +194,13 @@ impl Server {
         self.log()
     }
 
-    /// SIGSTOP: the process does not run.
+    /// SIGSTOP. When this returns the process does not run, on any processor.
     pub(crate) fn freeze(&self) {
         kill_process(Pid::from_child(&self.child), Signal::STOP).expect("it can be told");
+        let status = format!("/proc/{}/stat", self.child.id());
+        while !std::fs::read_to_string(&status).is_ok_and(|text| text.contains(") T ")) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// SIGCONT: it continues.
