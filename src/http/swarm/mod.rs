@@ -72,6 +72,14 @@ impl Source {
         }
     }
 
+    /// Whether a run has other open games than when they were last listed.
+    fn has_changed(&self) -> bool {
+        match self {
+            Self::Episode(_) => false,
+            Self::Run { open_games, .. } => open_games.has_changed().unwrap_or(false),
+        }
+    }
+
     /// Finds its episode again, where it is one whose actor has ended.
     async fn find_again(&mut self, app: &App) -> Result<(), ApiError> {
         if let Self::Episode(Seated { handle, .. }) = self {

@@ -118,7 +118,7 @@ async fn wait_for_seats(
         let (seated, is_over) = source.open(app).await?;
         let mut followed: Vec<Followed> = seated.into_iter().map(Followed::new).collect();
         loop {
-            let (open, are_over) = look(app, &mut followed, after);
+            let Some((open, are_over)) = look(app, source, &mut followed, after) else { break };
             // A run continues when its open games are over.
             let is_over = is_over.unwrap_or(are_over);
             if !open.is_empty() || is_over || is_up {
@@ -180,12 +180,21 @@ async fn any_changed(followed: &mut [Followed]) -> bool {
 }
 
 /// Looks at all of them at one moment: the seats that wait for an act and were opened after `after`, the
-/// oldest first; and whether all of these episodes are over.
-fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool) {
+/// oldest first; and whether all of these episodes are over. None if other games were opened meanwhile.
+fn look(
+    app: &App,
+    source: &Source,
+    followed: &mut [Followed],
+    after: Cursor,
+) -> Option<(Vec<Open>, bool)> {
     let (snapshots, are_over) = {
         // Rounds get their numbers from the first look that sees them. Without one lock for the whole look, another look
         // could give a smaller number to a round that this one has not seen.
         let mut seen = app.rounds_seen.lock().expect("nothing panics while it holds this");
+        // Nor may it number rounds without a game that another look has numbered already: its cursor would pass that game.
+        if source.has_changed() {
+            return None;
+        }
         let mut snapshots: Vec<_> = followed
             .iter_mut()
             .map(|followed| (followed.published.borrow_and_update().clone(), &followed.seated))
@@ -215,7 +224,7 @@ fn look(app: &App, followed: &mut [Followed], after: Cursor) -> (Vec<Open>, bool
         }));
     }
     open.sort_by_key(|open| open.seat);
-    (open, are_over)
+    Some((open, are_over))
 }
 
 /// What a [`SwarmObsResponse`] has beside observations, which are written out already.
