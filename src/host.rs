@@ -48,13 +48,35 @@ fn group_path(text: &str) -> Option<PathBuf> {
         .filter(|path| path.components().all(|part| matches!(part, Component::Normal(_))))
 }
 
+/// A disk with this many free bytes is not full, however large it is.
+pub const DISK_FREE_BYTES_ENOUGH: u64 = 2 << 30;
+
+/// Space of a disk that this process may use, in bytes. What is reserved for the superuser is not part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiskSpace {
+    pub free: u64,
+    pub used: u64,
+}
+
+impl DiskSpace {
+    pub fn free_percent(self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a share needs no more than 53 bits")]
+        let (free, used) = (self.free as f64, self.used as f64);
+        free * 100.0 / (free + used).max(1.0)
+    }
+
+    fn is_full(self, free_percent_min: u32) -> bool {
+        self.free < DISK_FREE_BYTES_ENOUGH && self.free_percent() < f64::from(free_percent_min)
+    }
+}
+
 /// The disk with the database.
 pub trait Disk: Send + Sync + 'static {
     /// `None` if the host does not report it.
-    fn free_percent(&self) -> Option<f64>;
+    fn space(&self) -> Option<DiskSpace>;
 
     fn is_full(&self, free_percent_min: u32) -> bool {
-        self.free_percent().is_some_and(|free| free < f64::from(free_percent_min))
+        self.space().is_some_and(|space| space.is_full(free_percent_min))
     }
 }
 
@@ -70,14 +92,15 @@ impl HostDisk {
 }
 
 impl Disk for HostDisk {
-    fn free_percent(&self) -> Option<f64> {
+    fn space(&self) -> Option<DiskSpace> {
         let disk = rustix::fs::statvfs(&self.0).ok().filter(|disk| disk.f_blocks > 0)?;
-        #[expect(clippy::cast_precision_loss, reason = "a share needs no more than 53 bits")]
-        Some(disk.f_bavail as f64 * 100.0 / disk.f_blocks as f64)
+        let bytes = |blocks: u64| blocks.saturating_mul(disk.f_frsize);
+        let used = bytes(disk.f_blocks.saturating_sub(disk.f_bfree));
+        Some(DiskSpace { free: bytes(disk.f_bavail), used })
     }
 }
 
-/// A disk for tests.
+/// A disk of 100 MiB, for tests.
 #[derive(Debug)]
 pub struct ManualDisk(AtomicU8);
 
@@ -92,14 +115,26 @@ impl ManualDisk {
 }
 
 impl Disk for ManualDisk {
-    fn free_percent(&self) -> Option<f64> {
-        Some(f64::from(self.0.load(Ordering::Relaxed)))
+    fn space(&self) -> Option<DiskSpace> {
+        let free = u64::from(self.0.load(Ordering::Relaxed)).min(100);
+        Some(DiskSpace { free: free << 20, used: (100 - free) << 20 })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_disk_is_full_by_the_space_that_may_be_used() {
+        let full = |free, used| DiskSpace { free, used }.is_full(5);
+        assert!(full(4 << 20, 96 << 20) && full(0, 0));
+        assert!(!full(5 << 20, 95 << 20));
+        assert!(!full(2 << 30, 1 << 40), "a large disk");
+        assert!(full((2 << 30) - 1, 1 << 40));
+        let space = HostDisk(PathBuf::from("/")).space().expect("a disk");
+        assert!(space.used > 0 && space.free_percent() < 100.0, "{space:?}");
+    }
 
     #[test]
     fn limits_of_memory_are_read() {

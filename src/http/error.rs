@@ -179,7 +179,7 @@ impl ApiError {
     /// So little of the disk is free that nothing new is created.
     pub fn disk_full(least: u32) -> Self {
         let detail = format!(
-            "less than {least} % of the server's disk is free: what is running continues, nothing new is created"
+            "less than {least} % of the server's disk, and less than 2 GiB, is free: what is running continues, nothing new is created"
         );
         Self::limit(Code::Overloaded, "disk_free_percent_min", least as usize, detail)
             .retry_after(Duration::from_mins(1))

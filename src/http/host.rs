@@ -12,6 +12,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::error::{ApiError, Code};
+use crate::host::DiskSpace;
 use crate::telemetry;
 
 /// How the server does.
@@ -106,7 +107,7 @@ pub(super) async fn show_metrics(State(app): State<App>) -> Response {
         metrics::gauge!("swarmbench_heavy_running").set(running as f64);
         metrics::gauge!("swarmbench_heavy_waiting").set(waiting as f64);
     }
-    if let Some(free) = app.disk.free_percent() {
+    if let Some(free) = app.disk.space().map(DiskSpace::free_percent) {
         metrics::gauge!("swarmbench_disk_free_percent").set(free);
     }
     let text = telemetry::render();

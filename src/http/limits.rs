@@ -4,6 +4,7 @@ use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
 use crate::episode::registry::RECOVERIES_MAX;
 use crate::fair::PARTIES_REMEMBERED_MAX;
+use crate::host::DISK_FREE_BYTES_ENOUGH;
 use crate::hosted::HOSTED_ROUNDS_MAX;
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
@@ -174,6 +175,7 @@ limits! {
         replays_waiting_max: usize = 1024,
     }
     fixed {
+        disk_free_bytes_enough = DISK_FREE_BYTES_ENOUGH,
         seat_acts_waiting_max = SEAT_ACTS_WAITING_MAX,
         heavy_jobs_max = JOBS_WAITING_MAX,
         heavy_jobs_per_group_max = JOBS_WAITING_PER_GROUP_MAX,
