@@ -45,3 +45,15 @@ mod waiting;
 
 pub use app::{Access, App, Foundation};
 pub use router::router;
+
+/// What most handlers need.
+mod prelude {
+    pub(super) use axum::extract::State;
+    pub(super) use axum::response::Response;
+
+    pub(super) use super::App;
+    pub(super) use super::auth::{Caller, Organizer};
+    pub(super) use super::checks::Problems;
+    pub(super) use super::error::{ApiError, Code};
+    pub(super) use super::extract::{Id, Ids, Json, Nothing, Params};
+}

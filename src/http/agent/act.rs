@@ -1,17 +1,15 @@
 //! `POST /act`: what the token's agent does in a round.
 
 use axum::Json as JsonBody;
-use axum::extract::State;
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 use serde::Deserialize;
 use swarmbench_engine::{Act, Action, AgentId, Config, Control, Message, answer};
 use utoipa::IntoParams;
 
-use super::super::App;
 use super::super::answer::{json, with_field};
 use super::super::auth::Seat;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Json, Params, wait};
+use super::super::extract::wait;
+use super::super::prelude::*;
 use super::look::{Look, observation};
 use super::obs::is_past;
 use crate::episode::lockstep::{self, Submission};

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use swarmbench_engine::AgentId;
 
-use super::super::App;
-use super::super::error::ApiError;
+use super::super::prelude::*;
 use super::super::sights::Key;
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;

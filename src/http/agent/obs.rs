@@ -1,15 +1,12 @@
 //! `GET /obs`: the current observation of the token's agent.
 
-use axum::extract::State;
-use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::App;
 use super::super::answer::json;
 use super::super::auth::Seat;
-use super::super::error::ApiError;
-use super::super::extract::{Params, wait};
+use super::super::extract::wait;
+use super::super::prelude::*;
 use super::look::{Look, observation};
 use crate::episode::Snapshot;
 use swarmbench_protocol::observation::Observation;

@@ -1,16 +1,11 @@
 //! `GET /api/v1/cross-play`.
 
-use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
 use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use utoipa::IntoParams;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::prelude::*;
 use super::{Format, by_accept};
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;

@@ -1,15 +1,10 @@
 //! `GET /api/v1/leaderboard`.
 
-use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::Params;
+use super::super::prelude::*;
 use super::{Format, by_accept};
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::page::{self, read_cursor};

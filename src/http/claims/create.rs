@@ -1,17 +1,12 @@
 //! `POST /api/v1/episodes/{id}/claims`.
 
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
-use axum::response::Response;
 use swarmbench_engine::AgentId;
 
-use super::super::App;
 use super::super::answer;
-use super::super::auth::Caller;
-use super::super::checks::{Problems, short};
-use super::super::error::ApiError;
-use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::checks::short;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
+use super::super::prelude::*;
 use crate::episode::actor::{Claim, Claimed, Handle};
 use crate::episode::seating::Wanted;
 use crate::episode::spec::Spec;

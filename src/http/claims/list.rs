@@ -1,13 +1,9 @@
 //! `GET /api/v1/episodes/{id}/claims`.
 
 use axum::Json;
-use axum::extract::State;
 use swarmbench_engine::AgentId;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use swarmbench_protocol::claim::{SeatHolder, SeatList};
 
 /// List who holds which seat of an episode.

@@ -1,13 +1,7 @@
 //! `GET /api/v1/competitions/{id}/attempts`.
 
-use axum::extract::State;
-use axum::response::Response;
-
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Params};
 use super::super::page::PageParams;
+use super::super::prelude::*;
 use crate::competitions::{self};
 use crate::store::competitions::Declared;
 use swarmbench_protocol::competition::{AttemptList, AttemptSummary};

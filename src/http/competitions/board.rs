@@ -2,19 +2,14 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
-use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize, Serializer};
 use utoipa::IntoParams;
 
-use super::super::App;
-use super::super::auth::Caller;
 use super::super::boards::Format;
 use super::super::cache::Cached;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
 use super::super::page::page_limit;
+use super::super::prelude::*;
 use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
 use crate::store::competitions::Declared;

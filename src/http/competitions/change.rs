@@ -1,13 +1,8 @@
 //! `PATCH /api/v1/competitions/{id}/entrants/{entrant}`.
 
-use axum::extract::State;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::Organizer;
-use super::super::checks::Problems;
-use super::super::error::ApiError;
-use super::super::extract::{Ids, Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::store::entries::Entry;
 use swarmbench_boards::competition::EntrantStatus;
 use swarmbench_protocol::competition::{EntrantChange, EntrantSummary};

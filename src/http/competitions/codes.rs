@@ -1,15 +1,10 @@
 //! `POST /api/v1/competitions/{id}/codes`.
 
-use axum::extract::State;
 use axum::http::StatusCode;
-use axum::response::Response;
 use serde_json::json;
 
-use super::super::App;
 use super::super::answer::with_tokens;
-use super::super::auth::Organizer;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::ids::{Token, TokenKind};
 use crate::keys::NAME_CHARS_MAX;
 use crate::store::entries::Entry;

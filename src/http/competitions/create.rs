@@ -1,17 +1,11 @@
 //! `POST /api/v1/competitions`.
 
-use axum::extract::State;
-use axum::response::Response;
 use jiff::Timestamp;
 use serde_json::json;
 use swarmbench_engine::Settings;
 
-use super::super::App;
 use super::super::answer;
-use super::super::auth::Organizer;
-use super::super::checks::Problems;
-use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params};
+use super::super::prelude::*;
 use super::shown;
 use crate::competitions::new_id;
 use crate::store::entries::{CompetitionRow, Entry, Secret};

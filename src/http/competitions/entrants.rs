@@ -1,14 +1,9 @@
 //! `GET /api/v1/competitions/{id}/entrants`, and one of them.
 
 use axum::Json;
-use axum::extract::State;
-use axum::response::Response;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Ids, Nothing, Params};
 use super::super::page::{PageParams, ROWS_MAX};
+use super::super::prelude::*;
 use crate::competitions::{self, StoredEntrant};
 use crate::ids::EntryKey;
 use swarmbench_protocol::competition::{EntrantDetail, EntrantList, EntrantSummary};

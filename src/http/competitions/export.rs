@@ -2,16 +2,12 @@
 
 use std::collections::VecDeque;
 
-use axum::extract::State;
 use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::Caller;
 use super::super::episodes::journal::JournalReader;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use super::super::stream::Parts;
 use super::Field;
 use crate::budget::Reservation;

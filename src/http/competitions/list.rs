@@ -1,13 +1,7 @@
 //! `GET /api/v1/competitions`.
 
-use axum::extract::State;
-use axum::response::Response;
-
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::Params;
 use super::super::page::{NewestParams, ROWS_MAX};
+use super::super::prelude::*;
 use super::shown;
 use crate::competitions;
 use crate::ids::CompetitionKey;

@@ -3,17 +3,11 @@
 use std::net::IpAddr;
 
 use axum::Extension;
-use axum::extract::State;
 use axum::http::StatusCode;
-use axum::response::Response;
 
-use super::super::App;
 use super::super::answer::with_tokens;
-use super::super::auth::Caller;
-use super::super::checks::Problems;
 use super::super::client::Client;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::competitions::StoredCompetition;
 use crate::competitions::new_entrant_id;
 use crate::ids::{Token, TokenHash, TokenKind};

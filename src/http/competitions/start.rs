@@ -2,16 +2,11 @@
 
 use std::time::Duration;
 
-use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
 
-use super::super::App;
 use super::super::answer;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Json, Nothing, Params};
 use super::super::idempotency::{Idempotency, created_before, idempotency};
+use super::super::prelude::*;
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::episode::quota::Purpose;
 use crate::fair::Party;

@@ -1,13 +1,8 @@
 //! `POST /api/v1/competitions/{id}/attempts/{run}/void`.
 
-use axum::extract::State;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::Organizer;
-use super::super::checks::Problems;
-use super::super::error::ApiError;
-use super::super::extract::{Ids, Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::run::RunStatus;
 use crate::store::competitions::Declared;
 use crate::store::entries::Entry;

@@ -1,13 +1,9 @@
 //! `DELETE /api/v1/episodes/{id}`.
 
 use axum::Json;
-use axum::extract::State;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use crate::episode::Status;
 use crate::episode::spec::Visibility;
 use swarmbench_protocol::episode::EpisodeSummary;

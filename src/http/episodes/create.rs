@@ -3,19 +3,14 @@
 use std::sync::Arc;
 
 use axum::Extension;
-use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
 use swarmbench_engine::{AgentId, Config, Settings, TaskName};
 
-use super::super::App;
 use super::super::answer;
-use super::super::auth::Caller;
-use super::super::checks::{Problems, short};
+use super::super::checks::short;
 use super::super::client::Client;
-use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params};
 use super::super::idempotency::{Idempotency, created_before, idempotency};
+use super::super::prelude::*;
 use super::config;
 use crate::episode::actor::Handle;
 use crate::episode::quota::Purpose;

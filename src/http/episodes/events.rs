@@ -2,18 +2,14 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
 use axum::http::HeaderMap;
 use serde::Deserialize;
 use swarmbench_engine::World;
 use utoipa::IntoParams;
 
-use super::super::App;
 use super::super::agent::look::result;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
 use super::super::feed::{Events, Feed, feed};
+use super::super::prelude::*;
 use crate::budget::Reservation;
 use crate::episode::actor::Handle;
 use crate::episode::memory;

@@ -2,14 +2,10 @@
 
 use std::collections::VecDeque;
 
-use axum::extract::State;
 use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use super::super::stream::Parts;
 use crate::store::port::{StoredEpisode, StoredRound};
 use crate::store::records::ActReader;

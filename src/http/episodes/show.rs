@@ -1,12 +1,8 @@
 //! `GET /api/v1/episodes/{id}`.
 
 use axum::Json;
-use axum::extract::State;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use swarmbench_protocol::episode::EpisodeSummary;
 
 /// Show an episode.

@@ -1,12 +1,8 @@
 //! `POST /api/v1/episodes/{id}/start`.
 
 use axum::Json;
-use axum::extract::State;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use swarmbench_protocol::episode::EpisodeSummary;
 
 /// Start an episode that was created with `"start": "manual"`.

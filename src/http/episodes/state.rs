@@ -1,14 +1,10 @@
 //! `GET /api/v1/episodes/{id}/state`.
 
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
+use super::super::prelude::*;
 use swarmbench_protocol::episode::State as StateBody;
 
 #[derive(Debug, Default, Deserialize, IntoParams)]

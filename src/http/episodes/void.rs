@@ -1,14 +1,9 @@
 //! `POST /api/v1/episodes/{id}/void`.
 
 use axum::Json as JsonBody;
-use axum::extract::State;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::{Caller, Organizer};
-use super::super::checks::Problems;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::ids::EpisodeId;
 use crate::keys::Key;
 use crate::store::entries::{AuditRow, Entry};

@@ -3,9 +3,8 @@
 use std::io::{self, Write};
 
 use axum::body::Body;
-use axum::extract::State;
 use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 use bytes::Bytes;
 use futures::StreamExt;
 use serde::Deserialize;
@@ -18,10 +17,8 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::DropGuard;
 use utoipa::IntoParams;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params, one_of};
+use super::super::extract::one_of;
+use super::super::prelude::*;
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
 use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};

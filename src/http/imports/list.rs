@@ -1,14 +1,10 @@
 //! `GET /api/v1/imports`.
 
-use axum::extract::State;
-use axum::response::Response;
 use swarmbench_engine::TaskName;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Params, one_of};
+use super::super::extract::one_of;
 use super::super::page::{ROWS_MAX, list_params};
+use super::super::prelude::*;
 use crate::ids::ImportKey;
 use crate::store::imports::ImportFilter;
 use swarmbench_protocol::import::{ImportList, ImportSummary};

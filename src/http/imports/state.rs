@@ -1,13 +1,9 @@
 //! `GET /api/v1/imports/{id}/state`.
 
 use axum::Json;
-use axum::extract::State;
 
-use super::super::App;
-use super::super::auth::Caller;
 use super::super::episodes::state::StateParams;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Params};
+use super::super::prelude::*;
 use crate::dataset::imported;
 use swarmbench_protocol::episode::State as StateBody;
 

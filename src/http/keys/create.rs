@@ -1,15 +1,10 @@
 //! `POST /api/v1/keys`.
 
-use axum::extract::State;
 use axum::http::StatusCode;
-use axum::response::Response;
 use serde_json::json;
 
-use super::super::App;
 use super::super::answer::with_tokens;
-use super::super::auth::Organizer;
-use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params};
+use super::super::prelude::*;
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::Entry;
 use swarmbench_protocol::key::{CreatedKey, KeyRequest};

@@ -1,13 +1,7 @@
 //! `GET /api/v1/keys`.
 
-use axum::extract::State;
-use axum::response::Response;
-
-use super::super::App;
-use super::super::auth::Organizer;
-use super::super::error::ApiError;
-use super::super::extract::Params;
 use super::super::page::{PageParams, ROWS_MAX};
+use super::super::prelude::*;
 use crate::keys::{Key, OwnerKey};
 use swarmbench_protocol::key::KeyList;
 

@@ -1,13 +1,9 @@
 //! `DELETE /api/v1/keys/{id}`.
 
 use axum::Json;
-use axum::extract::State;
 use serde_json::json;
 
-use super::super::App;
-use super::super::auth::Organizer;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;
 use swarmbench_protocol::key::KeySummary;

@@ -3,19 +3,14 @@
 use std::collections::HashSet;
 
 use axum::Extension;
-use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Response;
 use swarmbench_engine::{Config, RuleSet, Seed, SeedError, Settings, TaskName};
 
-use super::super::App;
 use super::super::answer;
-use super::super::auth::Caller;
-use super::super::checks::{Problems, short};
+use super::super::checks::short;
 use super::super::client::Client;
-use super::super::error::ApiError;
-use super::super::extract::{Json, Nothing, Params};
 use super::super::idempotency::{created_before, idempotency};
+use super::super::prelude::*;
 use super::Known;
 use crate::hosted;
 use crate::run::definition::Definition;

@@ -2,14 +2,10 @@
 
 use std::collections::HashMap;
 
-use axum::extract::State;
 use tokio::sync::watch;
 
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Id, Nothing, Params};
 use super::super::feed::{Events, Feed, feed};
+use super::super::prelude::*;
 use crate::run::manager::OpenGames;
 use swarmbench_protocol::run::StreamedRunEvent;
 

@@ -1,13 +1,8 @@
 //! `GET /api/v1/runs`.
 
-use axum::extract::State;
-use axum::response::Response;
-
-use super::super::App;
-use super::super::auth::Caller;
-use super::super::error::ApiError;
-use super::super::extract::{Params, one_of};
+use super::super::extract::one_of;
 use super::super::page::{LARGE_ROWS_MAX, list_params};
+use super::super::prelude::*;
 use super::Known;
 use crate::ids::RunKey;
 use crate::run::RunStatus;

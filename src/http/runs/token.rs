@@ -1,15 +1,10 @@
 //! `POST /api/v1/runs/{id}/token`.
 
-use axum::extract::State;
 use axum::http::StatusCode;
-use axum::response::Response;
 use serde_json::json;
 
-use super::super::App;
 use super::super::answer::with_tokens;
-use super::super::auth::Caller;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Id, Nothing, Params};
+use super::super::prelude::*;
 use crate::ids::{RunKey, Token};
 use crate::store::entries::Entry;
 use crate::store::tokens::Grant;

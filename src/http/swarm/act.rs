@@ -3,19 +3,18 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use axum::extract::{Request, State};
-use axum::response::{IntoResponse, Response};
+use axum::extract::Request;
+use axum::response::IntoResponse;
 use futures::future::join_all;
 use serde::de::{IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use swarmbench_engine::AgentId;
 
-use super::super::App;
 use super::super::agent::act::{receipt, submission};
 use super::super::auth::Swarm;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Nothing, Params, read};
+use super::super::extract::read;
+use super::super::prelude::*;
 use super::{Seated, Source};
 use crate::episode::lockstep::Submission;
 use swarmbench_protocol::act::{SwarmAct, SwarmActRequest, SwarmActResponse, SwarmReceipt};

@@ -3,8 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::State;
-use axum::response::Response;
 use futures::StreamExt;
 use futures::stream::FuturesUnordered;
 use serde::Deserialize;
@@ -12,12 +10,11 @@ use swarmbench_engine::AgentId;
 use tokio::sync::watch;
 use utoipa::IntoParams;
 
-use super::super::App;
 use super::super::agent::look::{Look, observations};
 use super::super::answer::{json, with_field};
 use super::super::auth::Swarm;
-use super::super::error::{ApiError, Code};
-use super::super::extract::{Params, wait};
+use super::super::extract::wait;
+use super::super::prelude::*;
 use super::{Seated, Source};
 use crate::episode::{Snapshot, Status};
 use swarmbench_protocol::act::SwarmObsResponse;
