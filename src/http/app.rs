@@ -61,17 +61,11 @@ pub struct Foundation {
     pub store: Store,
     pub registry: Registry,
     pub runs: Runs,
-    /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
-    /// Where randomness comes from.
     pub entropy: Arc<dyn Entropy>,
-    /// Where the database lies.
     pub disk: Arc<dyn Disk>,
-    /// What does heavy work.
     pub workers: Workers,
-    /// What is taken at most.
     pub limits: Limits,
-    /// Who may use the server.
     pub access: Access,
     /// Whether a key was ever made. After that creating needs one, even if all keys are revoked.
     pub has_keys: bool,
@@ -81,17 +75,7 @@ pub struct Foundation {
 
 /// See [`App`].
 pub struct Shared {
-    pub(crate) store: Store,
-    pub(crate) registry: Registry,
-    pub(crate) runs: Runs,
-    pub(crate) clock: Arc<dyn Clock>,
-    pub(super) entropy: Arc<dyn Entropy>,
-    pub(super) disk: Arc<dyn Disk>,
-    pub(crate) workers: Workers,
-    pub(crate) limits: Limits,
-    pub(crate) access: Access,
-    pub(crate) has_keys: bool,
-    pub(crate) stop: CancellationToken,
+    foundation: Foundation,
     /// Whether all unfinished episodes with clocks were recovered.
     pub(crate) ready: AtomicBool,
     /// Tells this run of the server from others.
@@ -120,39 +104,28 @@ pub struct Shared {
 impl App {
     /// What handlers share.
     pub fn new(foundation: Foundation) -> Self {
-        let Foundation { store, registry, runs, clock, entropy, disk, .. } = foundation;
-        let Foundation { workers, limits, access, has_keys, stop, .. } = foundation;
+        let Foundation { store, registry, clock, workers, limits, stop, .. } = &foundation;
         let mut boot = [0; 8];
-        entropy.fill(&mut boot);
-        let cache = (store.clone(), Arc::clone(&clock));
+        foundation.entropy.fill(&mut boot);
+        let cache = (store.clone(), Arc::clone(clock));
         Self(Arc::new(Shared {
             ready: AtomicBool::new(false),
             boot: u64::from_le_bytes(boot),
-            rates: Rates::new(&limits, Arc::clone(&clock)),
+            rates: Rates::new(limits, Arc::clone(clock)),
             in_flight: Arc::new(InFlight::new(limits.requests_per_address_max)),
             tokens: Tokens::new(store.clone()),
-            bodies: Arc::new(Bodies::new(&limits)),
+            bodies: Arc::new(Bodies::new(limits)),
             creations: Creations::new(),
-            waits: Waits::new(limits.waits_max, Arc::clone(&clock), stop.clone()),
+            waits: Waits::new(limits.waits_max, Arc::clone(clock), stop.clone()),
             rounds_seen: Mutex::new(0),
-            heavy: Heavy::new(workers.clone(), &limits),
-            streams: Arc::new(Streams::new(registry.clone(), workers.clone(), &limits)),
+            heavy: Heavy::new(workers.clone(), limits),
+            streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
             sights: Sights::new(),
             standings: Standings::new(store.clone()),
             intervals: Memory::new(INTERVALS_CACHED),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
             rankings: SharedCache::new(RANKINGS_BYTES_MAX, cache),
-            store,
-            registry,
-            runs,
-            clock,
-            entropy,
-            disk,
-            workers,
-            limits,
-            access,
-            has_keys,
-            stop,
+            foundation,
         }))
     }
 
@@ -218,6 +191,14 @@ impl App {
         }
         let _permit = self.heavy.replay().await?;
         Ok(state_at(self.registry.host(), handle, round, near).await?)
+    }
+}
+
+impl Deref for Shared {
+    type Target = Foundation;
+
+    fn deref(&self) -> &Foundation {
+        &self.foundation
     }
 }
 

@@ -86,21 +86,15 @@ pub struct OpenGames {
 
 /// What the manager of runs is made of.
 pub struct Parts {
-    /// Where runs are stored.
     pub store: Store,
-    /// Where games are opened.
     pub registry: Registry,
-    /// Where the time comes from.
     pub clock: Arc<dyn Clock>,
-    /// Where randomness comes from.
     pub entropy: Arc<dyn Entropy>,
-    /// Where the database lies.
     pub disk: Arc<dyn Disk>,
     /// How much of the disk must be free for a new game, in percent.
     pub disk_free_percent_min: u32,
     /// Cancelled when the server stops: no more games are opened.
     pub stop: CancellationToken,
-    /// The number of the newest run.
     pub last_key: i64,
 }
 
