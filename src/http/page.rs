@@ -191,12 +191,18 @@ list_params! {
 
 /// Where a page of a list begins: after the item with this number.
 fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
-    let Some(text) = text else { return Ok(None) };
-    let number = text.strip_prefix('c').and_then(|digits| i64::from_str_radix(digits, 16).ok());
-    let number = number.filter(|number| *number >= 0).ok_or_else(|| {
-        ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
-    })?;
-    Ok(Some(number))
+    let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
+    cursor_by(text, |text| number(text).filter(|number| *number >= 0))
+}
+
+/// Reads a cursor in its own way.
+pub(super) fn cursor_by<T>(
+    text: Option<&str>,
+    read: impl Fn(&str) -> Option<T>,
+) -> Result<Option<T>, ApiError> {
+    let detail = "cursor must be the next_cursor of an earlier page";
+    let read = |text| read(text).ok_or_else(|| ApiError::new(Code::Malformed, detail));
+    text.map(read).transpose()
 }
 
 /// The cursor of the page after the item with this number.

@@ -5,6 +5,8 @@ use serde::Deserialize;
 use swarmbench_engine::TaskName;
 use utoipa::IntoParams;
 
+use super::super::extract::one_of;
+use super::super::page::cursor_by;
 use super::super::prelude::*;
 use super::{Format, by_accept};
 use swarmbench_boards::cross_play::pairs;
@@ -54,25 +56,12 @@ pub(in super::super) async fn show_cross_play(
     Params(params): Params<CrossPlayParams>,
 ) -> Result<Response, ApiError> {
     caller.may_read_boards(&app.access)?;
-    let malformed = |detail: String| ApiError::new(Code::Malformed, detail);
     let format = Format::wanted(params.format.as_deref(), &headers)?;
     let limit = format.page_limit(&app, params.limit)?;
-    let task = match params.task {
-        None => None,
-        Some(name) => Some(TaskName::parse(&name).ok_or_else(|| {
-            let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
-            malformed(format!("task must be one of {}", names.join(", ")))
-        })?),
-    };
-    if params.rules.as_deref().is_some_and(|rules| !["paper", "reference"].contains(&rules)) {
-        return Err(malformed("rules must be one of paper, reference".to_owned()));
-    }
-    let start = match params.cursor {
-        None => 0,
-        Some(cursor) => page::read_cross_play_cursor(&cursor).ok_or_else(|| {
-            malformed("cursor must be the next_cursor of an earlier page".to_owned())
-        })?,
-    };
+    one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
+    let task = params.task.as_deref().and_then(TaskName::parse);
+    one_of("rules", params.rules.as_deref(), &["paper", "reference"])?;
+    let start = cursor_by(params.cursor.as_deref(), page::read_cross_play_cursor)?.unwrap_or(0);
     let asked = format!("cross-play {task:?} {:?} {start} {limit} {format:?}", params.rules);
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {

@@ -4,6 +4,7 @@ use axum::http::HeaderMap;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
+use super::super::page::cursor_by;
 use super::super::prelude::*;
 use super::{Format, by_accept};
 use swarmbench_boards::collection::Question;
@@ -67,12 +68,7 @@ pub(in super::super) async fn show_leaderboard(
     caller.may_read_boards(&app.access)?;
     let format = Format::wanted(params.format.as_deref(), &headers)?;
     let limit = format.page_limit(&app, params.limit)?;
-    let after = match &params.cursor {
-        None => None,
-        Some(cursor) => Some(read_cursor(cursor).ok_or_else(|| {
-            ApiError::new(Code::Malformed, "cursor must be the next_cursor of an earlier page")
-        })?),
-    };
+    let after = cursor_by(params.cursor.as_deref(), read_cursor)?;
     let question = Question {
         suite: params.suite,
         rules: params.rules,

@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 
 use super::super::boards::Format;
 use super::super::cache::Cached;
-use super::super::page::page_limit;
+use super::super::page::{cursor_by, page_limit};
 use super::super::prelude::*;
 use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
@@ -56,19 +56,12 @@ pub(in super::super) async fn show_board(
     Id(id): Id,
     Params(params): Params<BoardParams>,
 ) -> Result<Response, ApiError> {
-    let malformed = |detail| ApiError::new(Code::Malformed, detail);
     let format = Format::named(params.format.as_deref())?.unwrap_or(Format::Json);
     let limit = match params.limit {
         None => usize::MAX,
         asked => page_limit(&app, asked, 0)? as usize,
     };
-    let after = match &params.cursor {
-        None => None,
-        Some(cursor) => Some(
-            read_cursor(cursor)
-                .ok_or_else(|| malformed("cursor must be the next_cursor of an earlier page"))?,
-        ),
-    };
+    let after = cursor_by(params.cursor.as_deref(), read_cursor)?;
     let competition = app.competition(&caller, &id).await?;
     let is_revealed = competition.revealed_at.is_some();
     let view = if caller.is_organizer() {
