@@ -2,11 +2,11 @@
 
 use jiff::Timestamp;
 use serde_json::Value;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::sqlite::SqliteConnection;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, Json, get};
+use super::rows::from_row;
 use crate::store::entries::AuditRow;
 
 pub(super) async fn add(
@@ -54,16 +54,6 @@ impl Store {
     }
 }
 
-impl FromRow for StoredAuditEntry {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let Json(detail) = get(row, "detail")?;
-        Ok(Self {
-            number: get(row, "number")?,
-            at: get(row, "at")?,
-            who: get(row, "who")?,
-            action: get(row, "action")?,
-            subject: get(row, "subject")?,
-            detail,
-        })
-    }
+from_row! {
+    StoredAuditEntry { number, at, who, action, subject, detail }
 }

@@ -6,7 +6,7 @@ use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, Json, get};
+use super::rows::{FromRow, get};
 use crate::ids::EpisodeKey;
 use swarmbench_journal::record::ActRecord;
 
@@ -49,9 +49,9 @@ impl Store {
              FROM acts
              WHERE episode = ? AND round >= ? AND round < ? ORDER BY round, agent",
         );
-        let acts: Vec<(u32, _, _, Json<ActRecord>)> =
+        let acts: Vec<(u32, _, _, ActRecord)> =
             self.fetch_all(query.bind(episode.0).bind(from).bind(to)).await?;
-        for (number, agent, at, Json(record)) in acts {
+        for (number, agent, at, record) in acts {
             // Acts of a round that is not resolved belong to none.
             if let Some(round) = rounds.iter_mut().find(|round| round.round == number) {
                 round.acts.push(LoggedAct { agent, at, record });

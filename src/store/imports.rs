@@ -2,14 +2,14 @@
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::sqlite::SqliteConnection;
 use sqlx::{QueryBuilder, Row as _, Sqlite};
 use swarmbench_protocol::import::ImportConfig;
 
 use super::Store;
 use super::StoreError;
 use super::entries::{ImportRow, ImportedRound};
-use super::rows::{FromRow, Json, chunks, from_row, get};
+use super::rows::{chunks, from_row};
 use crate::ids::ImportKey;
 
 /// Computes the digest of an imported game, state by state.
@@ -138,40 +138,9 @@ impl Store {
 
 from_row! {
     ImportedRound { round, score, state, acts }
-}
-
-impl FromRow for ImportedGame {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let Json(settings) = get(row, "settings")?;
-        Ok(Self {
-            id: get(row, "id")?,
-            model: get(row, "model")?,
-            task: get(row, "task")?,
-            seed: get(row, "seed")?,
-            settings,
-            score: get(row, "score")?,
-            rounds: get(row, "rounds")?,
-        })
-    }
-}
-
-impl FromRow for StoredImport {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let Json(settings) = get(row, "settings")?;
-        Ok(Self {
-            key: get(row, "key")?,
-            id: get(row, "id")?,
-            run_id: get(row, "run_id")?,
-            meta: get(row, "meta")?,
-            model: get(row, "model")?,
-            task: get(row, "task")?,
-            seed: get(row, "seed")?,
-            settings,
-            score: get(row, "score")?,
-            rounds: get(row, "rounds")?,
-            acts: get(row, "acts")?,
-            imported_at: get(row, "imported_at")?,
-        })
+    ImportedGame { id, model, task, seed, settings, score, rounds }
+    StoredImport {
+        key, id, run_id, meta, model, task, seed, settings, score, rounds, acts, imported_at,
     }
 }
 

@@ -1,11 +1,10 @@
 //! The table `keys`.
 
-use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Sqlite};
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, get};
+use super::rows::from_row;
 use crate::ids::TokenHash;
 use crate::keys::{Key, OwnerKey};
 
@@ -42,16 +41,6 @@ impl Store {
     }
 }
 
-impl FromRow for Key {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        Ok(Self {
-            number: Some(get(row, "number")?),
-            id: get(row, "id")?,
-            role: get(row, "role")?,
-            name: get(row, "name")?,
-            created_at: get(row, "created_at")?,
-            expires_at: get(row, "expires_at")?,
-            revoked_at: get(row, "revoked_at")?,
-        })
-    }
+from_row! {
+    Key { number, id, role, name, created_at, expires_at, revoked_at }
 }

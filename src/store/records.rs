@@ -11,7 +11,7 @@ use super::StoreError;
 use super::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
-use super::rows::{FromRow, Json, from_row, get};
+use super::rows::{FromRow, from_row, get};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
@@ -159,7 +159,7 @@ from_row! {
 
 impl FromRow for (AgentId, StoredAct) {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let Json(record) = get(row, "record")?;
+        let record = get(row, "record")?;
         let act =
             StoredAct { record, bytes: get(row, "bytes")?, waiting_for: get(row, "waiting_for")? };
         Ok((get(row, "agent")?, act))

@@ -1,7 +1,7 @@
 //! Rows of queries as values, and the queries of readers.
 
 use jiff::Timestamp;
-use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
 use sqlx::error::BoxDynError;
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
@@ -13,7 +13,8 @@ use super::{Store, StoreError};
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, ImportKey, RunKey};
 use crate::keys::{OwnerKey, Role};
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{ActRecord, RawRecord};
+use swarmbench_protocol::import::ImportConfig;
 
 pub(super) trait Column: Sized {
     type Stored: for<'r> Decode<'r, Sqlite> + Type<Sqlite>;
@@ -33,20 +34,19 @@ pub(super) fn get<T: Column>(
     T::of(row.try_get(column)?).map_err(sqlx::Error::Decode)
 }
 
-/// Rows whose columns have the names of the fields.
+/// Rows whose columns have the names of the fields, or those that are written beside them.
 macro_rules! from_row {
-    ($($type:ident { $($field:ident),* $(,)? })*) => {$(
+    (@ $field:ident) => { stringify!($field) };
+    (@ $field:ident $column:literal) => { $column };
+    ($($type:ident { $($field:ident $(= $column:literal)?),* $(,)? })*) => {$(
         impl super::rows::FromRow for $type {
             fn from_row(row: &sqlx::sqlite::SqliteRow) -> Result<Self, sqlx::Error> {
-                Ok(Self { $($field: super::rows::get(row, stringify!($field))?),* })
+                Ok(Self { $($field: super::rows::get(row, from_row!(@ $field $($column)?))?),* })
             }
         }
     )*};
 }
 pub(super) use from_row;
-
-/// A JSON text.
-pub(super) struct Json<T>(pub(super) T);
 
 macro_rules! columns {
     ($($type:ty: $stored:ty => $of:expr;)*) => {$(
@@ -83,15 +83,11 @@ columns! {
     [u8; 32]: Vec<u8> => |bytes: Vec<u8>| Ok(bytes.try_into().map_err(|_| "a hash has 32 bytes")?);
     Head: Vec<u8> => |bytes| <[u8; 32]>::of(bytes).map(Self);
     Secret: Vec<u8> => |bytes| Ok(Self(bytes));
+    Value: String => |json: String| Ok(serde_json::from_str(&json)?);
+    Map<String, Value>: String => |json: String| Ok(serde_json::from_str(&json)?);
+    ActRecord: String => |json: String| Ok(serde_json::from_str(&json)?);
+    ImportConfig: String => |json: String| Ok(serde_json::from_str(&json)?);
     RawRecord: String => |text| Ok(Self::from_stored(text)?);
-}
-
-impl<T: DeserializeOwned> Column for Json<T> {
-    type Stored = String;
-
-    fn of(stored: String) -> Result<Self, BoxDynError> {
-        Ok(Self(serde_json::from_str(&stored)?))
-    }
 }
 
 impl<T: Column> Column for Option<T> {

@@ -2,12 +2,12 @@
 
 use jiff::Timestamp;
 use sqlx::Sqlite;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::sqlite::SqliteConnection;
 use swarmbench_engine::AgentId;
 
 use super::Store;
 use super::StoreError;
-use super::rows::{FromRow, Json, from_row, get};
+use super::rows::from_row;
 use crate::ids::EpisodeKey;
 use crate::keys::OwnerKey;
 use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
@@ -76,21 +76,7 @@ impl Store {
 
 from_row! {
     HeldSeat { agent, holder, name, model, player, claimed_at }
-}
-
-impl FromRow for Holder {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let Json(agent_meta) = get(row, "agent_meta")?;
-        Ok(Self {
-            number: get(row, "holder")?,
-            owner: get(row, "owner")?,
-            key: get(row, "key")?,
-            model: get(row, "model")?,
-            agent_meta,
-            player: get(row, "player")?,
-            at: get(row, "claimed_at")?,
-        })
-    }
+    Holder { number = "holder", owner, key, model, agent_meta, player, at = "claimed_at" }
 }
 
 /// Inserts a claim, without its tokens.
