@@ -44,6 +44,10 @@ pub(super) struct Args {
     /// Bytes that the acts of all episodes of one key may take.
     #[arg(long, env = "SWARMBENCH_JOURNAL_BYTES_PER_KEY", default_value_t = Limits::default().journal_bytes_per_key_max)]
     journal_bytes_per_key: u64,
+    /// Free space of the disk below which nothing new is created, in percent; a disk with 2 GiB free is never full. 0 for
+    /// no limit.
+    #[arg(long, env = "SWARMBENCH_DISK_FREE_PERCENT_MIN", default_value_t = Limits::default().disk_free_percent_min)]
+    disk_free_percent_min: u32,
     /// Memory limit of all worlds and answers together, such as 6GiB. Default: half of the memory of the machine or the
     /// control group. The process needs some more.
     #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
@@ -83,6 +87,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         entries_per_address_h_max: args.entries_per_address_h,
         episodes_per_key_max: args.episodes_per_key,
         journal_bytes_per_key_max: args.journal_bytes_per_key,
+        disk_free_percent_min: args.disk_free_percent_min,
         ..Limits::default()
     };
     let limits = fit_memory(limits, args.memory_max);

@@ -157,7 +157,8 @@ async fn a_disk_that_is_really_full() {
     let mounted = mounted;
     let clients = Clients::new(seed, site.door.clone());
     let mut tables = clients.sit_down(TABLES);
-    let mut server = site.start();
+    // Otherwise new games are refused before the disk is full.
+    let mut server = site.start_with(&[("SWARMBENCH_DISK_FREE_PERCENT_MIN", Path::new("0"))]);
     clients.expect_failure(server.run);
     let probe = while_playing(&mut tables, async {
         server.ready().await;
