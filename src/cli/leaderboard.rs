@@ -10,7 +10,6 @@ use super::output::{mean, rank, table, total};
 use crate::standings::Standings;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
-use swarmbench_boards::interval::Memory;
 use swarmbench_boards::page;
 use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
 use swarmbench_protocol::table::Table as _;
@@ -97,7 +96,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let boards = Standings::new(store.clone()).boards().await?;
             let ranked = boards.ranked(&question);
             store.close().await;
-            page::leaderboard(&ranked?, 0, usize::MAX, &Memory::new(1))
+            page::leaderboard(&ranked?, 0, usize::MAX)
         }
     };
     if csv {

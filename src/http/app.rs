@@ -32,11 +32,7 @@ use crate::standings::Standings;
 use crate::store::Store;
 use crate::telemetry;
 use crate::work::Workers;
-use swarmbench_boards::interval::Memory;
 use swarmbench_clock::{Clock, Entropy};
-
-/// Differences between rows of boards that are remembered.
-const INTERVALS_CACHED: usize = 100_000;
 
 /// How long a request waits for the recovery of an episode.
 const RECOVERY_TIMEOUT: Duration = Duration::from_secs(20);
@@ -94,7 +90,6 @@ pub struct Shared {
     /// What seats see in open rounds, as it was written.
     pub(super) sights: Sights,
     pub(super) standings: Standings,
-    pub(super) intervals: Memory,
     /// Boards and lists.
     pub(super) answers: SharedCache<Answer>,
     /// Boards of competitions, behind their pages.
@@ -122,7 +117,6 @@ impl App {
             streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
             sights: Sights::new(),
             standings: Standings::new(store.clone()),
-            intervals: Memory::new(INTERVALS_CACHED),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),
             rankings: SharedCache::new(RANKINGS_BYTES_MAX, cache),
             foundation,

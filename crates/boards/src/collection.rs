@@ -7,7 +7,7 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::import::KnownSettings;
 
-use super::interval::{Difference, Memory};
+use super::interval::{Difference, difference};
 use super::rank::{Pick, PlayerRuns, Row, View, rank_players};
 use super::reference::{self, REFERENCES};
 use super::result::RunResult;
@@ -308,11 +308,11 @@ impl Ranked {
     /// By how much the nearest row above that has games is better than the row at this place, and which that is.
     /// The paper's rows have no games, so they are passed over.
     #[must_use]
-    pub fn difference(&self, place: usize, memory: &Memory) -> Option<(&Row, Difference)> {
+    pub fn difference(&self, place: usize) -> Option<(&Row, Difference)> {
         let shown = self.rows.get(place)?.shown()?;
         let (row, above) =
             self.rows[..place].iter().rev().find_map(|row| row.shown().map(|run| (row, run)))?;
-        Some((row, memory.difference(above, shown, self.view.ranked_by())?))
+        Some((row, difference(above, shown, self.view.ranked_by())?))
     }
 
     /// The rows after this one; all of them where none is named. A row that has left the board meanwhile had this

@@ -10,7 +10,6 @@ use swarmbench_protocol::board::{
 use super::RowId;
 use super::collection::Ranked;
 use super::cross_play::Pair;
-use super::interval::Memory;
 use super::rank::Source;
 use super::result::TaskResult;
 
@@ -22,9 +21,9 @@ const IMPORTED: &str = "games from files; not played here, and not verified";
 
 /// A page of a board: `limit` rows from the place `start` on.
 #[must_use]
-pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize, memory: &Memory) -> Leaderboard {
+pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize) -> Leaderboard {
     let end = ranked.rows.len().min(start.saturating_add(limit));
-    let items = (start..end).map(|place| row(ranked, place, memory)).collect();
+    let items = (start..end).map(|place| row(ranked, place)).collect();
     let last = ranked.rows[..end].last().filter(|_| end < ranked.rows.len());
     let name = |task: &TaskName| task.name().to_owned();
     Leaderboard {
@@ -40,14 +39,14 @@ pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize, memory: &Memory)
     }
 }
 
-fn row(ranked: &Ranked, place: usize, memory: &Memory) -> BoardRow {
+fn row(ranked: &Ranked, place: usize) -> BoardRow {
     let row = &ranked.rows[place];
     let tasks = ranked.view.tasks.iter();
-    let difference = ranked.difference(place, memory).map(|(to, difference)| RowDifference {
+    let difference = ranked.difference(place).map(|(to, difference)| RowDifference {
         to: to.id().to_string(),
         mean: difference.mean,
-        low: difference.is_known.then_some(difference.low),
-        high: difference.is_known.then_some(difference.high),
+        low: difference.interval.map(|(low, _)| low),
+        high: difference.interval.map(|(_, high)| high),
         pairs: whole(difference.pairs),
     });
     let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());

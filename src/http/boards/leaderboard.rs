@@ -81,12 +81,12 @@ pub(in super::super) async fn show_leaderboard(
     let asked = format!("leaderboard {question:?} {after:?} {limit} {format:?}");
     let make = async {
         let boards = app.standings.boards().await?;
-        let intervals = app.clone();
+        let bytes_max = app.limits.answer_bytes_max;
         let answer = app.heavy.render(move || {
             let ranked = boards.ranked(&question)?;
             let start = ranked.after(after);
-            let page = |limit| page::leaderboard(&ranked, start, limit, &intervals.intervals);
-            Ok(by_accept(format.page(intervals.limits.answer_bytes_max, limit, page)))
+            let page = |limit| page::leaderboard(&ranked, start, limit);
+            Ok(by_accept(format.page(bytes_max, limit, page)))
         });
         answer.await?
     };
