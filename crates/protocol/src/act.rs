@@ -6,39 +6,33 @@ use super::observation::Observation;
 use super::problem::Problem;
 
 /// An act of the token's agent: exactly one of `action` and `response`.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"})))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"})))]
 pub struct ActRequest {
     /// The round that it answers.
     pub round: u32,
     /// What the agent does: one of the observation's `actions`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
     /// What it says: one line, cut after 120 characters. With `action` only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
-    /// Whom alone the commander tells it (centralized control only). With `action` only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// The only receiver of a commander's message (centralized control only). With `action` only.
     #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
     pub to: Option<String>,
     /// The whole answer of a language model, which holds `ACTION: …` and/or `MSG: …`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
     /// What the answer cost.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub usage: Option<Usage>,
-    /// Free text, kept for replays.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Free text, stored for replays.
     pub reasoning: Option<String>,
 }
 
 /// An act for one of several seats: exactly one of `action` and `response`.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!(
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!(
     {"episode": "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4", "agent": "Agent_3", "round": 12, "action": "UP"}
 )))]
 pub struct SwarmAct {
@@ -49,22 +43,16 @@ pub struct SwarmAct {
     /// As for a single seat.
     pub round: u32,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub usage: Option<Usage>,
     /// As for a single seat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
 }
 
@@ -89,23 +77,21 @@ impl SwarmAct {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SwarmActRequest {
-    /// The acts; each is taken or refused for itself.
+    /// The acts; each is accepted or refused on its own.
     pub acts: Vec<SwarmAct>,
 }
 
 /// What a language model's answer cost.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Usage {
     /// Tokens of the prompt.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_tokens: Option<u64>,
     /// Tokens of the answer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completion_tokens: Option<u64>,
     /// How long the answer took, in milliseconds.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_ms: Option<u64>,
 }
 
@@ -119,9 +105,9 @@ pub struct Receipt {
     pub agent: String,
     /// The round.
     pub round: u32,
-    /// The action that counts; null where there is none.
+    /// The action that counts; null without one.
     pub action: Option<String>,
-    /// The message that is sent on; null where there is none.
+    /// The message that is delivered; null without one.
     pub message: Option<String>,
     /// False for an invalid answer of a language model: the agent does nothing this round.
     pub valid: bool,
@@ -138,7 +124,7 @@ pub struct ActResponse {
     /// The receipt.
     #[serde(flatten)]
     pub receipt: Receipt,
-    /// With `wait`: the next observation, null if the time was up.
+    /// With `wait`: the next observation; null after a timeout.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", schema(nullable))]
     pub obs: Option<Observation>,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::table::{Table, maybe, text};
+use super::table::{Table, maybe, names, text};
 
 /// A board, or a page of one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,17 +40,17 @@ pub struct Leaderboard {
 pub struct BoardRow {
     /// 1, 2, 2, 4. Null where the row has no value to be ranked by.
     pub rank: Option<u32>,
-    /// The name of the row: the same player has the same in every board.
+    /// The id of the row. A player has the same id on every board.
     pub id: String,
     /// Whether it is a row of the paper.
     pub reference: bool,
     /// Whether it shows games that were read from files.
     pub imported: bool,
-    /// Of a row of the paper: `models`, `rules` or `humans`.
+    /// The table of the paper: `models`, `rules` or `humans`; null for other rows.
     pub table: Option<String>,
-    /// Of a row that was not played here: where its numbers come from.
+    /// The source of the numbers; null for rows that were played here.
     pub note: Option<String>,
-    /// Who answers for it; null where nobody showed a key.
+    /// The owner of the key; null without a key.
     pub owner: Option<String>,
     /// The model's name.
     pub model: String,
@@ -60,22 +60,21 @@ pub struct BoardRow {
     pub top_p: Option<f64>,
     /// The first 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in one.
     pub prompt_template: Option<String>,
-    /// False where nobody but its owner says that this was the model. Null for rows of the paper.
+    /// False if only its owner says that this was the model. Null for rows of the paper.
     pub vouched: Option<bool>,
-    /// `declared` where one holder had all seats and could have pooled what they saw; `enforced` where that was not
-    /// possible; null under centralized control, and for rows of the paper.
+    /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible;
+    /// null under centralized control, and for rows of the paper.
     pub decentralization: Option<String>,
     /// How many runs the player has on this board.
     pub runs: Option<u32>,
-    /// The run that is shown; of several, which `mean` takes together, the last.
+    /// The run that is shown; with `mean`, the last one.
     pub run: Option<String>,
-    /// How that run ended: `finished`, `aborted`, `abandoned` or `closed`. For `mean` one that is not `finished`,
-    /// if there is one.
+    /// How that run ended: `finished`, `aborted`, `abandoned` or `closed`. With `mean`: that of a run
+    /// that is not `finished`, if there is one.
     pub status: Option<String>,
     /// When that run was started.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub started_at: Option<Timestamp>,
-    /// The sum of the means of the tasks that are shown; null where one has none.
+    /// The sum of the means of the tasks that are shown; null if one is missing.
     pub total: Option<f64>,
     /// The scores by task.
     pub tasks: BTreeMap<String, TaskScore>,
@@ -109,12 +108,12 @@ pub struct TaskScore {
 pub struct RowDifference {
     /// The `id` of the row above.
     pub to: String,
-    /// By how much that one is better in the seeds that both have.
+    /// By how much that one is better on the seeds that both have.
     pub mean: f64,
-    /// The lower end of the interval that holds 95 % of 2,000 resamples of these seeds. Below 0 the order of the
-    /// two is not sure. Null where a task has a single seed.
+    /// The lower end of the interval that contains 95 % of 2,000 resamples of these seeds. If it is below 0, the
+    /// order of the two rows is uncertain. Null if a task has a single seed.
     pub low: Option<f64>,
-    /// Its upper end; null where a task has a single seed.
+    /// Its upper end; null if a task has a single seed.
     pub high: Option<f64>,
     /// How many seeds both have, over all tasks.
     pub pairs: u32,
@@ -136,31 +135,15 @@ impl Table for Leaderboard {
             ["mean", "std", "games", "planned"]
                 .map(|what| format!("{}_{what}", task.to_lowercase()))
         };
-        let head = [
-            "suite",
-            "suite_digest",
-            "rules",
-            "rank",
-            "reference",
-            "imported",
-            "table",
-            "owner",
-            "model",
-        ];
-        let declared = ["temperature", "top_p", "prompt_template", "vouched", "decentralization"];
-        let runs = ["runs", "run", "status", "started_at", "total"];
-        let difference = ["difference", "difference_low", "difference_high", "difference_pairs"];
-        let wrong = ["invalid_share", "clock_out_share", "voided", "row", "difference_to"];
-        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        [
-            own(&head),
-            own(&declared),
-            own(&runs),
-            self.tasks.iter().flat_map(task).collect(),
-            own(&difference),
-            own(&wrong),
-        ]
-        .concat()
+        let columns = names(
+            "suite suite_digest rules rank reference imported table owner model temperature top_p prompt_template \
+             vouched decentralization runs run status started_at total",
+        );
+        let last = names(
+            "difference difference_low difference_high difference_pairs invalid_share clock_out_share voided row \
+             difference_to",
+        );
+        columns.chain(self.tasks.iter().flat_map(task)).chain(last).collect()
     }
 
     fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
@@ -210,7 +193,7 @@ impl Table for Leaderboard {
     }
 }
 
-/// Who did how well together, or a page of it.
+/// Cross-play: pairs of models and their scores, or a page of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CrossPlay {
@@ -228,12 +211,12 @@ pub struct CrossPlayPair {
     pub task: String,
     /// The rule set.
     pub rules: String,
-    /// All other settings but the seed: games with other ones are another pair.
+    /// All other settings except the seed. Games with other settings belong to another pair.
     #[cfg_attr(feature = "openapi", schema(value_type = Object))]
     pub settings: serde_json::Map<String, serde_json::Value>,
-    /// The two models, in order of their names. Twice the same where two holders played with it.
+    /// The two models, in order of their names; the same name twice if two holders used the same model.
     pub models: [String; 2],
-    /// False where in some of the games nobody but the holder says that this was the model.
+    /// False if in one of the games only the holder says that this was the model.
     pub vouched: bool,
     /// Finished games in which both took part, perhaps beside others.
     pub games: u32,
@@ -244,8 +227,7 @@ pub struct CrossPlayPair {
 }
 
 /// The first columns of cross-play; settings follow.
-const PAIR_COLUMNS: [&str; 8] =
-    ["task", "rules", "model_a", "model_b", "vouched", "games", "mean", "std"];
+const PAIR_COLUMNS: &str = "task rules model_a model_b vouched games mean std";
 
 impl Table for CrossPlay {
     type Row = CrossPlayPair;
@@ -261,7 +243,7 @@ impl Table for CrossPlay {
     fn columns(&self) -> Vec<String> {
         let settings: BTreeSet<&String> =
             self.items.iter().flat_map(|pair| pair.settings.keys()).collect();
-        PAIR_COLUMNS.map(str::to_owned).into_iter().chain(settings.into_iter().cloned()).collect()
+        names(PAIR_COLUMNS).chain(settings.into_iter().cloned()).collect()
     }
 
     fn record(&self, columns: &[String], pair: &CrossPlayPair) -> Vec<String> {
@@ -275,7 +257,7 @@ impl Table for CrossPlay {
             pair.mean.to_string(),
             pair.deviation.to_string(),
         ];
-        let settings = columns.iter().skip(PAIR_COLUMNS.len());
+        let settings = columns.iter().skip(names(PAIR_COLUMNS).count());
         cells.extend(settings.map(|name| match pair.settings.get(name) {
             None | Some(serde_json::Value::Null) => String::new(),
             Some(serde_json::Value::String(word)) => text(word),

@@ -7,26 +7,22 @@ use serde_json::{Map, Value};
 use super::episode::SeatToken;
 use super::status::Status;
 
-/// Which open seats somebody wants, and who plays there.
+/// A claim to open seats, and who plays there.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"seats": 2, "model": "my-model"})))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"seats": 2, "model": "my-model"})))]
 pub struct ClaimRequest {
-    /// The agent whose seat is wanted; any that is open where it is left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The agent whose seat is wanted; by default any open seat.
     #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
     pub agent: Option<String>,
-    /// How many open seats are wanted, whichever they are; all of them or none are given.
+    /// How many open seats are wanted. The claim gets all of them, or is refused.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 1024))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub seats: Option<i64>,
     /// Who plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub agent_meta: Option<Map<String, Value>>,
 }
 
@@ -50,7 +46,7 @@ pub struct CreatedClaim {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SeatList {
-    /// How many seats nobody holds.
+    /// How many seats are unclaimed.
     pub open: u16,
     /// All seats, in order of the agents' numbers.
     pub seats: Vec<SeatHolder>,
@@ -64,13 +60,12 @@ pub struct SeatHolder {
     pub agent: String,
     /// The number of the claim; 0 is the creator.
     pub claim: Option<u32>,
-    /// The name on the holder's key, where one was shown; `server` where the server plays.
+    /// The name on the holder's key, if a key was sent; `server` if the server plays.
     pub holder: Option<String>,
     /// Who plays.
     pub model: Option<String>,
     /// The built-in player that the server hosts here.
     pub player: Option<String>,
     /// Since when.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub claimed_at: Option<Timestamp>,
 }

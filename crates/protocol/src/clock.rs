@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ConfirmedClock {
     /// The time of day from now on: that of the host.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub now: Timestamp,
     /// By how many milliseconds the server's time of day was set; negative where it was set back.
     pub moved_ms: i64,

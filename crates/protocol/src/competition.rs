@@ -9,9 +9,8 @@ use crate::game_settings;
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({
     "name": "Spring cup", "opens_at": "2027-03-01T12:00:00Z", "closes_at": "2027-03-08T12:00:00Z",
     "suite": { "tasks": ["Pursuit", "Foraging"], "seeds": 3 }, "clocks": { "round_deadline_s": 60 },
     "attempts": 2, "entry": "codes", "board": "hidden"
@@ -22,15 +21,15 @@ pub struct CompetitionRequest {
     pub name: Option<String>,
     /// What entrants should know; at most 10,000 characters.
     pub description: Option<String>,
-    /// From then on attempts may be started.
-    #[cfg_attr(feature = "openapi", schema(required, value_type = Option<String>, format = "date-time"))]
+    /// When attempts can first be started.
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub opens_at: Option<Timestamp>,
-    /// From then on no round begins; those that run may end.
-    #[cfg_attr(feature = "openapi", schema(required, value_type = Option<String>, format = "date-time"))]
+    /// No round begins at or after this time; open rounds may end.
+    #[cfg_attr(feature = "openapi", schema(required))]
     pub closes_at: Option<Timestamp>,
     /// What is played in each attempt.
     pub suite: Option<SealedSuite>,
-    /// The clocks of all games; `round_deadline_s` must be given, so that a round that runs at the closing time ends.
+    /// The clocks of all games; `round_deadline_s` is required, so that a round that is open at the closing time ends.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub clocks: Option<Clocks>,
     /// `anybody` or `codes`.
@@ -48,8 +47,7 @@ pub struct CompetitionRequest {
     /// What is shown of the board before the end: `public`, `hidden` or `frozen`.
     #[cfg_attr(feature = "openapi", schema(default = "public"))]
     pub board: Option<String>,
-    /// From when on a frozen board does not change.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// When a frozen board stops changing.
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
     #[cfg_attr(feature = "openapi", schema(default = 1, minimum = 1, maximum = 100))]
@@ -61,7 +59,7 @@ pub struct CompetitionRequest {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SealedSuite {
-    /// Names of tasks; all five where it is left out.
+    /// Names of tasks; all five by default.
     pub tasks: Option<Vec<String>>,
     /// How many sealed seeds each attempt has.
     #[cfg_attr(feature = "openapi", schema(default = 5, minimum = 1, maximum = 100))]
@@ -69,20 +67,20 @@ pub struct SealedSuite {
     /// `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
     pub rules: Option<String>,
-    /// The settings of all games; the standard setting where something is left out.
+    /// The settings of all games; by default those of the standard setting.
     pub settings: Option<SealedSettings>,
 }
 
 game_settings! {
     partial
     /// Settings of all games, with the names, limits and defaults that they have for an episode.
+    #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     #[serde(deny_unknown_fields)]
     pub struct SealedSettings {
         /// `decentralized` or `centralized`.
         #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub control: Option<String>,
         ..settings,
     }
@@ -99,7 +97,7 @@ pub struct Clocks {
     /// What a seat may overspend in all rounds of a game together.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
     pub bank_s: Option<Seconds>,
-    /// After so long without any act a game ends as abandoned.
+    /// The time without any act after which a game ends as abandoned.
     #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
     pub idle_timeout_s: Option<Seconds>,
 }
@@ -109,7 +107,7 @@ pub struct Clocks {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(untagged)]
 pub enum Attempts {
-    /// So many, all open for the whole time.
+    /// The number of attempts, all open for the whole time.
     Count(u32),
     /// The window of each, in order.
     Windows(Vec<AttemptWindow>),
@@ -120,11 +118,9 @@ pub enum Attempts {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptWindow {
-    /// From then on it may be started; from the opening of the competition where it is left out.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// When it can first be started; by default when the competition opens.
     pub opens_at: Option<Timestamp>,
-    /// From then on none of its rounds begins; the closing of the competition where it is left out.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// No round of it begins at or after this time; by default the time at which the competition closes.
     pub closes_at: Option<Timestamp>,
 }
 
@@ -141,11 +137,9 @@ pub struct Competition {
     pub description: String,
     /// `announced`, `open`, `closing` (the last rounds still run) or `closed` (everything is open to all).
     pub phase: String,
-    /// From then on attempts may be started.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
+    /// When attempts can first be started.
     pub opens_at: Timestamp,
-    /// From then on no round begins.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
+    /// No round begins at or after this time.
     pub closes_at: Timestamp,
     /// What is played in each attempt.
     pub suite: SealedSuite,
@@ -161,8 +155,7 @@ pub struct Competition {
     pub counts: String,
     /// What is shown of the board before the end.
     pub board: String,
-    /// From when on a frozen board does not change.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// When a frozen board stops changing.
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
     pub entries_per_key: u32,
@@ -174,21 +167,14 @@ pub struct Competition {
     /// The sealed seeds in hexadecimal, attempt by attempt, once the competition is closed.
     pub seeds: Option<Vec<String>>,
     /// When it was created.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub created_at: Timestamp,
     /// When everything was opened to all.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub revealed_at: Option<Timestamp>,
 }
 
-/// A page of competitions.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct CompetitionList {
-    /// The competitions, newest first.
-    pub items: Vec<Competition>,
-    /// Where the next page begins; null on the last one.
-    pub next_cursor: Option<String>,
+page! {
+    /// A page of competitions, newest first.
+    CompetitionList of Competition
 }
 
 /// Invitation codes that an organizer asks for.
@@ -196,7 +182,7 @@ pub struct CompetitionList {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct CodesRequest {
-    /// For whom each code is: it is shown to organizers alone. 1 to 1,000 labels of 1 to 100 characters.
+    /// The receiver of each code, shown to organizers alone. 1 to 1,000 labels of 1 to 100 characters.
     #[cfg_attr(feature = "openapi", schema(required, example = json!(["team blue", "team red"])))]
     pub labels: Vec<String>,
 }
@@ -205,7 +191,7 @@ pub struct CodesRequest {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InvitationCode {
-    /// For whom it is.
+    /// Its receiver.
     pub label: String,
     /// The code: good for one entrant, and shown this once.
     pub code: String,
@@ -239,11 +225,11 @@ pub struct EntrantRequest {
     /// The nucleus of sampling.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub top_p: Option<f64>,
-    /// Whatever else is to be known of who plays; at most 16 KiB of JSON.
+    /// What else is known of who plays; at most 16 KiB of JSON.
     pub agent_meta: Option<Map<String, Value>>,
     /// A prompt template of its own.
     pub prompt_template: Option<String>,
-    /// The invitation code, where the competition asks for one.
+    /// The invitation code, if the competition asks for one.
     pub code: Option<String>,
 }
 
@@ -262,16 +248,15 @@ pub struct EntrantSummary {
     pub temperature: Option<f64>,
     /// The nucleus of sampling, as declared.
     pub top_p: Option<f64>,
-    /// Tells prompt templates apart; null for the built-in one.
+    /// The digest of the prompt template; null for the built-in one.
     pub prompt_template: Option<String>,
     /// `active`, `withdrawn` or `disqualified`.
     pub status: String,
-    /// Why it takes no part any more.
+    /// Why it withdrew or was disqualified.
     pub reason: Option<String>,
-    /// Whether an organizer answers for it that this is the model.
+    /// Whether an organizer vouches for the model.
     pub vouched: bool,
     /// When it registered.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub registered_at: Timestamp,
 }
 
@@ -286,14 +271,9 @@ pub struct CreatedEntrant {
     pub key: Option<String>,
 }
 
-/// All entrants.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct EntrantList {
-    /// The entrants, in the order in which they registered.
-    pub items: Vec<EntrantSummary>,
-    /// Where the next page begins; null on the last.
-    pub next_cursor: Option<String>,
+page! {
+    /// All entrants, in the order in which they registered.
+    EntrantList of EntrantSummary
 }
 
 /// An entrant with its own results.
@@ -307,19 +287,17 @@ pub struct EntrantDetail {
     pub attempts: Vec<AttemptSummary>,
 }
 
-/// What an organizer decides about an entrant; what is left out stays.
+/// What an organizer changes about an entrant. Fields that are left out do not change.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct EntrantChange {
     /// `active`, `withdrawn` or `disqualified`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub status: Option<String>,
     /// Why; everybody sees it. 1 to 500 characters; a disqualification needs one.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Whether you answer for it that the declared model plays.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Whether you vouch for it that the declared model plays.
     pub vouched: Option<bool>,
 }
 
@@ -328,9 +306,9 @@ pub struct EntrantChange {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AttemptRequest {
-    /// Whose attempt it is, where the key has several entrants.
+    /// The entrant; required if the key has several.
     pub entrant: Option<String>,
-    /// Its number, from 1; the next one that is open where it is left out.
+    /// Its number, from 1; by default the next open one.
     #[cfg_attr(feature = "openapi", schema(minimum = 1))]
     pub attempt: Option<u32>,
 }
@@ -348,8 +326,7 @@ pub struct StartedAttempt {
     pub run: String,
     /// How many games it has.
     pub games: usize,
-    /// From then on no round begins.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
+    /// No round begins at or after this time.
     pub closes_at: Timestamp,
     /// The token of all seats of all its games, shown this once: play with it over `/swarm/obs` and `/swarm/act`.
     pub swarm_token: String,
@@ -368,10 +345,8 @@ pub struct AttemptSummary {
     /// `running`, `finished`, `aborted`, `abandoned` or `closed`.
     pub status: String,
     /// When it was started.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub created_at: Timestamp,
     /// When it ended.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub ended_at: Option<Timestamp>,
     /// How many games it has.
     pub games: usize,
@@ -379,23 +354,18 @@ pub struct AttemptSummary {
     pub games_ended: usize,
     /// Why it was voided, if it was; then it may be started again.
     pub voided: Option<String>,
-    /// What it came to in each task, once it is over.
+    /// The result of each task, once it is over.
     pub tasks: Option<Vec<TaskMean>>,
     /// The sum of the means, once it is over.
     pub total: Option<f64>,
 }
 
-/// Attempts.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct AttemptList {
-    /// The attempts, in the order in which they were started.
-    pub items: Vec<AttemptSummary>,
-    /// Where the next page begins; null on the last.
-    pub next_cursor: Option<String>,
+page! {
+    /// Attempts, in the order in which they were started.
+    AttemptList of AttemptSummary
 }
 
-/// What an attempt came to in a task.
+/// The result of an attempt in a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct TaskMean {
@@ -407,7 +377,7 @@ pub struct TaskMean {
     pub deviation: Option<f64>,
     /// Games that were played and count.
     pub games: u32,
-    /// Games that were to be played: what was not played counts as 0.
+    /// Planned games, without voided ones. Those that were not played count as 0.
     pub planned: u32,
     /// Voided games; they do not count.
     pub voided: u32,
@@ -417,12 +387,11 @@ pub struct TaskMean {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionBoard {
-    /// What is shown: `all`; `totals`, as long as seeds are sealed; or `nothing`.
+    /// What is shown: `all`; `totals` while seeds are sealed; or `nothing`.
     pub shows: String,
-    /// Until when attempts had to be over to be shown on a frozen board.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// A frozen board shows attempts that were over before this time.
     pub frozen_at: Option<Timestamp>,
-    /// Entrants with a rank, then those of whom nothing counts yet, then those who take no part any more.
+    /// Entrants with a rank, then those without a counting attempt, then those who withdrew or were disqualified.
     pub items: Vec<CompetitionRow>,
     /// Where the next page begins; null on the last.
     pub next_cursor: Option<String>,
@@ -432,7 +401,7 @@ pub struct CompetitionBoard {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CompetitionRow {
-    /// 1, 2, 2, 4; null where nothing counts.
+    /// 1, 2, 2, 4; null without a counting attempt.
     pub rank: Option<u32>,
     /// The entrant.
     pub entrant: EntrantSummary,
@@ -442,13 +411,13 @@ pub struct CompetitionRow {
     pub run: Option<String>,
     /// How the run ended.
     pub run_status: Option<String>,
-    /// What it came to in each task; empty as long as seeds are sealed.
+    /// The result of each task; empty while seeds are sealed.
     pub tasks: Vec<TaskMean>,
     /// The sum of the means.
     pub total: Option<f64>,
     /// The share of invalid answers.
     pub invalid_share: f64,
-    /// Which part of the moves were decided by a clock that ran out.
+    /// The share of moves that timed out.
     pub clock_share: f64,
     /// Voided games of the attempt.
     pub voided_games: u32,
@@ -456,36 +425,29 @@ pub struct CompetitionRow {
     pub attempts: u32,
     /// Voided attempts.
     pub voided_attempts: u32,
-    /// `declared`: the entrant holds all seats and can pool what they see; `enforced`: it cannot; null under
+    /// `declared`: the entrant has all seats, and so can pool what they see; `enforced`: it cannot; null under
     /// centralized control.
     pub decentralization: Option<String>,
 }
 
-/// Something that an organizer did, as the audit log has it.
+/// An action of an organizer in the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "openapi", schema(as = Deed))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Deed))]
 pub struct AuditEntry {
     /// When.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub at: Timestamp,
     /// The id of the organizer's key, or `local` for work on the server's own machine.
     pub who: String,
     /// What was done.
     #[cfg_attr(feature = "openapi", schema(example = "entrant.change"))]
     pub action: String,
-    /// The id of what it was done to.
+    /// The id of the competition, entrant, … that the action concerns.
     pub subject: String,
-    /// What else is to be known.
+    /// Further facts.
     pub detail: Value,
 }
 
-/// A page of the audit log.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct AuditLog {
-    /// What organizers did, newest first.
-    pub items: Vec<AuditEntry>,
-    /// Where the next page begins; null on the last one.
-    pub next_cursor: Option<String>,
+page! {
+    /// A page of the audit log, newest first.
+    AuditLog of AuditEntry
 }

@@ -19,80 +19,66 @@ pub struct EpisodeResult {
     pub score: f64,
     /// How many rounds were resolved.
     pub rounds: u32,
-    /// The head of the journal's chain: it proves that a journal is this one.
+    /// The head of the journal's chain, which identifies the journal.
     pub journal_head: String,
 }
 
 game_settings! {
     partial
     /// What an episode is to be. Everything but `task` has a default.
+    #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     #[serde(deny_unknown_fields)]
-    #[cfg_attr(feature = "openapi", schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"task": "Transport", "seed": 27, "model": "my-model"})))]
     pub struct EpisodeRequest {
         /// `Transport`, `Pursuit`, `Synchronization`, `Foraging` or `Flocking`.
+        #[serialize_always]
         #[cfg_attr(feature = "openapi", schema(required))]
         pub task: Option<String>,
         /// The seed of the layout, 0 to 2⁵³ − 1; drawn at random where it is left out.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_i64))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub seed: Option<i64>,
         /// `paper` or `reference`.
         #[cfg_attr(feature = "openapi", schema(default = "paper"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub rules: Option<String>,
         ..settings {
             /// `decentralized` or `centralized`.
             #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
-            #[serde(skip_serializing_if = "Option::is_none")]
             pub control: Option<String>
         },
         /// A round's clock in seconds; none by default.
         #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub round_deadline_s: Option<f64>,
         /// What a seat may overspend in all rounds together, in seconds.
         #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub bank_s: Option<f64>,
         /// `now` or `manual`.
         #[cfg_attr(feature = "openapi", schema(default = "now"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub start: Option<String>,
-        /// After so many seconds without any act it ends as abandoned.
+        /// Seconds without any act after which the episode ends as abandoned.
         #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub idle_timeout_s: Option<f64>,
         /// `public` or `owner`: who reads state, events and resolved rounds before the end.
         #[cfg_attr(feature = "openapi", schema(default = "public"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub visibility: Option<String>,
         /// Who plays; at most 200 characters.
         #[cfg_attr(feature = "openapi", schema(default = "unnamed"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub model: Option<String>,
         /// What else is known of who plays; at most 16 KiB of JSON.
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub agent_meta: Option<Map<String, Value>>,
         /// A prompt template of the episode's own; at most 32 KiB.
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub prompt_template: Option<String>,
         /// How many seats are open to claims, those of the last agents; the creator gets no tokens for them.
         #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 1024))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub open_seats: Option<i64>,
-        /// After so many seconds built-in players take the open seats that nobody claimed; never by default.
+        /// Seconds after which built-in players take the unclaimed seats; never by default.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 604_800))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub fill_after_s: Option<f64>,
-        /// Which built-in player takes them; `default` is the task's own.
+        /// The built-in player that takes unclaimed seats; `default` is the task's own.
         #[cfg_attr(feature = "openapi", schema(default = "default"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub fill_with: Option<String>,
         /// The built-in player that the server hosts on the creator's seats, which then have no tokens; `default` is the
         /// task's own.
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub player: Option<String>,
     }
 }
@@ -105,7 +91,7 @@ game_settings! {
     #[expect(missing_docs, reason = "the same as in the request")]
     pub struct EpisodeConfig {
         pub task: String,
-        /// Null as long as the episode runs and the caller may not know it.
+        /// Null while the caller may not know it.
         #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
         pub seed: Option<Seed>,
         pub rules: String,
@@ -140,9 +126,9 @@ pub struct CreatedEpisode {
     pub status: Status,
     /// All its settings.
     pub config: EpisodeConfig,
-    /// A token for each agent whose seat is the creator's.
+    /// A token for each seat of the creator.
     pub seats: Vec<SeatToken>,
-    /// A token for all of them, also if there are none; it has the rights of the creator, too.
+    /// A token for all of these seats. It has the rights of the creator, too, so it exists even without any seat.
     pub swarm_token: String,
 }
 
@@ -168,17 +154,15 @@ pub struct EpisodeSummary {
     pub task: String,
     /// Who plays.
     pub model: String,
-    /// The id of the run to which it belongs; null where it belongs to none.
+    /// The id of its run; null without a run.
     pub run: Option<String>,
     /// How many rounds were resolved.
     pub round: u32,
     /// The score so far.
     pub score: f64,
     /// When it was created.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub created_at: jiff::Timestamp,
     /// When it ended.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub ended_at: Option<jiff::Timestamp>,
     /// How it ended.
     pub result: Option<EpisodeResult>,
@@ -188,28 +172,23 @@ pub struct EpisodeSummary {
     pub config: EpisodeConfig,
 }
 
-/// Why an episode counts for nothing.
+/// Why an episode is voided.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"reason": "power cut in round 40"})))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"reason": "power cut in round 40"})))]
 pub struct VoidRequest {
     /// What went wrong: 1 to 500 characters. It is shown to everybody who may see the episode.
     #[cfg_attr(feature = "openapi", schema(min_length = 1, max_length = 500))]
     pub reason: String,
 }
 
-/// A page of episodes, newest first.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct EpisodeList {
-    /// The episodes of this page.
-    pub items: Vec<EpisodeSummary>,
-    /// Where the next page begins; null on the last.
-    pub next_cursor: Option<String>,
+page! {
+    /// A page of episodes, newest first.
+    EpisodeList of EpisodeSummary
 }
 
 /// The whole world after some round.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct State {
@@ -222,33 +201,29 @@ pub struct State {
     /// All agents.
     pub agents: Vec<StateAgent>,
     /// Where the prey is (Pursuit).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prey: Option<Position>,
     /// The top-left cell of the block's shape (Transport).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub block: Option<Position>,
     /// The cost of the placement (Flocking).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distance: Option<f64>,
 }
 
 /// An agent as a spectator sees it.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StateAgent {
     /// Its name.
     pub agent: String,
-    /// Its row; where it went when it escaped.
+    /// Its row; after an escape the row of the exit.
     pub i: i32,
     /// Its column.
     pub j: i32,
     /// Whether it is on the map.
     pub alive: bool,
     /// Whether its light is on (Synchronization).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_on: Option<bool>,
     /// Whether it carries food (Foraging).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub carrying_food: Option<bool>,
 }
 
@@ -264,18 +239,18 @@ pub struct RoundEvent {
     pub agents: Vec<StateAgent>,
 }
 
-/// One Server-Sent Event, by the names of its fields. It is only described here: a stream writes its events itself.
+/// The fields of one Server-Sent Event. This type only describes them: a stream writes its events itself.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StreamedEvent {
     /// `round` or `finished`.
     #[cfg_attr(feature = "openapi", schema(example = "round"))]
     pub event: String,
-    /// How many rounds were resolved; left out where it is `finished`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// How many rounds were resolved; left out in `finished`.
     #[cfg_attr(feature = "openapi", schema(example = "12"))]
     pub id: Option<String>,
-    /// JSON: a `RoundEvent`, or the `EpisodeResult` where it is `finished`.
+    /// JSON: a `RoundEvent`, or in `finished` the `EpisodeResult`.
     pub data: String,
 }
 

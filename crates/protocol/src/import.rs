@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 
 use crate::game_settings;
 
-/// An imported game. Nobody vouches for it: what it tells is what its files told.
+/// An imported game. It is not verified: everything in it comes from its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ImportSummary {
@@ -14,7 +14,7 @@ pub struct ImportSummary {
     pub id: String,
     /// As its files call it.
     pub run_id: String,
-    /// Always false: its acts were not played by this server, and its states not computed by it.
+    /// Always false: this server neither received its acts nor computed its states.
     pub verified: bool,
     /// The task.
     pub task: String,
@@ -26,16 +26,15 @@ pub struct ImportSummary {
     pub score: f64,
     /// How many rounds were resolved.
     pub rounds: u32,
-    /// How many acts it has; 0 where the file with them was missing or broken.
+    /// How many acts it has; 0 if the file with them was missing or broken.
     pub acts: u64,
-    /// The settings, as far as the files tell them.
+    /// The settings that the files contain.
     pub settings: ImportConfig,
     /// When it was imported.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub imported_at: jiff::Timestamp,
 }
 
-/// The settings of an imported game. The toolkit's files tell only the first five.
+/// The settings of an imported game. The toolkit's files contain only the first five.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[expect(missing_docs, reason = "the same as of an episode")]
@@ -55,14 +54,13 @@ pub struct ImportConfig {
 game_settings! {
     partial
     /// Settings of games, as far as they are known.
+    #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     pub struct KnownSettings {
         /// `paper` or `reference`.
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub rules: Option<String>,
         /// `decentralized` or `centralized`.
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub control: Option<String>,
         ..settings,
     }
@@ -88,12 +86,7 @@ impl From<&ImportConfig> for KnownSettings {
     }
 }
 
-/// A page of imported games, newest first.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct ImportList {
-    /// The games of this page.
-    pub items: Vec<ImportSummary>,
-    /// Where the next page begins; null on the last.
-    pub next_cursor: Option<String>,
+page! {
+    /// A page of imported games, newest first.
+    ImportList of ImportSummary
 }

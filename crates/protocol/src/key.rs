@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-/// What an organizer asks for somebody.
+/// A key that an organizer creates for somebody.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
@@ -17,8 +17,7 @@ pub struct KeyRequest {
     /// `entrant`, `member` (the default) or `organizer`.
     #[cfg_attr(feature = "openapi", schema(example = "member"))]
     pub role: Option<String>,
-    /// From when on it is worth nothing; never where it is left out.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// When it expires; never by default.
     pub expires_at: Option<Timestamp>,
 }
 
@@ -36,13 +35,10 @@ pub struct KeySummary {
     /// `good`, `expired` or `revoked`.
     pub state: String,
     /// When it was made.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = "date-time"))]
     pub created_at: Timestamp,
-    /// From when on it is worth nothing.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
+    /// When it expires.
     pub expires_at: Option<Timestamp>,
     /// When it was revoked.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = "date-time"))]
     pub revoked_at: Option<Timestamp>,
 }
 
@@ -57,12 +53,7 @@ pub struct CreatedKey {
     pub secret: String,
 }
 
-/// All keys that were ever made.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct KeyList {
-    /// The keys, oldest first.
-    pub items: Vec<KeySummary>,
-    /// Where the next page begins; null on the last one.
-    pub next_cursor: Option<String>,
+page! {
+    /// All keys that were ever made, oldest first.
+    KeyList of KeySummary
 }

@@ -4,6 +4,21 @@
 //! (`docs/protocol.md`); a program with types of its own converts them explicitly, so that its types can change. With the
 //! feature `openapi` they describe themselves.
 
+/// Defines a page of a list.
+macro_rules! page {
+    ($(#[$meta:meta])* $name:ident of $item:ident) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, Serialize, Deserialize)]
+        #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+        pub struct $name {
+            /// The items of this page.
+            pub items: Vec<$item>,
+            /// Where the next page begins; null on the last.
+            pub next_cursor: Option<String>,
+        }
+    };
+}
+
 pub mod act;
 pub mod board;
 pub mod claim;
@@ -49,8 +64,7 @@ impl From<Position> for Pos {
 
 /// A duration in seconds; whole numbers are written without a fraction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "openapi", schema(value_type = f64))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(value_type = f64))]
 pub struct Seconds(pub f64);
 
 impl Seconds {

@@ -1,5 +1,5 @@
-//! Names that people read: of keys, entrants, models, competitions and labels. Two of them that look the same must not
-//! be different ones.
+//! Names that people read: of keys, entrants, models, competitions and labels. Two different
+//! names must not look the same.
 
 use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 use unicode_security::confusable_detection::skeleton;
@@ -70,7 +70,7 @@ fn is_invisible(character: char) -> bool {
 }
 
 /// Letters, marks and symbols that are shown as nothing: the property `Default_Ignorable_Code_Point` of Unicode, as far
-/// as the categories do not tell it already, and the blank pattern of Braille.
+/// as the categories do not cover it, and the blank pattern of Braille.
 fn is_blank(character: char) -> bool {
     matches!(
         character,

@@ -11,7 +11,7 @@ use super::status::Status;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Observation {
-    /// What is the same for as long as the round is open.
+    /// What does not change while the round is open.
     #[serde(flatten)]
     pub sight: Sight,
     /// What changes while the round is open.
@@ -19,7 +19,7 @@ pub struct Observation {
     pub moment: Moment,
 }
 
-/// The part of an observation that stays as long as the round is open.
+/// The part of an observation that does not change while the round is open.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Sight {
@@ -51,7 +51,7 @@ pub struct Sight {
     /// Whether it carries food (Foraging only).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub carrying_food: Option<bool>,
-    /// The messages delivered to it, sorted; nothing tells who sent them.
+    /// The messages delivered to it, sorted and without their senders.
     pub messages: Vec<String>,
     /// The actions that the task knows.
     pub actions: Vec<String>,
@@ -70,13 +70,11 @@ pub struct Sight {
 pub struct Moment {
     /// Whether this seat has answered the round.
     pub acted: bool,
-    /// When the seat's clock runs out: the opening of the round, its deadline, and the bank. Null
-    /// without a clock.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
+    /// When the seat's clock expires: the opening of the round plus its deadline and the bank. Null without a clock.
     pub deadline: Option<jiff::Timestamp>,
-    /// How long it is until then. Null without a clock.
+    /// The time until `deadline`. Null without a clock.
     pub remaining_ms: Option<u64>,
-    /// What is left of the seat's bank; it is part of that, and used last. Null without a clock.
+    /// What is left of the seat's bank; `remaining_ms` includes it, and it is used last. Null without a clock.
     pub bank_ms: Option<u64>,
     /// The text for a language model; only if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -102,7 +100,7 @@ pub struct View {
     pub origin: Position,
     /// `cells[a][b]` is the cell `(origin.i + a, origin.j + b)`: `.` empty, `W` wall, `B` block,
     /// `P` prey, `N` nest, `F` food, `*` outside the map, `Y` the agent itself, other agents by
-    /// number, after a `$` where they bear a mark.
+    /// number, after a `$` if they have a mark.
     pub cells: Vec<Vec<Cell>>,
 }
 
@@ -112,9 +110,9 @@ pub struct View {
 pub struct HistoryEntry {
     /// The round.
     pub round: u32,
-    /// Its action; null where it took none.
+    /// Its action; null without one.
     pub action: Option<String>,
-    /// Its message; null where it sent none.
+    /// Its message; null without one.
     pub message: Option<String>,
 }
 
@@ -132,8 +130,7 @@ pub struct PastView {
 
 /// A cell as it is written: a short symbol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "openapi", schema(value_type = String, example = "$11"))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(value_type = String, example = "$11"))]
 pub struct Cell(pub Seen);
 
 impl Serialize for Cell {

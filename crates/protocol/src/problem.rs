@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// What went wrong, and what helps to recover.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Problem {
@@ -21,13 +22,10 @@ pub struct Problem {
     #[cfg_attr(feature = "openapi", schema(example = "round_over"))]
     pub code: String,
     /// The current round of the episode.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub round: Option<u32>,
-    /// After how many milliseconds it is worth trying again.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// After how many milliseconds to try again.
     pub retry_after_ms: Option<u64>,
     /// The limit that was reached.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<Limit>,
     /// The fields that were refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

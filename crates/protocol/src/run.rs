@@ -12,60 +12,47 @@ use crate::game_settings;
 use swarmbench_engine::{Seed, Settings};
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7})))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"suite": "quick", "model": "my-model", "temperature": 0.7})))]
 pub struct RunRequest {
     /// The name of a built-in suite, or one of your own.
     #[cfg_attr(feature = "openapi", schema(required))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub suite: Option<SuiteRequest>,
     /// `paper` or `reference`.
     #[cfg_attr(feature = "openapi", schema(default = "paper"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub rules: Option<String>,
     /// Which model plays; at most 200 characters.
     #[cfg_attr(feature = "openapi", schema(required, example = "my-model"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
-    /// At which temperature it samples.
+    /// The sampling temperature.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 10))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature: Option<f64>,
-    /// From which nucleus it samples.
+    /// The nucleus of sampling.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
     /// What else is known of who plays; at most 16 KiB of JSON.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub agent_meta: Option<Map<String, Value>>,
     /// A prompt template of the run's own; at most 32 KiB.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
     /// How many games are open at a time.
     #[cfg_attr(feature = "openapi", schema(default = 4, minimum = 1, maximum = 64))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub parallel: Option<u32>,
     /// A round's clock in seconds; none by default.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.05, maximum = 86_400))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub round_deadline_s: Option<f64>,
     /// What a seat may overspend in all rounds of a game together, in seconds.
     #[cfg_attr(feature = "openapi", schema(default = 0, minimum = 0, maximum = 604_800))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub bank_s: Option<f64>,
-    /// After so many seconds without any act a game ends as abandoned, and with it the run.
+    /// Seconds without any act after which a game ends as abandoned, and its run with it.
     #[cfg_attr(feature = "openapi", schema(default = 86_400, minimum = 1, maximum = 31_536_000))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub idle_timeout_s: Option<f64>,
     /// `public` or `owner`: who sees the run, and reads its games, before their end.
     #[cfg_attr(feature = "openapi", schema(default = "public"))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub visibility: Option<String>,
-    /// A built-in player that the server itself has play all seats; `default` is each task's own. Such a
-    /// run has no token.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The built-in player with which the server plays all seats; `default` is each task's own. Such a run has no
+    /// token.
     pub player: Option<String>,
 }
 
@@ -82,7 +69,7 @@ pub enum SuiteRequest {
 
 impl<'de> Deserialize<'de> for SuiteRequest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        // What is wrong inside of an object is to be told by its name, which an untagged enum does not.
+        // An untagged enum does not name the field that is wrong.
         struct Either;
         impl<'de> Visitor<'de> for Either {
             type Value = SuiteRequest;
@@ -105,33 +92,31 @@ impl<'de> Deserialize<'de> for SuiteRequest {
 }
 
 /// A suite of one's own: every task is played once on each seed.
+#[serde_with::skip_serializing_none]
 #[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}})))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"name": "two seeds", "tasks": ["Foraging"], "seeds": [1, 2], "settings": {"max_round": 50}})))]
 pub struct OwnSuite {
     /// Its name: 1 to 100 characters, and not that of a built-in one.
     pub name: String,
     /// The tasks, in the order in which they are played; all five where they are left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tasks: Option<Vec<String>>,
     /// The seeds, each 0 to 2⁵³ − 1.
     pub seeds: Vec<i64>,
     /// The settings of all games; those that are left out are those of the standard setting.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub settings: Option<OwnSettings>,
 }
 
 game_settings! {
     partial
     /// Settings of all games of a suite of one's own, as for an episode.
+    #[serde_with::skip_serializing_none]
     #[derive(Clone, Debug, Default, Serialize, Deserialize)]
     #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
     #[serde(deny_unknown_fields)]
     pub struct OwnSettings {
         /// `decentralized` or `centralized`.
         #[cfg_attr(feature = "openapi", schema(default = "decentralized"))]
-        #[serde(skip_serializing_if = "Option::is_none")]
         pub control: Option<String>,
         ..settings,
     }
@@ -144,14 +129,14 @@ pub struct SuiteView {
     /// Its name.
     #[cfg_attr(feature = "openapi", schema(example = "standard"))]
     pub name: String,
-    /// Of all of it, rules, seeds and settings included: the first 12 hexadecimal digits of SHA-256. Null
-    /// as long as the seeds are.
+    /// The first 12 hexadecimal digits of SHA-256 of the suite with its rules, seeds and settings. Null
+    /// while the seeds are null.
     pub digest: Option<String>,
     /// `paper` or `reference`.
     pub rules: String,
     /// The tasks, in the order in which they are played.
     pub tasks: Vec<String>,
-    /// The seeds; null as long as the caller may not know them.
+    /// The seeds; null while the caller may not know them.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<u64>>))]
     pub seeds: Option<Vec<Seed>>,
     /// How many games it has.
@@ -218,7 +203,7 @@ pub struct RunSummary {
     pub status: String,
     /// What is played.
     pub suite: SuiteView,
-    /// Which model plays, as declared; so is what follows.
+    /// The model that plays, as declared; temperature, `top_p` and `agent_meta` are declared, too.
     pub model: String,
     /// Its temperature.
     pub temperature: Option<f64>,
@@ -226,28 +211,25 @@ pub struct RunSummary {
     pub top_p: Option<f64>,
     /// What else is known of who plays.
     pub agent_meta: Map<String, Value>,
-    /// Tells prompt templates apart; null for the built-in one.
+    /// The digest of the prompt template; null for the built-in one.
     pub template_digest: Option<String>,
-    /// The built-in player that the server itself has play all seats.
+    /// The built-in player with which the server plays all seats.
     pub player: Option<String>,
     /// How many games are open at a time.
     pub parallel: u32,
     /// `public`, `owner` or `sealed`.
     pub visibility: String,
-    /// After so long without an act a game ends as abandoned.
+    /// The time without an act after which a game ends as abandoned.
     pub idle_timeout_s: Seconds,
-    /// From then on no new round begins.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
+    /// No new round begins at or after this time.
     pub closes_at: Option<jiff::Timestamp>,
-    /// The number of the attempt, where the run is one in a competition.
+    /// The number of the attempt, if the run belongs to a competition.
     pub attempt: Option<u32>,
     /// Why it was voided as an attempt, if it was.
     pub void_reason: Option<String>,
     /// When it was created.
-    #[cfg_attr(feature = "openapi", schema(value_type = String, format = DateTime))]
     pub created_at: jiff::Timestamp,
     /// When it ended.
-    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>, format = DateTime))]
     pub ended_at: Option<jiff::Timestamp>,
     /// How many games have ended and count.
     pub played: u32,
@@ -255,13 +237,13 @@ pub struct RunSummary {
     pub planned: u32,
     /// How many games were voided.
     pub voided: u32,
-    /// What it came to, task by task.
+    /// The results, task by task.
     pub tasks: Vec<TaskResult>,
-    /// The sum of the tasks' means; null as long as there is none, or the caller may not know it.
+    /// The sum of the tasks' means; null while a mean is missing or the caller may not know it.
     pub total: Option<f64>,
-    /// What the acts were of all games that have ended and count.
+    /// The acts of all games that have ended and count.
     pub acts: ActTally,
-    /// The limit for which it has fewer games open than it may; null where it waits for no place.
+    /// The limit that keeps the run from opening more games now; null while no limit does.
     #[serde(default)]
     pub waits_for: Option<Limit>,
 }
@@ -285,23 +267,23 @@ pub struct TaskResult {
     pub voided: u32,
 }
 
-/// What acts were, in numbers.
+/// Acts, counted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ActTally {
-    /// How many players sent.
+    /// Acts that players sent.
     pub sent: u64,
-    /// Of these, invalid answers of language models.
+    /// Invalid answers of language models among them.
     pub invalid: u64,
-    /// Their share of all that were sent; null where none was.
+    /// The share of invalid answers in all acts that were sent; null before the first act.
     pub invalid_share: Option<f64>,
-    /// How often a clock ran out.
+    /// How often a clock expired.
     pub clock_outs: u64,
-    /// The share of that in all acts that were due; null where none was.
+    /// The share of expired clocks in all acts that were due; null before the first act.
     pub clock_out_share: Option<f64>,
-    /// Tokens of prompts, as players told.
+    /// Tokens of prompts, as reported by players.
     pub prompt_tokens: u64,
-    /// Tokens of answers, as players told.
+    /// Tokens of answers, as reported by players.
     pub completion_tokens: u64,
 }
 
@@ -312,9 +294,8 @@ pub struct RunDetail {
     /// The run.
     #[serde(flatten)]
     pub run: RunSummary,
-    /// Its games in the order of the plan. A voided one comes before the one that was played
-    /// in its place. Where all would be too much for one answer, those that were played again are left out from the
-    /// first slot on.
+    /// Its games in the order of the plan. A voided game comes before its replacement. If the answer would be too
+    /// large, replaced games are left out, beginning with the first slot.
     pub games: Vec<RunGame>,
 }
 
@@ -326,18 +307,18 @@ pub struct RunGame {
     pub slot: u32,
     /// The task.
     pub task: String,
-    /// The seed; null as long as the caller may not know it.
+    /// The seed; null while the caller may not know it.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<u64>))]
     pub seed: Option<Seed>,
-    /// The id of its episode; null as long as it was not opened.
+    /// The id of its episode; null before it is opened.
     pub episode: Option<String>,
-    /// As of an episode; `planned` where it was not opened.
+    /// The status of its episode; `planned` before it is opened.
     pub status: String,
     /// Why it ended; null before, and where the caller may not know it.
     pub reason: Option<String>,
     /// How many rounds were resolved.
     pub round: u32,
-    /// The score so far; null where there is none, or the caller may not know it.
+    /// The score so far; null before the game is opened, and while the caller may not know it.
     pub score: Option<f64>,
     /// Why it was voided, if it was.
     pub void_reason: Option<String>,
@@ -364,14 +345,9 @@ pub struct RunToken {
     pub swarm_token: String,
 }
 
-/// A page of runs, newest first.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct RunList {
-    /// The runs of this page.
-    pub items: Vec<RunSummary>,
-    /// Where the next page begins; null on the last.
-    pub next_cursor: Option<String>,
+page! {
+    /// A page of runs, newest first.
+    RunList of RunSummary
 }
 
 /// One Server-Sent Event of a run, by the names of its fields. It is only described here: a stream writes its

@@ -3,7 +3,7 @@
 /// Defines a struct with the settings of `swarmbench_engine::for_each_setting` in the place of `..settings`, and its
 /// conversions. It is written as any other struct, after one of these words:
 ///
-/// - `partial`: each setting is an `Option`, none where it was left out. `over(usual)` fills them in; from [`Settings`].
+/// - `partial`: each setting is an `Option`. `over(usual)` fills in those that are `None`; from [`Settings`].
 /// - `complete`: unchecked values of all settings. From [`Settings`] and back.
 /// - `checked`: the types of checked settings. From a [`Config`], and back to [`Settings`].
 ///
@@ -51,7 +51,6 @@ macro_rules! game_settings {
                 $(
                     $(#[doc = $doc])*
                     #[cfg_attr(feature = "openapi", schema(default = $usual, minimum = $least, maximum = $most))]
-                    #[serde(skip_serializing_if = "Option::is_none")]
                     pub $setting: Option<$asked>,
                 )*
                 $($inner)*
@@ -84,22 +83,15 @@ macro_rules! game_settings {
     };
 
     (
-        {
-            complete $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* } { $($other:ident)* }
-        }
+        { complete $name:ident $meta:tt $before:tt $after:tt { $($other:ident)* } }
         $([$(
             $(#[doc = $doc:literal])* $(#[serde $later:tt])?
             $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
-        )*] { $($inner:tt)* })*
+        )*] $inner:tt)*
     ) => {
-        $($meta)*
-        pub struct $name {
-            $($before)*
-            $(
-                $($(#[doc = $doc])* $(#[serde $later])? pub $setting: $asked,)*
-                $($inner)*
-            )*
-            $($after)*
+        $crate::game_settings! {
+            @whole $name $meta $before $after
+            $([$($(#[doc = $doc])* $(#[serde $later])? $setting: $asked;)*] $inner)*
         }
 
         impl From<&swarmbench_engine::Settings> for $name {
@@ -112,35 +104,18 @@ macro_rules! game_settings {
                 all
             }
         }
-
-        impl From<&$name> for swarmbench_engine::Settings {
-            fn from(from: &$name) -> Self {
-                Self {
-                    control: from.control.clone(),
-                    $($($setting: from.$setting,)*)*
-                    ..Self::default()
-                }
-            }
-        }
     };
 
     (
-        {
-            checked $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* } { $($other:ident)* }
-        }
+        { checked $name:ident $meta:tt $before:tt $after:tt { $($other:ident)* } }
         $([$(
             $(#[doc = $doc:literal])* $(#[serde $later:tt])?
             $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
-        )*] { $($inner:tt)* })*
+        )*] $inner:tt)*
     ) => {
-        $($meta)*
-        pub struct $name {
-            $($before)*
-            $(
-                $($(#[doc = $doc])* $(#[serde $later])? pub $setting: $checked,)*
-                $($inner)*
-            )*
-            $($after)*
+        $crate::game_settings! {
+            @whole $name $meta $before $after
+            $([$($(#[doc = $doc])* $(#[serde $later])? $setting: $checked;)*] $inner)*
         }
 
         impl From<&swarmbench_engine::Config> for $name {
@@ -153,6 +128,21 @@ macro_rules! game_settings {
                 all.control = settings.control;
                 all
             }
+        }
+    };
+
+    (
+        @whole $name:ident { $($meta:tt)* } { $($before:tt)* } { $($after:tt)* }
+        $([$($(#[$setting_meta:meta])* $setting:ident: $type:ident;)*] { $($inner:tt)* })*
+    ) => {
+        $($meta)*
+        pub struct $name {
+            $($before)*
+            $(
+                $($(#[$setting_meta])* pub $setting: $type,)*
+                $($inner)*
+            )*
+            $($after)*
         }
 
         impl From<&$name> for swarmbench_engine::Settings {

@@ -16,13 +16,13 @@ swarmbench_engine::named! {
         Finished = "finished",
         /// Ended by its creator.
         Aborted = "aborted",
-        /// Ended because nobody acted any more.
+        /// Ended by its idle timeout.
         Abandoned = "abandoned",
     }
 }
 
 impl Status {
-    /// Whether nothing happens any more.
+    /// Whether it has ended.
     #[must_use]
     pub const fn is_over(self) -> bool {
         match self {
@@ -42,7 +42,7 @@ swarmbench_engine::named! {
         Finished = "finished",
         /// Ended by its creator, or an organizer.
         Aborted = "aborted",
-        /// Ended because nobody acted any more.
+        /// Ended by its idle timeout.
         Abandoned = "abandoned",
         /// Ended because its competition closed.
         Closed = "closed",

@@ -31,7 +31,7 @@ game_settings! {
         /// `decentralized` or `centralized`.
         pub control: String,
         ..settings,
-        /// A round's clock; none for none.
+        /// A round's clock, if it has one.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub round_deadline_ms: Option<u64>,
         /// What a seat may overspend in all rounds together.
@@ -108,7 +108,7 @@ impl Suite {
         }
     }
 
-    /// Tells suites of the same name apart: the first 12 hexadecimal digits of SHA-256 of all of it.
+    /// The first 12 hexadecimal digits of SHA-256 of the whole suite. Suites of the same name can differ in it.
     #[must_use]
     pub fn digest(&self) -> String {
         let json = serde_json::to_vec(self).expect("a suite has string keys");

@@ -35,7 +35,12 @@ pub trait Table: Serialize {
     }
 }
 
-/// A value as a cell; empty where there is none.
+/// The names of columns, from a list with spaces between them.
+pub fn names(list: &'static str) -> impl Iterator<Item = String> {
+    list.split_whitespace().map(str::to_owned)
+}
+
+/// A value as a cell; empty without a value.
 pub(crate) fn maybe<T: ToString>(value: Option<T>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }

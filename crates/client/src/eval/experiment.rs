@@ -2,59 +2,59 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::marker::PhantomData;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error, MapAccess};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-/// An experiment, as a file of it or a command line tells it. What is left out has a default, and what both tell is as
-/// the command line has it.
+pub use super::list::{Item, List};
+
+/// An experiment, from a file or the command line. Everything has a default; the command line overrides the file.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Experiment {
-    /// What it is called.
+    /// Its name.
     pub name: Option<String>,
-    /// What it is for.
+    /// Its purpose.
     pub description: Option<String>,
-    /// The tasks; `all` for all five. Left out, built-in players play those that they know, and models all.
+    /// The tasks; `all` for all five. By default models play all, and built-in players those that they know.
     pub tasks: Option<List<String>>,
-    /// The seeds, and ranges of them; those of the paper where they are left out.
+    /// Seeds and ranges of seeds; by default those of the paper.
     pub seeds: Option<List<Seeds>>,
     /// Language models.
     pub models: Option<List<ModelEntry>>,
     /// Built-in players: their names, `default` for the best of each task, `all` for all.
     pub players: Option<List<String>>,
-    /// The seed of built-in players' own choices; 1 where it is left out.
+    /// The seed of built-in players' own choices; 1 by default.
     pub player_seed: Option<u64>,
-    /// Where the models are, as far as they do not say it themselves.
+    /// The endpoint of models that name none.
     pub api_base: Option<String>,
-    /// The environment variable with the key for that place.
+    /// The environment variable with the key of that endpoint.
     pub api_key_env: Option<String>,
-    /// How many tokens an answer may have, as far as models do not say it themselves.
+    /// The maximum number of tokens of an answer, for models that set none.
     pub max_tokens: Option<u64>,
-    /// What else is sent with each question, as far as models do not say it themselves.
+    /// Further fields of each request, for models that set none.
     pub extra: Option<Map<String, Value>>,
     /// A file with a prompt template.
     pub prompt_template: Option<PathBuf>,
     /// The settings of all games.
     pub settings: Axes,
-    /// Settings in groups: each takes the place of what `settings` says.
+    /// Groups of settings: each overrides `settings`.
     pub vary: Vec<Axes>,
-    /// Games at once.
+    /// Games that are open at a time.
     pub parallel: Option<u32>,
-    /// Questions to models at once.
+    /// Concurrent requests to models.
     pub requests: Option<u32>,
-    /// How many tokens may be spent before it stops.
+    /// The token budget.
     pub budget: Option<u64>,
     /// The shape of the board.
     pub board: Option<Shape>,
 }
 
-/// Lists of settings, which multiply. What is left out is as in the standard setting.
+/// Lists of settings, which multiply. The default is the standard setting.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields)]
 pub struct Axes {
@@ -105,7 +105,7 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// These, and what they leave out as in `base`.
+    /// These lists, with those of `base` for axes that have none.
     #[must_use]
     pub fn over(self, base: &Self) -> Self {
         let mut all = base.lists();
@@ -113,7 +113,7 @@ impl Axes {
         Self::deserialize(json!(all)).expect("these are lists of axes")
     }
 
-    /// The lists that are given, by the names of their axes.
+    /// The lists that are not empty, by the names of their axes.
     #[must_use]
     pub fn lists(&self) -> BTreeMap<String, Vec<Value>> {
         let mut lists: BTreeMap<_, Vec<Value>> =
@@ -161,7 +161,7 @@ pub enum Shape {
     /// A row for each run, a column for each task.
     #[default]
     Wide,
-    /// A row for each run and task, with the least and the most.
+    /// A row for each run and task, with the lowest and the highest score.
     Long,
 }
 
@@ -171,197 +171,35 @@ pub enum Shape {
 pub struct ModelEntry {
     /// The name on boards.
     pub name: String,
-    /// What the endpoint calls it, where that is something else.
+    /// Its name at the endpoint, if that is another.
     pub model: Option<String>,
-    /// Where it is.
+    /// Its endpoint.
     pub api_base: Option<String>,
-    /// The environment variable with the key for that place.
+    /// The environment variable with the key of that endpoint.
     pub api_key_env: Option<String>,
-    /// Its temperature, whatever the settings say.
+    /// Its temperature, which overrides the settings.
     pub temperature: Option<f64>,
-    /// Its nucleus of sampling, whatever the settings say.
+    /// Its nucleus of sampling, which overrides the settings.
     pub top_p: Option<f64>,
-    /// How many tokens an answer may have.
+    /// The maximum number of tokens of an answer.
     pub max_tokens: Option<u64>,
-    /// What else is sent with each question.
+    /// Further fields of each request.
     pub extra: Option<Map<String, Value>>,
 }
 
 impl ModelEntry {
-    /// A model that the endpoint calls by its name on boards.
+    /// A model that has the same name on boards and at the endpoint.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }
     }
 }
 
-/// One value or several.
-#[derive(Clone, Debug, PartialEq)]
-pub struct List<T>(pub Vec<T>);
-
-impl<T> From<Vec<T>> for List<T> {
-    fn from(values: Vec<T>) -> Self {
-        Self(values)
-    }
-}
-
-impl<'de, T: Item<'de>> Deserialize<'de> for List<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct OneOrMany<T>(PhantomData<T>);
-        impl<'de, T: Item<'de>> Visitor<'de> for OneOrMany<T> {
-            type Value = List<T>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "{}, or a list of such", T::WHAT)
-            }
-
-            fn visit_i64<E: Error>(self, value: i64) -> Result<List<T>, E> {
-                one(value)
-            }
-
-            fn visit_u64<E: Error>(self, value: u64) -> Result<List<T>, E> {
-                one(value)
-            }
-
-            fn visit_f64<E: Error>(self, value: f64) -> Result<List<T>, E> {
-                one(value)
-            }
-
-            fn visit_str<E: Error>(self, value: &str) -> Result<List<T>, E> {
-                one(value)
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<List<T>, A::Error> {
-                T::read(MapAccessDeserializer::new(map)).map(|value| List(vec![value]))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<List<T>, A::Error> {
-                let all: Vec<Read<T>> = Vec::deserialize(SeqAccessDeserializer::new(seq))?;
-                if all.is_empty() {
-                    return Err(A::Error::custom("must not be empty"));
-                }
-                Ok(List(all.into_iter().map(|Read(value)| value).collect()))
-            }
-        }
-        fn one<'de, T: Item<'de>, E: Error>(
-            value: impl IntoDeserializer<'de, E>,
-        ) -> Result<List<T>, E> {
-            T::read(value.into_deserializer()).map(|value| List(vec![value]))
-        }
-        deserializer.deserialize_any(OneOrMany(PhantomData))
-    }
-}
-
-fn list<'de, D: Deserializer<'de>, T: Item<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+fn list<'de, D: Deserializer<'de>, T: Item>(deserializer: D) -> Result<Vec<T>, D::Error> {
     List::deserialize(deserializer).map(|List(values)| values)
 }
 
-/// What a list may be of.
-pub trait Item<'de>: Sized {
-    /// What is expected.
-    const WHAT: &'static str;
-
-    /// Reads one.
-    ///
-    /// # Errors
-    /// Where it is something else.
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error>;
-}
-
-struct Read<T>(T);
-
-impl<'de, T: Item<'de>> Deserialize<'de> for Read<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        T::read(deserializer).map(Self)
-    }
-}
-
-impl<'de> Item<'de> for String {
-    const WHAT: &'static str = "a text";
-
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Self::deserialize(deserializer)
-    }
-}
-
-impl<'de> Item<'de> for i64 {
-    const WHAT: &'static str = "a whole number";
-
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Whole;
-        impl Visitor<'_> for Whole {
-            type Value = i64;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(i64::WHAT)
-            }
-
-            fn visit_i64<E: Error>(self, value: i64) -> Result<i64, E> {
-                Ok(value)
-            }
-
-            fn visit_u64<E: Error>(self, value: u64) -> Result<i64, E> {
-                i64::try_from(value).map_err(|_| E::custom("the number is too large"))
-            }
-        }
-        deserializer.deserialize_any(Whole)
-    }
-}
-
-impl<'de> Item<'de> for f64 {
-    const WHAT: &'static str = "a number";
-
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Number;
-        impl Visitor<'_> for Number {
-            type Value = f64;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(f64::WHAT)
-            }
-
-            fn visit_i64<E: Error>(self, value: i64) -> Result<f64, E> {
-                #[expect(clippy::cast_precision_loss, reason = "settings are small numbers")]
-                Ok(value as f64)
-            }
-
-            fn visit_u64<E: Error>(self, value: u64) -> Result<f64, E> {
-                #[expect(clippy::cast_precision_loss, reason = "settings are small numbers")]
-                Ok(value as f64)
-            }
-
-            fn visit_f64<E: Error>(self, value: f64) -> Result<f64, E> {
-                Ok(value)
-            }
-        }
-        deserializer.deserialize_any(Number)
-    }
-}
-
-/// What is written as a number, or as a text that tells more.
-struct NumberOrText<T>(PhantomData<T>);
-
-impl<T: FromStr<Err = String>> Visitor<'_> for NumberOrText<T> {
-    type Value = T;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a whole number or a text")
-    }
-
-    fn visit_i64<E: Error>(self, value: i64) -> Result<T, E> {
-        self.visit_str(&value.to_string())
-    }
-
-    fn visit_u64<E: Error>(self, value: u64) -> Result<T, E> {
-        self.visit_str(&value.to_string())
-    }
-
-    fn visit_str<E: Error>(self, value: &str) -> Result<T, E> {
-        value.parse().map_err(E::custom)
-    }
-}
-
-/// One seed, or all from the first number on and below the second.
+/// A range of seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seeds {
     /// The first.
@@ -370,7 +208,7 @@ pub struct Seeds {
     pub last: u64,
 }
 
-/// Seeds in one range; a run has fewer games.
+/// Seeds of one range: no run has more games.
 const SEEDS_MAX: u64 = 1000;
 
 impl FromStr for Seeds {
@@ -404,11 +242,16 @@ impl FromStr for Seeds {
     }
 }
 
-impl<'de> Item<'de> for Seeds {
+impl Item for Seeds {
     const WHAT: &'static str = "a seed or a range of them like \"0..20\"";
+    const EXPECTED: &'static str = "a whole number or a text";
 
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(NumberOrText(PhantomData))
+    fn integer<E: Error>(value: i128) -> Result<Self, E> {
+        Self::text(&value.to_string())
+    }
+
+    fn text<E: Error>(value: &str) -> Result<Self, E> {
+        value.parse().map_err(E::custom)
     }
 }
 
@@ -447,38 +290,31 @@ impl Serialize for MapSize {
     }
 }
 
-impl<'de> Item<'de> for MapSize {
+impl Item for MapSize {
     const WHAT: &'static str = "the size of a map like 15 or \"20x15\"";
+    const EXPECTED: &'static str = "a whole number or a text";
 
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(NumberOrText(PhantomData))
+    fn integer<E: Error>(value: i128) -> Result<Self, E> {
+        Self::text(&value.to_string())
+    }
+
+    fn text<E: Error>(value: &str) -> Result<Self, E> {
+        value.parse().map_err(E::custom)
     }
 }
 
-impl<'de> Item<'de> for ModelEntry {
+impl Item for ModelEntry {
     const WHAT: &'static str = "the name of a model, or a table about it";
 
-    fn read<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Either;
-        impl<'de> Visitor<'de> for Either {
-            type Value = ModelEntry;
+    fn text<E: Error>(name: &str) -> Result<Self, E> {
+        Ok(Self::named(name))
+    }
 
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(ModelEntry::WHAT)
-            }
-
-            fn visit_str<E: Error>(self, name: &str) -> Result<ModelEntry, E> {
-                Ok(ModelEntry::named(name))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<ModelEntry, A::Error> {
-                let entry = ModelEntry::deserialize(MapAccessDeserializer::new(map))?;
-                if entry.name.is_empty() {
-                    return Err(A::Error::missing_field("name"));
-                }
-                Ok(entry)
-            }
+    fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
+        let entry = Self::deserialize(MapAccessDeserializer::new(map))?;
+        if entry.name.is_empty() {
+            return Err(A::Error::missing_field("name"));
         }
-        deserializer.deserialize_any(Either)
+        Ok(entry)
     }
 }

@@ -1,0 +1,168 @@
+//! An experiment as a list of runs, in the order in which they are played.
+//!
+//! - [`run`]: a run, its identity and the request that creates it.
+//! - [`settings`]: the combinations of settings.
+//! - [`suite`]: suites and their names.
+//! - [`problems`]: everything that is wrong with an experiment.
+
+mod problems;
+mod run;
+mod settings;
+mod suite;
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use swarmbench_engine::{Settings, TaskName};
+use swarmbench_protocol::suite::Suite;
+
+use super::experiment::{Experiment, List, ModelEntry, Shape};
+use problems::Problems;
+pub use run::{META, ModelPlan, Planned, PlayerPlan, Who};
+pub use settings::axes;
+pub(super) use settings::value;
+use settings::{combinations, standard};
+use suite::named;
+pub use suite::ranges;
+
+/// As a player's or a task's name: all of them.
+pub const ALL: &str = "all";
+
+/// Everything that is wrong with an experiment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlanError(pub Vec<String>);
+
+impl fmt::Display for PlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.join("\n       "))
+    }
+}
+
+impl std::error::Error for PlanError {}
+
+/// The runs of an experiment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The name of the experiment.
+    pub name: String,
+    /// Its purpose.
+    pub description: Option<String>,
+    /// Its runs, in order; no two are the same.
+    pub runs: Vec<Planned>,
+    /// The tasks of all runs.
+    pub tasks: Vec<TaskName>,
+    /// The settings that differ between runs.
+    pub varied: Vec<&'static str>,
+    /// The shape of its board.
+    pub shape: Shape,
+}
+
+impl Plan {
+    /// Works an experiment out, and checks everything that can be checked before the first game. `template` is the text
+    /// of its prompt template.
+    ///
+    /// # Errors
+    /// All problems; those of settings in the words of the server.
+    pub fn of(experiment: &Experiment, template: Option<&str>) -> Result<Self, PlanError> {
+        let mut problems = Problems::default();
+        let mut runs = all_runs(experiment, template, &mut problems);
+        for run in &runs {
+            problems.check(run);
+        }
+        problems.namesakes(&runs);
+        let mut known = BTreeSet::new();
+        runs.retain(|run| known.insert(run.identity()));
+        problems.none()?;
+        let tasks: BTreeSet<TaskName> = runs.iter().flat_map(Planned::tasks).collect();
+        let is_varied =
+            |axis: &&str| runs.iter().any(|run| run.setting(axis) != runs[0].setting(axis));
+        Ok(Self {
+            name: experiment.name.clone().unwrap_or_else(|| "evaluation".to_owned()),
+            description: experiment.description.clone(),
+            tasks: TaskName::ALL.into_iter().filter(|task| tasks.contains(task)).collect(),
+            varied: axes().filter(is_varied).collect(),
+            shape: experiment.board.unwrap_or_default(),
+            runs,
+        })
+    }
+
+    /// The same plan with a recording in place of all models. These are other runs: the models did not play them.
+    #[must_use]
+    pub fn replayed(mut self) -> Self {
+        for run in &mut self.runs {
+            run.is_replay = matches!(run.who, Who::Model(_));
+        }
+        self
+    }
+
+    /// The settings that all runs share and that differ from the standard setting, by name.
+    #[must_use]
+    pub fn shared(&self) -> Vec<(&'static str, String)> {
+        let Suite { rules, settings, .. } = standard();
+        let usual = Settings::from(&settings);
+        let shared = axes().filter(|axis| !self.varied.contains(axis));
+        let values = shared.map(|axis| (axis, self.runs[0].setting(axis)));
+        values
+            .filter(|(axis, own)| *own != value(axis, &rules, &usual, [None, None]))
+            .filter_map(|(axis, own)| Some((axis, own?)))
+            .collect()
+    }
+}
+
+/// The runs of an experiment, repeated ones included.
+fn all_runs(
+    experiment: &Experiment,
+    template: Option<&str>,
+    problems: &mut Problems,
+) -> Vec<Planned> {
+    let asked = problems.tasks(experiment.tasks.as_ref());
+    let models = experiment.models.as_ref().map_or(&[][..], |List(models)| models);
+    let players = problems.players(experiment, asked.as_deref());
+    problems.nobody(models, &players);
+    let seeds = problems.seeds(experiment.seeds.as_ref());
+    let combinations = combinations(experiment);
+    // If no name is that of a task, the settings are checked all the same.
+    let tasks = asked.filter(|tasks| !tasks.is_empty());
+    let tasks = tasks.unwrap_or_else(|| TaskName::ALL.to_vec());
+    let mut runs = Vec::new();
+    for entry in models {
+        for (suite, temperature, top_p) in &combinations {
+            runs.push(Planned {
+                who: Who::Model(model(experiment, entry, *temperature, *top_p)),
+                suite: named(suite.clone(), &tasks, &seeds),
+                template: template.map(str::to_owned),
+                is_replay: false,
+            });
+        }
+    }
+    for player in players {
+        let tasks: Vec<TaskName> = player.by_task.keys().copied().collect();
+        runs.extend(combinations.iter().map(|(suite, ..)| Planned {
+            who: Who::Player(player.clone()),
+            suite: named(suite.clone(), &tasks, &seeds),
+            template: None,
+            is_replay: false,
+        }));
+    }
+    runs
+}
+
+fn model(
+    experiment: &Experiment,
+    entry: &ModelEntry,
+    temperature: Option<f64>,
+    top_p: Option<f64>,
+) -> ModelPlan {
+    // The experiment's key is for the experiment's address only.
+    let shared_key = experiment.api_key_env.clone().filter(|_| entry.api_base.is_none());
+    ModelPlan {
+        name: entry.name.clone(),
+        model: entry.model.clone().unwrap_or_else(|| entry.name.clone()),
+        api_base: entry.api_base.clone().or_else(|| experiment.api_base.clone()),
+        api_key_env: entry.api_key_env.clone().or(shared_key),
+        temperature: entry.temperature.or(temperature),
+        top_p: entry.top_p.or(top_p),
+        max_tokens: entry.max_tokens.or(experiment.max_tokens),
+        extra: entry.extra.clone().or_else(|| experiment.extra.clone()).unwrap_or_default(),
+    }
+}

@@ -1,0 +1,198 @@
+//! A run of a plan: who plays what, its identity, and the request that creates it.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+use sha2::{Digest, Sha256};
+use swarmbench_engine::{Seed, Settings, TaskName};
+use swarmbench_players::{BuiltIn, find};
+use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_protocol::suite::{Suite, digest_of_template};
+
+use super::settings::value;
+
+/// The field of `agent_meta` with the identity of a run.
+pub const META: &str = "eval";
+
+/// A part of every identity: raised when the same description means another run.
+const FORMAT: u32 = 1;
+
+/// How long an interrupted run waits to be resumed, in seconds: 90 days. The server's default is a day, which may be over
+/// before there is a new budget.
+const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
+
+/// A language model and how it is asked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelPlan {
+    /// The name on boards.
+    pub name: String,
+    /// Its name at the endpoint.
+    pub model: String,
+    /// The address of the endpoint, if one was named.
+    pub api_base: Option<String>,
+    /// The environment variable with its key, if one was named.
+    pub api_key_env: Option<String>,
+    /// The sampling temperature.
+    pub temperature: Option<f64>,
+    /// The nucleus of sampling.
+    pub top_p: Option<f64>,
+    /// The maximum number of tokens of an answer.
+    pub max_tokens: Option<u64>,
+    /// Further fields of each request.
+    pub extra: Map<String, Value>,
+}
+
+/// Built-in players.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlayerPlan {
+    /// A player's name, or `default` for each task's own.
+    pub name: String,
+    /// The seed of the players' own choices.
+    pub seed: u64,
+    /// The player of each task.
+    pub by_task: BTreeMap<TaskName, &'static str>,
+}
+
+impl PlayerPlan {
+    /// The player of each task.
+    #[must_use]
+    pub fn players(&self) -> BTreeMap<TaskName, &'static BuiltIn> {
+        let known =
+            self.by_task.iter().filter_map(|(&task, name)| Some((task, find(name, task).ok()?)));
+        known.collect()
+    }
+}
+
+/// Who plays a run.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Who {
+    /// A language model.
+    Model(ModelPlan),
+    /// Built-in players.
+    Player(PlayerPlan),
+}
+
+/// A run of a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planned {
+    /// Who plays.
+    pub who: Who,
+    /// What is played.
+    pub suite: Suite,
+    /// A custom prompt template for a model.
+    pub template: Option<String>,
+    /// Whether a recording answers in place of the model.
+    pub is_replay: bool,
+}
+
+impl Planned {
+    /// The player's name on boards.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match &self.who {
+            Who::Model(model) => model.name.clone(),
+            Who::Player(player) => format!("built-in/{}", player.name),
+        }
+    }
+
+    /// The tasks that it plays.
+    pub fn tasks(&self) -> impl Iterator<Item = TaskName> + '_ {
+        self.suite.tasks.iter().filter_map(|task| TaskName::parse(task))
+    }
+
+    /// The value of one of [`axes`](super::axes), if the run has one.
+    #[must_use]
+    pub fn setting(&self, axis: &str) -> Option<String> {
+        let Suite { rules, settings, .. } = &self.suite;
+        value(axis, rules, &settings.into(), self.sampling())
+    }
+
+    /// The temperature and `top_p` of a model.
+    fn sampling(&self) -> [Option<f64>; 2] {
+        match &self.who {
+            Who::Model(model) => [model.temperature, model.top_p],
+            Who::Player(_) => [None, None],
+        }
+    }
+
+    /// The part of the identity beside suite, sampling and template: for `agent_meta`.
+    fn meta(&self) -> Map<String, Value> {
+        let fields = match &self.who {
+            Who::Model(ModelPlan { name, model, max_tokens, extra, .. }) => vec![
+                ("model", (model != name).then(|| json!(model))),
+                ("max_tokens", max_tokens.map(|tokens| json!(tokens))),
+                ("extra", (!extra.is_empty()).then(|| json!(extra))),
+                ("replay", self.is_replay.then(|| json!(true))),
+            ],
+            Who::Player(PlayerPlan { seed, by_task, .. }) => {
+                let by_task: BTreeMap<_, _> =
+                    by_task.iter().map(|(task, name)| (task.name(), name)).collect();
+                vec![("players", Some(json!(by_task))), ("player_seed", Some(json!(seed)))]
+            }
+        };
+        fields.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+    }
+
+    /// The identity: the first 16 hexadecimal digits of SHA-256 of who plays what, and how. The endpoint's address, the
+    /// number of concurrent requests and the budget are no part of it.
+    #[must_use]
+    pub fn identity(&self) -> String {
+        let text =
+            json!([FORMAT, self.name(), self.suite, self.sampling(), self.template, self.meta()]);
+        data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
+    }
+
+    /// The request that creates the run with `parallel` open games at a time.
+    #[must_use]
+    pub fn request(&self, parallel: u32) -> RunRequest {
+        let Suite { name, tasks, seeds, rules, settings } = &self.suite;
+        let suite = if Suite::BUILT_IN.contains(&name.as_str()) {
+            SuiteRequest::Named(name.clone())
+        } else {
+            SuiteRequest::Own(Box::new(OwnSuite {
+                name: name.clone(),
+                tasks: Some(tasks.clone()),
+                seeds: seeds.iter().map(|&seed| seed.into()).collect(),
+                settings: Some(OwnSettings::from(&Settings::from(settings))),
+            }))
+        };
+        let [temperature, top_p] = self.sampling();
+        let mut eval = self.meta();
+        eval.insert("identity".to_owned(), json!(self.identity()));
+        RunRequest {
+            suite: Some(suite),
+            rules: Some(rules.clone()),
+            model: Some(self.name()),
+            temperature,
+            top_p,
+            agent_meta: Some(Map::from_iter([(META.to_owned(), Value::Object(eval))])),
+            prompt_template: self.template.clone(),
+            parallel: Some(parallel),
+            idle_timeout_s: Some(IDLE_TIMEOUT_S),
+            ..RunRequest::default()
+        }
+    }
+
+    /// The maximum number of rounds of all its games.
+    #[must_use]
+    pub fn rounds_max(&self) -> u64 {
+        let games = self.suite.tasks.len() * self.suite.seeds.len();
+        games as u64 * u64::try_from(self.suite.settings.max_round).unwrap_or(0)
+    }
+
+    /// The maximum number of acts; a model is asked once for each.
+    #[must_use]
+    pub fn acts_max(&self) -> u64 {
+        self.rounds_max() * u64::try_from(self.suite.settings.num_agents).unwrap_or(0)
+    }
+
+    /// The name of a game on cassettes: the same whenever and wherever it is played.
+    #[must_use]
+    pub fn game_name(&self, task: &str, seed: Seed) -> String {
+        let Suite { rules, settings, .. } = &self.suite;
+        let template = self.template.as_deref().map(digest_of_template);
+        let text = json!([rules, settings, template]).to_string();
+        let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(text)[..6]);
+        format!("{task}/{seed}/{digest}")
+    }
+}

@@ -1,0 +1,83 @@
+//! Settings that vary: the axes of an experiment, and their combinations.
+
+use serde_json::{Value, json};
+use swarmbench_engine::Settings;
+use swarmbench_protocol::run::OwnSettings;
+use swarmbench_protocol::suite::Suite;
+
+use crate::eval::experiment::{Axes, Experiment, MapSize};
+
+/// The names of all settings that can be varied, in the order in which they multiply.
+pub fn axes() -> impl Iterator<Item = &'static str> {
+    let first = ["rules", "control", "map_size"];
+    let others = Settings::NAMES.iter().copied();
+    let others = others.filter(|name| !["control", "width", "height"].contains(name));
+    first.into_iter().chain(others).chain(["temperature", "top_p"])
+}
+
+/// The value of one of [`axes`] in a run with these rules, settings, temperature and `top_p`, if it has one.
+pub(in crate::eval) fn value(
+    axis: &str,
+    rules: &str,
+    settings: &Settings,
+    [temperature, top_p]: [Option<f64>; 2],
+) -> Option<String> {
+    match axis {
+        "rules" => Some(rules.to_owned()),
+        "map_size" => Some(MapSize { width: settings.width, height: settings.height }.to_string()),
+        "temperature" => temperature.map(|value| value.to_string()),
+        "top_p" => top_p.map(|value| value.to_string()),
+        name => settings.get(name),
+    }
+}
+
+pub(super) fn standard() -> Suite {
+    Suite::built_in("standard", "paper").expect("it is built in")
+}
+
+/// A suite whose tasks, seeds and name are set later, and the temperature and `top_p` of models.
+pub(super) type Combination = (Suite, Option<f64>, Option<f64>);
+
+/// All combinations of settings.
+pub(super) fn combinations(experiment: &Experiment) -> Vec<Combination> {
+    let groups = match experiment.vary.as_slice() {
+        [] => vec![experiment.settings.clone()],
+        groups => groups.iter().map(|group| group.clone().over(&experiment.settings)).collect(),
+    };
+    groups.iter().flat_map(multiply).collect()
+}
+
+/// The combinations of one group.
+fn multiply(group: &Axes) -> Vec<Combination> {
+    let lists = group.lists();
+    let named = axes().filter_map(|axis| Some((axis, lists.get(axis)?)));
+    named.fold(vec![(standard(), None, None)], |all, (axis, values)| {
+        all.iter()
+            .flat_map(|base| values.iter().map(move |value| with(base.clone(), axis, value)))
+            .collect()
+    })
+}
+
+/// A combination with this value on an axis.
+fn with(
+    (mut suite, mut temperature, mut top_p): Combination,
+    axis: &str,
+    value: &Value,
+) -> Combination {
+    let text = || value.as_str().expect("a text");
+    let mut set = |asked: Value| {
+        let asked: OwnSettings = serde_json::from_value(asked).expect("an axis is a setting");
+        suite.settings = (&asked.over((&suite.settings).into())).into();
+    };
+    match axis {
+        "rules" => text().clone_into(&mut suite.rules),
+        "map_size" => {
+            let MapSize { width, height } = text().parse().expect("the size of a map");
+            set(json!({ "width": width, "height": height }));
+        }
+        "temperature" => temperature = value.as_f64(),
+        "top_p" => top_p = value.as_f64(),
+        setting => set(json!({ setting: value })),
+    }
+    (suite, temperature, top_p)
+}
