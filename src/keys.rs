@@ -80,9 +80,9 @@ impl Key {
             name: self.name.clone(),
             role: self.role.name().to_owned(),
             state: self.state(now).to_owned(),
-            created_at: self.created_at,
-            expires_at: self.expires_at,
-            revoked_at: self.revoked_at,
+            created_at: self.created_at.into(),
+            expires_at: self.expires_at.map(Into::into),
+            revoked_at: self.revoked_at.map(Into::into),
         }
     }
 }

@@ -34,9 +34,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 
 fn shown(confirmed: &ConfirmedClock) -> String {
     let ConfirmedClock { now, moved_ms, doubt } = confirmed;
-    let before = *now - SignedDuration::from_millis(*moved_ms);
+    let before = **now - SignedDuration::from_millis(*moved_ms);
     let doubt = doubt.as_deref().unwrap_or("the time of day was not in doubt");
-    format!("before  {before}\nnow     {now} ({moved_ms:+} ms)\ndoubt   {doubt}\n")
+    format!("before  {before:.3}\nnow     {now} ({moved_ms:+} ms)\ndoubt   {doubt}\n")
 }
 
 #[cfg(test)]
@@ -45,10 +45,10 @@ mod tests {
 
     #[test]
     fn a_clock_that_was_set_back_is_shown() {
-        let now = "2026-03-01T11:00:00Z".parse().expect("a time");
+        let now = "2026-03-01T11:00:00Z".parse::<jiff::Timestamp>().expect("a time").into();
         let doubt = Some("it has jumped".to_owned());
         let shown = shown(&ConfirmedClock { now, moved_ms: -3_600_000, doubt });
-        let expected = "before  2026-03-01T12:00:00Z\nnow     2026-03-01T11:00:00Z (-3600000 ms)\ndoubt   it has jumped\n";
+        let expected = "before  2026-03-01T12:00:00.000Z\nnow     2026-03-01T11:00:00.000Z (-3600000 ms)\ndoubt   it has jumped\n";
         assert_eq!(shown, expected);
     }
 }

@@ -94,8 +94,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             let (key, secret) = match keys.open().await? {
                 Source::Server(client) => {
                     let role = Some(role.name().to_owned());
-                    let created =
-                        client.create_key(&KeyRequest { name, role, expires_at: expires }).await?;
+                    let created = client
+                        .create_key(&KeyRequest { name, role, expires_at: expires.map(Into::into) })
+                        .await?;
                     (created.key, created.secret)
                 }
                 Source::Database(store) => {

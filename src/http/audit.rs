@@ -36,7 +36,7 @@ pub(super) async fn list_audit(
         |before, rows| app.store.audit(before, rows),
         |audit_entry| {
             let StoredAuditEntry { number, at, who, action, subject, detail } = audit_entry;
-            Ok((number, AuditEntry { at, who, action, subject, detail }))
+            Ok((number, AuditEntry { at: at.into(), who, action, subject, detail }))
         },
     )
     .await

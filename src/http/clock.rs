@@ -52,7 +52,7 @@ pub(super) async fn confirm_clock(
         app.store.keep(vec![Entry::Audit(Box::new(audit_entry))]).await?;
         app.clock.confirm();
         tracing::warn!(now = %app.clock.wall(), moved_ms, "an organizer confirmed the clock");
-        Ok(Json(ConfirmedClock { now: app.clock.wall(), moved_ms, doubt }))
+        Ok(Json(ConfirmedClock { now: app.clock.wall().into(), moved_ms, doubt }))
     })
     .await
 }

@@ -101,7 +101,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 runs: Some(whole(*runs)),
                 run: Some(run.id.clone()),
                 status: Some(run.status.clone()),
-                started_at: Some(run.created_at),
+                started_at: Some(run.created_at.into()),
                 total,
                 tasks: of.iter().map(|task| (task.task.name().to_owned(), score(task))).collect(),
                 difference,

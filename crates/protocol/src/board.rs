@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::table::{Table, maybe, names, text};
+use crate::time::Timestamp;
 
 /// A board, or a page of one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,11 +1,11 @@
 //! Seats of an episode that belong to several holders.
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::episode::SeatToken;
 use super::status::Status;
+use crate::time::Timestamp;
 
 /// A claim to open seats, and who plays there.
 #[serde_with::skip_serializing_none]

@@ -1,7 +1,8 @@
 //! The server's clock.
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+
+use crate::time::Timestamp;
 
 /// The time of day that the server goes by.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,11 +1,11 @@
 //! Competitions, their entrants, attempts and boards; and what organizers did.
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
 use crate::game_settings;
+use crate::time::Timestamp;
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

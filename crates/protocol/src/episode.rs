@@ -7,6 +7,7 @@ use swarmbench_engine::{AgentState, Seed, SpectatorView};
 use super::status::Status;
 use super::{Position, Seconds};
 use crate::game_settings;
+use crate::time::Timestamp;
 
 /// How an episode ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -161,9 +162,9 @@ pub struct EpisodeSummary {
     /// The score so far.
     pub score: f64,
     /// When it was created.
-    pub created_at: jiff::Timestamp,
+    pub created_at: Timestamp,
     /// When it ended.
-    pub ended_at: Option<jiff::Timestamp>,
+    pub ended_at: Option<Timestamp>,
     /// How it ended.
     pub result: Option<EpisodeResult>,
     /// Why it was voided, if it was.

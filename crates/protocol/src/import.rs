@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::game_settings;
+use crate::time::Timestamp;
 
 /// An imported game. It is not verified: everything in it comes from its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,7 +32,7 @@ pub struct ImportSummary {
     /// The settings that the files contain.
     pub settings: ImportConfig,
     /// When it was imported.
-    pub imported_at: jiff::Timestamp,
+    pub imported_at: Timestamp,
 }
 
 /// The settings of an imported game. The toolkit's files contain only the first five.

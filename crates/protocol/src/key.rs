@@ -1,7 +1,8 @@
 //! Keys for people.
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+
+use crate::time::Timestamp;
 
 /// A key that an organizer creates for somebody.
 #[derive(Clone, Debug, Serialize, Deserialize)]

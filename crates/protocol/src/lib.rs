@@ -36,6 +36,7 @@ pub mod settings;
 pub mod status;
 pub mod suite;
 pub mod table;
+pub mod time;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;

@@ -6,6 +6,7 @@ use swarmbench_engine::{self as engine, Action, AgentId, Message, Seen, TaskName
 use super::Position;
 use super::episode::EpisodeResult;
 use super::status::Status;
+use crate::time::Timestamp;
 
 /// The current observation of one agent: all that it may know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,7 +72,7 @@ pub struct Moment {
     /// Whether this seat has answered the round.
     pub acted: bool,
     /// When the seat's clock expires: the opening of the round plus its deadline and the bank. Null without a clock.
-    pub deadline: Option<jiff::Timestamp>,
+    pub deadline: Option<Timestamp>,
     /// The time until `deadline`. Null without a clock.
     pub remaining_ms: Option<u64>,
     /// What is left of the seat's bank; `remaining_ms` includes it, and it is used last. Null without a clock.

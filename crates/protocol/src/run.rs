@@ -9,6 +9,7 @@ use super::Seconds;
 use super::problem::Limit;
 use super::suite::Suite;
 use crate::game_settings;
+use crate::time::Timestamp;
 use swarmbench_engine::{Seed, Settings};
 
 /// What a run is to be. Everything but `suite` and `model` has a default.
@@ -222,15 +223,15 @@ pub struct RunSummary {
     /// The time without an act after which a game ends as abandoned.
     pub idle_timeout_s: Seconds,
     /// No new round begins at or after this time.
-    pub closes_at: Option<jiff::Timestamp>,
+    pub closes_at: Option<Timestamp>,
     /// The number of the attempt, if the run belongs to a competition.
     pub attempt: Option<u32>,
     /// Why it was voided as an attempt, if it was.
     pub void_reason: Option<String>,
     /// When it was created.
-    pub created_at: jiff::Timestamp,
+    pub created_at: Timestamp,
     /// When it ended.
-    pub ended_at: Option<jiff::Timestamp>,
+    pub ended_at: Option<Timestamp>,
     /// How many games have ended and count.
     pub played: u32,
     /// How many games of the plan count.

@@ -80,7 +80,8 @@ pub(super) fn competition(competition: &Competition) -> Table {
     row("clock", format!("{clock} s a round"));
     row("entry", competition.entry.clone());
     for (number, window) in (1..).zip(&competition.attempts) {
-        let (opens, closes) = (time(window.opens_at), time(window.closes_at));
+        let (opens, closes) =
+            (time(window.opens_at.map(Into::into)), time(window.closes_at.map(Into::into)));
         row(&format!("attempt {number}"), format!("from {opens} until {closes}"));
     }
     row("counts", format!("the {} attempt", competition.counts));

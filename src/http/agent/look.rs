@@ -130,7 +130,7 @@ impl Look {
         let bank = snapshot.banks[agent.index()].min(left);
         Moment {
             acted,
-            deadline: Some(app.clock.to_wall(deadline)),
+            deadline: Some(app.clock.to_wall(deadline).into()),
             remaining_ms: Some(millis(left)),
             bank_ms: Some(millis(bank)),
             prompt: None,

@@ -34,7 +34,7 @@ pub(in super::super) async fn list_claims(
                 holder: server.or(seat.name),
                 model: Some(seat.model),
                 player: seat.player,
-                claimed_at: Some(seat.claimed_at),
+                claimed_at: Some(seat.claimed_at.into()),
             };
         }
         if spec.open_seats.contains(&agent) {
@@ -47,7 +47,7 @@ pub(in super::super) async fn list_claims(
             holder: spec.player.as_ref().map(|_| SERVER.to_owned()),
             model: Some(spec.model.clone()),
             player: spec.player.clone(),
-            claimed_at: Some(stored.created_at),
+            claimed_at: Some(stored.created_at.into()),
         }
     };
     let seats: Vec<SeatHolder> = spec.agents().map(seat).collect();
@@ -74,7 +74,7 @@ mod tests {
             holder: longest(NAME_CHARS_MAX),
             model: longest(limits.model_chars_max),
             player: longest(limits.model_chars_max),
-            claimed_at: Some(jiff::Timestamp::MAX),
+            claimed_at: Some(jiff::Timestamp::MAX.into()),
         });
         let list = SeatList { open: u16::MAX, seats: seats.collect() };
         let bytes = serde_json::to_vec(&list).expect("string keys").len();

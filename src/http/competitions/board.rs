@@ -153,7 +153,12 @@ impl<'a> Shown<'a> {
         let items = ranking.rows[start..end].to_vec();
         let last = items.last().filter(|_| end < ranking.rows.len());
         let next_cursor = last.map(|row| write_cursor(end, &row.entrant.id));
-        let board = CompetitionBoard { shows: shows.to_owned(), frozen_at, items, next_cursor };
+        let board = CompetitionBoard {
+            shows: shows.to_owned(),
+            frozen_at: frozen_at.map(Into::into),
+            items,
+            next_cursor,
+        };
         Self { board, tasks: &ranking.tasks }
     }
 }

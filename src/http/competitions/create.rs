@@ -95,8 +95,8 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
     let board = one_of(request.board, BoardRule::ALL, BoardRule::name, "board", &mut refuse);
     // A missing time is reported already, and is replaced here. Times are stored to the millisecond.
     let whole = |at: Timestamp| Timestamp::from_millisecond(at.as_millisecond()).unwrap_or(at);
-    let opens_at = whole(request.opens_at.unwrap_or(now));
-    let closes_at = whole(request.closes_at.unwrap_or(Timestamp::MAX));
+    let opens_at = whole(request.opens_at.map_or(now, Into::into));
+    let closes_at = whole(request.closes_at.map_or(Timestamp::MAX, Into::into));
     let attempts = match request.attempts.unwrap_or(Attempts::Count(1)) {
         Attempts::Count(count) if count as usize > ATTEMPTS_MAX => {
             refuse("attempts", format!("must be from 1 to {ATTEMPTS_MAX}, is {count}"));
@@ -106,8 +106,8 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         Attempts::Windows(windows) => windows
             .into_iter()
             .map(|AttemptWindow { opens_at: from, closes_at: to }| Window {
-                opens_at: from.unwrap_or(opens_at),
-                closes_at: to.unwrap_or(closes_at),
+                opens_at: from.map_or(opens_at, Into::into),
+                closes_at: to.map_or(closes_at, Into::into),
             })
             .collect(),
     };
@@ -128,7 +128,7 @@ fn definition(request: CompetitionRequest, now: Timestamp) -> Result<Definition,
         parallel: request.parallel.unwrap_or(5),
         counts: counts.unwrap_or(Counts::Best),
         board: board.unwrap_or(BoardRule::Public),
-        board_freezes_at: request.board_freezes_at,
+        board_freezes_at: request.board_freezes_at.map(Into::into),
         entries_per_key: request.entries_per_key.unwrap_or(1),
     };
     for (field, problem) in definition.problems_when_new(now) {

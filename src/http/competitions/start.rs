@@ -179,7 +179,7 @@ fn started(
         entrant: entrant.entrant.id.clone(),
         run,
         games: definition.games(),
-        closes_at: window.closes_at,
+        closes_at: window.closes_at.into(),
         swarm_token: token.reveal().to_owned(),
     };
     Ok(answer::created(&format!("/api/v1/runs/{}", body.run), &body))

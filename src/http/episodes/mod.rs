@@ -125,8 +125,8 @@ impl App {
             round: stored.rounds,
             // Where rounds are private, a seat learns the score from its own observations.
             score: if may_read { stored.score } else { 0.0 },
-            created_at: stored.created_at,
-            ended_at: stored.ended_at,
+            created_at: stored.created_at.into(),
+            ended_at: stored.ended_at.map(Into::into),
             result,
             void_reason: stored.void_reason.clone(),
             config: config(&spec, may_know_seed),

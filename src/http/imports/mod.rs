@@ -34,7 +34,7 @@ impl From<StoredImport> for ImportSummary {
             rounds: stored.rounds,
             acts: stored.acts,
             settings: stored.settings,
-            imported_at: stored.imported_at,
+            imported_at: stored.imported_at.into(),
         }
     }
 }

@@ -37,11 +37,12 @@ pub(in super::super) async fn create_key(
         ApiError::field("role", format!("must be one of {names}"))
     })?;
     let now = app.clock.wall();
-    if request.expires_at.is_some_and(|at| at <= now) {
+    if request.expires_at.is_some_and(|at| *at <= now) {
         return Err(ApiError::field("expires_at", "must be in the future"));
     }
-    let (key, token) = Key::new(role, &request.name, request.expires_at, now, &*app.entropy)
-        .map_err(|problem| ApiError::field("name", problem))?;
+    let (key, token) =
+        Key::new(role, &request.name, request.expires_at.map(Into::into), now, &*app.entropy)
+            .map_err(|problem| ApiError::field("name", problem))?;
     let created = CreatedKey { key: key.summary(now), secret: token.reveal().to_owned() };
     let detail = json!({ "name": key.name, "role": key.role.name() });
     let audit_entry = organizer.audit_entry(&app, "key.create", &key.id, detail);

@@ -34,16 +34,16 @@ pub fn competition(
     let settings = &definition.settings;
     let seconds = |ms: u64| Seconds::of(std::time::Duration::from_millis(ms));
     let window = |window: &Window| AttemptWindow {
-        opens_at: Some(window.opens_at),
-        closes_at: Some(window.closes_at),
+        opens_at: Some(window.opens_at.into()),
+        closes_at: Some(window.closes_at.into()),
     };
     Competition {
         id: id.to_owned(),
         name: definition.name.clone(),
         description: definition.description.clone(),
         phase: Phase::at(definition, revealed_at.is_some(), now).name().to_owned(),
-        opens_at: definition.opens_at,
-        closes_at: definition.closes_at,
+        opens_at: definition.opens_at.into(),
+        closes_at: definition.closes_at.into(),
         suite: SealedSuite {
             tasks: Some(definition.tasks.clone()),
             seeds: Some(definition.seeds),
@@ -60,13 +60,13 @@ pub fn competition(
         parallel: definition.parallel,
         counts: definition.counts.name().to_owned(),
         board: definition.board.name().to_owned(),
-        board_freezes_at: definition.board_freezes_at,
+        board_freezes_at: definition.board_freezes_at.map(Into::into),
         entries_per_key: definition.entries_per_key,
         commitment: hex(commitment),
         salt,
         seeds,
-        created_at,
-        revealed_at,
+        created_at: created_at.into(),
+        revealed_at: revealed_at.map(Into::into),
     }
 }
 
@@ -93,7 +93,7 @@ impl From<&Entrant> for EntrantSummary {
             status: entrant.status.name().to_owned(),
             reason: entrant.reason.clone(),
             vouched: entrant.vouched,
-            registered_at: entrant.registered_at,
+            registered_at: entrant.registered_at.into(),
         }
     }
 }
