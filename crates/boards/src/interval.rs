@@ -1,10 +1,12 @@
 //! Confidence intervals of differences between rows: a bootstrap over the seeds that both played.
 
+use std::collections::BTreeMap;
+
 use quick_cache::sync::Cache;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sha2::{Digest, Sha256};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 
 use super::result::{RunResult, float};
 
@@ -35,8 +37,8 @@ struct Pairs {
     tasks: Vec<Vec<f64>>,
 }
 
-/// By how much `above` is better than `below`, summed over the means of these tasks. None where they have no
-/// seed of some task in common.
+/// By how much `above` is better than `below`, summed over the means of these tasks. `None` if they share no
+/// seed of some task.
 ///
 /// Each resample draws as many seeds of each task as there are, with replacement; both rows get the same seeds, as
 /// a hard layout is hard for both. The same rows get the same numbers every time: the generator is seeded by
@@ -88,7 +90,7 @@ impl Pairs {
         self.tasks.iter().map(mean).sum()
     }
 
-    /// Tells these pairs from all others.
+    /// Identifies these pairs.
     fn name(&self) -> [u8; 32] {
         let mut hash = Sha256::new();
         hash.update(self.seed);
@@ -102,25 +104,15 @@ impl Pairs {
     }
 }
 
-/// The differences in the seeds that both have; both are in order of their seeds.
+/// The differences on the seeds that both have, in order of the seeds.
 fn differences(above: &RunResult, below: &RunResult, task: TaskName) -> Vec<f64> {
-    let scores = |run: &'_ RunResult| {
-        run.task(task).map_or(Vec::new(), |result| result.scores.clone()).into_iter().peekable()
-    };
-    let (mut above, mut below) = (scores(above), scores(below));
-    let mut found = Vec::new();
-    while let (Some(&(first, a)), Some(&(second, b))) = (above.peek(), below.peek()) {
-        if first == second {
-            found.push(a - b);
-        }
-        if first <= second {
-            above.next();
-        }
-        if second <= first {
-            below.next();
-        }
-    }
-    found
+    let of_below: BTreeMap<Seed, f64> = scores(below, task).iter().copied().collect();
+    let both = scores(above, task).iter();
+    both.filter_map(|(seed, above)| Some(above - of_below.get(seed)?)).collect()
+}
+
+fn scores(run: &RunResult, task: TaskName) -> &[(Seed, f64)] {
+    run.task(task).map_or(&[], |result| &result.scores)
 }
 
 /// A number in `0..count`. Written out, so that it stays as it is when a library changes; `count` is far too
@@ -212,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_are_paired_and_tasks_are_kept_apart() {
+    fn seeds_are_paired_within_their_task() {
         // Far apart from seed to seed, but always by 1: were they not paired, the interval would be wide.
         let above = scored("a", &[1.0, 41.0, 21.0, 61.0], &[]);
         let below = scored("b", &[0.0, 40.0, 20.0, 60.0], &[]);
