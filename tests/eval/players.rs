@@ -87,7 +87,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
                         stop.cancel();
                     }
                 }
-                News::Looked(_) | News::Stands(_) | News::Ends(..) => {}
+                News::Looked(_) | News::Polled(_) | News::Ends(..) => {}
             })
             .await;
         match ended {
@@ -101,7 +101,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
     assert_eq!(found[0], Found::New(None));
     // A client stopped at the last act may not learn any more that it was the last.
     let between = &found[1..found.len() - 1];
-    assert!(between.iter().all(|how| *how == Found::GoesOn), "{found:?}");
+    assert!(between.iter().all(|how| *how == Found::Resumed), "{found:?}");
     let Who::Player(player) = &planned.who else { panic!("a player") };
     for game in &played.games {
         let task = TaskName::parse(&game.task).expect("a task");

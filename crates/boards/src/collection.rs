@@ -35,7 +35,7 @@ pub struct BoardSuite {
     pub settings: KnownSettings,
 }
 
-/// A game that was read from files, for which nobody vouches.
+/// A game that was read from files, not verified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
     /// Who played, as the files say.
@@ -44,7 +44,7 @@ pub struct Imported {
     pub slot: Slot,
     /// Its score.
     pub score: f64,
-    /// Its settings, as far as the files tell them.
+    /// The settings that the files contain.
     pub settings: KnownSettings,
 }
 
@@ -87,7 +87,7 @@ pub struct Boards {
     imported: Arc<[Imported]>,
 }
 
-/// The query of a board; names as they were sent.
+/// The query of a board, unchecked.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Question {
     /// The suite: its name, or its name and digest with an `@` between them. `standard` where it is left out.
@@ -106,7 +106,7 @@ pub struct Question {
     pub imported: bool,
 }
 
-/// A question that has no answer: the field, and what is allowed there.
+/// A refused question: the field, and its allowed values.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field} must be {allowed}")]
 pub struct Unknown {
@@ -136,7 +136,7 @@ const RULES: [&str; 2] = ["paper", "reference"];
 const NAMED: usize = 20;
 
 impl Boards {
-    /// No runs yet: the boards of the suites that the program brings along.
+    /// The boards of the built-in suites, without runs.
     #[must_use]
     pub fn new(built_in: impl IntoIterator<Item = (BoardId, BoardSuite)>) -> Self {
         let board = |(id, suite)| {
@@ -145,12 +145,12 @@ impl Boards {
         Self { by_id: built_in.into_iter().map(board).collect(), ..Self::default() }
     }
 
-    /// Takes games that were read from files, instead of those that it had.
+    /// Replaces the games that were read from files.
     pub fn set_imported(&mut self, games: Vec<Imported>) {
         self.imported = games.into();
     }
 
-    /// Puts a run in its place, instead of what stood there of it.
+    /// Adds a run, in place of an earlier state of it.
     pub fn insert(&mut self, run: FinishedRun) {
         let FinishedRun { key, board: id, suite, result } = run;
         self.remove(key);
@@ -163,7 +163,7 @@ impl Boards {
         self.homes.insert(key, Home { board: Arc::new(id), row, run });
     }
 
-    /// Takes a run away, if it is there.
+    /// Removes a run, if it is there.
     pub fn remove(&mut self, key: i64) {
         let Some(Home { board: id, row, run }) = self.homes.remove(&key) else { return };
         let Some(board) = self.by_id.get_mut(&id) else { return };
@@ -189,7 +189,7 @@ impl Boards {
     /// The requested board, in order.
     ///
     /// # Errors
-    /// Where there is no such board, task, order or choice.
+    /// If there is no such board, task, order or choice.
     pub fn ranked(&self, question: &Question) -> Result<Ranked, Unknown> {
         let (id, board) = self.find(question)?;
         let task = task_of(&board.suite.tasks, "task", question.task.as_deref())?;
@@ -223,8 +223,8 @@ impl Boards {
         Ok(Ranked { board: id.clone(), view, task, rows })
     }
 
-    /// The games from files that are games of this board's suite, model by model. Those that are not there are no
-    /// games that were not played, so nothing counts as 0.
+    /// The games from files that are games of this board's suite, model by model. A missing game does not count
+    /// as 0: it may have been played elsewhere.
     fn imported_to(&self, board: &Board) -> Vec<Arc<RunResult>> {
         let mut models: BTreeMap<&str, Vec<&Imported>> = BTreeMap::new();
         let plan: BTreeSet<Slot> = board.suite.plan.iter().copied().collect();
@@ -294,7 +294,7 @@ fn one_of<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String {
             continue;
         }
         let comma = if place == 0 { "" } else { ", " };
-        // Names come from strangers; one that is long is not worth more room.
+        // Names come from strangers, and may be long.
         let name: String = name.as_ref().chars().take(80).collect();
         _ = write!(text, "{comma}{name}");
     }
@@ -315,8 +315,8 @@ impl Ranked {
         Some((row, difference(above, shown, self.view.ranked_by())?))
     }
 
-    /// The rows after this one; all of them where none is named. A row that has left the board meanwhile had this
-    /// place.
+    /// The place of the first row after this one, or of the first row at all. `place` counts if the row has left the
+    /// board.
     #[must_use]
     pub fn after(&self, row: Option<(RowId, usize)>) -> usize {
         let Some((row, place)) = row else { return 0 };
@@ -392,14 +392,15 @@ mod tests {
         for key in 1..=3 {
             boards.remove(key);
         }
-        let refused = boards.ranked(&asked("mine")).expect_err("nobody plays it").to_string();
+        let refused = boards.ranked(&asked("mine")).expect_err("the board is empty").to_string();
         assert_eq!(refused, "suite must be one of standard");
     }
 
     #[test]
     fn what_is_unknown_is_refused_with_what_is_allowed() {
         let boards = boards();
-        let told = |question: Question| boards.ranked(&question).expect_err("unknown").to_string();
+        let refusal =
+            |question: Question| boards.ranked(&question).expect_err("unknown").to_string();
         let some = |text: &str| Some(text.to_owned());
         for (question, expected) in [
             (
@@ -419,7 +420,7 @@ mod tests {
                 "sort must be one of total, Pursuit",
             ),
         ] {
-            assert_eq!(told(question), expected);
+            assert_eq!(refusal(question), expected);
         }
     }
 
@@ -453,16 +454,17 @@ mod tests {
             score,
             settings: settings.clone(),
         };
-        let told = KnownSettings { num_agents: Some(12), ..KnownSettings::default() };
-        let other = KnownSettings { memory: Some(3), ..told.clone() };
-        let reference = KnownSettings { rules: Some("reference".to_owned()), ..told.clone() };
+        let known_settings = KnownSettings { num_agents: Some(12), ..KnownSettings::default() };
+        let other = KnownSettings { memory: Some(3), ..known_settings.clone() };
+        let reference =
+            KnownSettings { rules: Some("reference".to_owned()), ..known_settings.clone() };
         boards.set_imported(vec![
-            game("a", TaskName::Pursuit, 27, 4.0, &told),
+            game("a", TaskName::Pursuit, 27, 4.0, &known_settings),
             // The same game twice: the mean of both.
-            game("a", TaskName::Pursuit, 27, 8.0, &told),
-            game("a", TaskName::Pursuit, 42, 10.0, &told),
+            game("a", TaskName::Pursuit, 27, 8.0, &known_settings),
+            game("a", TaskName::Pursuit, 42, 10.0, &known_settings),
             // No game of the suite, and one of other settings.
-            game("a", TaskName::Pursuit, 99, 50.0, &told),
+            game("a", TaskName::Pursuit, 99, 50.0, &known_settings),
             game("a", TaskName::Pursuit, 42, 50.0, &other),
             game("b", TaskName::Flocking, 27, 1.0, &reference),
         ]);

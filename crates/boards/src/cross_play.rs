@@ -33,22 +33,22 @@ pub struct MixedGame {
 pub struct Model {
     /// Its name.
     pub name: String,
-    /// Whether somebody answers for it that this was the model.
+    /// Whether somebody beside the holder vouches for the model.
     pub vouched: bool,
-    /// Whose seats it played, by the number of a key; none where that is not known.
+    /// The holder of its seats, as the number of a key, if it is known.
     pub owner: Option<i64>,
 }
 
-/// Two models that played together; twice the same where two holders played with it.
+/// Two models that played together; the same one twice if two holders used it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pair {
-    /// In which games.
+    /// The setting of their games.
     pub setting: Setting,
     /// The models, in order of their names.
     pub models: [String; 2],
-    /// Whether somebody answers for both names in all of these games.
+    /// Whether both models are vouched for in all of these games.
     pub vouched: bool,
-    /// In how many games.
+    /// How many games they played together.
     pub games: usize,
     /// The mean score of these games.
     pub mean: f64,

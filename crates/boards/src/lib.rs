@@ -8,7 +8,7 @@
 //! - [`collection`]: all boards of a database.
 //! - [`mod@reference`]: the numbers of the paper. [`cross_play`]: who did how well together.
 //! - [`page`]: pages of boards, in the shapes of the wire.
-//! - [`run`]: what a run is. [`competition`]: runs on seeds that nobody knows before the end.
+//! - [`run`]: what a run is. [`competition`]: runs on seeds that are secret until the end.
 //!
 //! The same games give the same rows to the last bit, in whatever order they come. Every convention is described in
 //! `docs/evaluate/boards.md`.
@@ -31,33 +31,33 @@ use swarmbench_protocol::suite::{Game as Planned, Suite};
 /// Who answers for a run: the holder of a key, or an entrant of a competition.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Owner {
-    /// Tells two owners of the same name apart.
+    /// Its id; names are not unique.
     pub id: String,
     /// The name that is shown.
     pub name: String,
 }
 
 /// What plays, as its owner declares it. Runs that declare the same make one row of a board.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Player {
-    /// None where nobody had to show a key.
+    /// `None` if no key was required.
     pub owner: Option<Owner>,
     /// The model's name.
     pub model: String,
-    /// Its temperature, where it was told.
+    /// Its temperature, if declared.
     pub temperature: Option<f64>,
-    /// Its `top_p`, where it was told.
+    /// Its `top_p`, if declared.
     pub top_p: Option<f64>,
-    /// The digest of its prompt template; none for the built-in one.
+    /// The digest of its prompt template; `None` for the built-in one.
     pub template: Option<String>,
 }
 
-/// Names a row of a board: the same player has the same in every board.
+/// The id of a row. A player has the same id on every board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct RowId(pub [u8; 16]);
 
 impl RowId {
-    /// The name of what these texts tell apart.
+    /// The id of a row with these properties.
     fn of(parts: &[&[u8]]) -> Self {
         let mut hash = Sha256::new();
         for part in parts {
@@ -114,7 +114,7 @@ swarmbench_engine::named! {
 }
 
 /// What is known of a run beside its games.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     /// Its id.
     pub id: String,
@@ -124,9 +124,9 @@ pub struct Run {
     pub status: String,
     /// When it was started.
     pub created_at: Timestamp,
-    /// Whether somebody answers for it that this was the model.
+    /// Whether somebody beside the owner vouches for the model.
     pub vouched: bool,
-    /// None under centralized control.
+    /// `None` under centralized control.
     pub decentralization: Option<Decentralization>,
 }
 
@@ -140,7 +140,7 @@ pub struct Slot {
 }
 
 impl Slot {
-    /// The games of a suite in the order of its plan; none if it names a task that does not exist.
+    /// The games of a suite in the order of its plan; `None` if it names an unknown task.
     #[must_use]
     pub fn plan(suite: &Suite) -> Option<Vec<Self>> {
         let slot =

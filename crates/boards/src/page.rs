@@ -1,7 +1,5 @@
 //! Pages of leaderboards and of cross-play, in the shapes of the wire.
 
-use std::collections::BTreeMap;
-
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::board::{
     BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference, TaskScore,
@@ -87,10 +85,6 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
             BoardRow {
                 rank,
                 id,
-                reference: false,
-                imported: false,
-                table: None,
-                note: None,
                 owner: run.player.owner.as_ref().map(|owner| owner.name.clone()),
                 model: run.player.model.clone(),
                 temperature: run.player.temperature,
@@ -108,12 +102,13 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 invalid_share: share(sum(|task| task.invalid), answers),
                 clock_out_share: share(timeouts, answers + timeouts),
                 voided: Some(of.iter().map(|task| task.voided).sum()),
+                ..BoardRow::default()
             }
         }
     }
 }
 
-/// A row that has numbers, and nothing behind them.
+/// A row of numbers without runs.
 fn not_played_here(
     rank: Option<u32>,
     id: String,
@@ -124,27 +119,10 @@ fn not_played_here(
     BoardRow {
         rank,
         id,
-        reference: false,
-        imported: false,
-        table: None,
         note: Some(note.to_owned()),
-        owner: None,
         model: model.to_owned(),
-        temperature: None,
-        top_p: None,
-        prompt_template: None,
-        vouched: None,
-        decentralization: None,
-        runs: None,
-        run: None,
-        status: None,
-        started_at: None,
         total,
-        tasks: BTreeMap::new(),
-        difference: None,
-        invalid_share: None,
-        clock_out_share: None,
-        voided: None,
+        ..BoardRow::default()
     }
 }
 
@@ -166,7 +144,7 @@ fn whole(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// Where a page ends: the row, and its place, should it leave the board.
+/// A cursor: the last row of the page, and the place of the next, in case that row leaves the board.
 fn write_cursor(row: RowId, place: usize) -> String {
     format!("{row}-{place:x}")
 }

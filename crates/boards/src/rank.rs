@@ -29,7 +29,7 @@ swarmbench_engine::named! {
 pub struct View {
     /// The tasks that are shown.
     pub tasks: Vec<TaskName>,
-    /// The task by whose mean rows are ranked; none for the total of those that are shown.
+    /// The task by whose mean rows are ranked; `None` for the total of the shown tasks.
     pub sort: Option<TaskName>,
     /// Which run of a player makes its row.
     pub pick: Pick,
@@ -46,10 +46,10 @@ impl View {
 /// A row of a board.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// 1, 2, 2, 4: rows of the same value share a rank, and the next has as many above it as are better. None
-    /// where the row has no value.
+    /// 1, 2, 2, 4: rows of the same value share a rank, and the next rank is one more than the number of better rows.
+    /// `None` without a value.
     pub rank: Option<u32>,
-    /// What it is ranked by; none where a mean that is needed for it is missing.
+    /// What it is ranked by, if no mean is missing.
     pub value: Option<f64>,
     /// What it shows.
     pub source: Source,
@@ -90,7 +90,7 @@ impl Row {
         }
     }
 
-    /// The sum of the means of these tasks; none where one of them has none.
+    /// The sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         match &self.source {
@@ -112,7 +112,7 @@ impl Row {
 pub struct PlayerRuns {
     /// In the order in which they were started.
     runs: Vec<Arc<RunResult>>,
-    /// All of them as one, once somebody has asked for that.
+    /// All of them as one, computed on the first request.
     together: OnceLock<Arc<RunResult>>,
 }
 
@@ -137,7 +137,7 @@ impl PlayerRuns {
         self.runs.is_empty()
     }
 
-    /// What a board shows of them; none where there are none.
+    /// What a board shows of them, if there are any.
     fn pick(&self, view: &View) -> Option<Source> {
         let last = self.runs.last()?;
         let value = |run: &RunResult| Value::of(run.total(view.ranked_by()));
@@ -168,7 +168,7 @@ pub fn rank(
     rank_players(players.values(), &[], references, view)
 }
 
-/// The same, of runs that are told apart by players already, and with games from files.
+/// As [`rank`], for runs that are grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,
@@ -202,8 +202,8 @@ pub fn rank_players<'a>(
     rows
 }
 
-/// What rows are ranked by, the highest first and what there is none of last. Values that differ by less than
-/// the noise of adding floats are the same: 0.1 + 0.2 is no better than 0.3.
+/// What rows are ranked by: the highest first, missing values last. Values that differ by less than the rounding of
+/// sums are equal: 0.1 + 0.2 is no better than 0.3.
 #[derive(Clone, Copy, Debug)]
 struct Value(Option<f64>);
 
@@ -421,7 +421,7 @@ pub(super) mod tests {
             pick in proptest::sample::select(&Pick::ALL[..]),
         ) {
             let mut runs = results(&runs);
-            let tell = |rows: &[Row]| {
+            let show = |rows: &[Row]| {
                 let view = view(pick);
                 let pairs = rows.iter().zip(rows.iter().skip(1)).map(|(above, row)| {
                     difference(above.shown()?, row.shown()?, view.ranked_by())
@@ -429,11 +429,11 @@ pub(super) mod tests {
                 // To the bit: `Debug` writes floats so that they can be read again.
                 format!("{rows:?} {:?}", pairs.collect::<Vec<_>>())
             };
-            let first = tell(&rank(&runs, [], &view(pick)));
+            let first = show(&rank(&runs, [], &view(pick)));
             let turn = turn % runs.len();
             runs.rotate_left(turn);
             runs.reverse();
-            prop_assert_eq!(tell(&rank(&runs, [], &view(pick))), first);
+            prop_assert_eq!(show(&rank(&runs, [], &view(pick))), first);
         }
 
         #[test]

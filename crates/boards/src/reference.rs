@@ -28,17 +28,17 @@ swarmbench_engine::named! {
 /// A row of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// The name of its row.
+    /// The id of its row.
     pub id: RowId,
     /// The table from which it is.
     pub table: Table,
     /// What played.
     pub name: String,
-    /// What the paper has of each task.
+    /// The numbers of each task.
     pub tasks: Vec<Numbers>,
 }
 
-/// What the paper has of one task.
+/// The numbers of one task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Numbers {
     /// The task.
@@ -52,13 +52,13 @@ pub struct Numbers {
 }
 
 impl Reference {
-    /// What the paper has of a task.
+    /// The numbers of a task.
     #[must_use]
     pub fn task(&self, task: TaskName) -> Option<&Numbers> {
         self.tasks.iter().find(|numbers| numbers.task == task)
     }
 
-    /// The sum of the means of these tasks; none where one of them is missing.
+    /// The sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean))
@@ -143,7 +143,7 @@ mod tests {
         assert_eq!(humans.len(), 1);
         let tasks: Vec<_> = humans[0].tasks.iter().map(|numbers| numbers.task).collect();
         assert_eq!(tasks.len(), 4);
-        assert!(!tasks.contains(&TaskName::Pursuit), "nobody is told to have played it");
+        assert!(!tasks.contains(&TaskName::Pursuit), "the paper has no such row");
         assert_eq!(REFERENCES.iter().map(|row| row.tasks.len()).sum::<usize>(), 13 * 5 + 15 + 4);
         // Sums over whole columns of the printed tables.
         let sum = |table, number: fn(&Numbers) -> f64| {

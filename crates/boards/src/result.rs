@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use jiff::Timestamp;
 use swarmbench_engine::{Seed, TaskName};
 
 use super::{Game, Player, RowId, Run, Slot};
 
-/// The mean, and the population standard deviation; none of nothing.
+/// The mean, and the population standard deviation, if there are numbers.
 #[must_use]
 pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
     let mean = mean(numbers)?;
@@ -24,10 +23,10 @@ pub(super) const fn float(count: usize) -> f64 {
     count as f64
 }
 
-/// What came of a plan in each of its tasks, in the order of [`TaskName::ALL`]; `games` are those that have ended.
+/// The results of a plan in each of its tasks, in the order of [`TaskName::ALL`]; `games` are those that have ended.
 ///
-/// As long as it is not over these are means over what was played. Once it is over, a planned game that was not played
-/// counts as 0: doing nothing scores about that, and otherwise it would pay to abort a run that goes badly. A voided
+/// Before the end these are means over the games that were played. Once it is over, a planned game that was not played
+/// counts as 0: doing nothing scores about 0, and otherwise aborting a bad run would pay. A voided
 /// game does not count, unless it was played again.
 #[must_use]
 pub fn task_results(plan: &[Slot], games: &[Game], is_over: bool) -> Vec<TaskResult> {
@@ -71,7 +70,7 @@ pub struct TaskResult {
     pub task: TaskName,
     /// What counts: a score for each seed, in order of the seeds.
     pub scores: Vec<(Seed, f64)>,
-    /// The mean of the scores, and their deviation; none where there are none.
+    /// The mean of the scores, and their deviation, if there are any.
     pub mean_and_deviation: Option<(f64, f64)>,
     /// Games that were played and count.
     pub games: u32,
@@ -88,7 +87,7 @@ pub struct TaskResult {
 }
 
 impl RunResult {
-    /// What a run is worth.
+    /// The result of a run.
     #[must_use]
     pub fn new(run: Run, plan: &[Slot], games: &[Game], is_over: bool) -> Self {
         Self { row: run.player.row(), run, tasks: task_results(plan, games, is_over) }
@@ -117,31 +116,18 @@ impl RunResult {
                 task.finish();
             }
         }
-        let player = Player {
-            owner: None,
-            model: model.to_owned(),
-            temperature: None,
-            top_p: None,
-            template: None,
-        };
-        let run = Run {
-            id: String::new(),
-            player,
-            status: "imported".to_owned(),
-            created_at: Timestamp::UNIX_EPOCH,
-            vouched: false,
-            decentralization: None,
-        };
+        let player = Player { model: model.to_owned(), ..Player::default() };
+        let run = Run { player, status: "imported".to_owned(), ..Run::default() };
         let row = RowId::of(&[b"imported", model.as_bytes()]);
         Self { run, row, tasks: tasks.into_values().collect() }
     }
 
-    /// Several runs of the same player as one: a seed's score is its mean over the runs. None of no runs.
+    /// Several runs of the same player as one: a seed's score is its mean over the runs. `None` without runs.
     pub(super) fn together(runs: &[&Self]) -> Option<Self> {
         let last = runs.iter().max_by_key(|run| (run.run.created_at, &run.run.id))?;
         let mut run = last.run.clone();
         run.vouched = runs.iter().all(|one| one.run.vouched);
-        // Whatever is not said of all of them is not said of the row. None comes before all that is said.
+        // The row states what is true for all of its runs. `None` is the least value.
         run.decentralization = runs.iter().map(|one| one.run.decentralization).min().flatten();
         let broken = runs.iter().map(|one| &one.run.status).filter(|status| *status != "finished");
         run.status = broken.max().unwrap_or(&run.status).clone();
@@ -159,7 +145,7 @@ impl RunResult {
         self.tasks.iter().find(|result| result.task == task)
     }
 
-    /// The sum of the means of these tasks; none where one of them has none.
+    /// The sum of the means of these tasks, if none is missing.
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         tasks.iter().try_fold(0.0, |sum, &task| Some(sum + self.task(task)?.mean()?))
@@ -271,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_host_broke_does_not_count_unless_it_was_played_again() {
+    fn a_voided_game_does_not_count_unless_it_was_played_again() {
         let plan = slots(&[TaskName::Pursuit], &[1, 2]);
         let broken = Game { voided: true, invalid: 7, ..game(TaskName::Pursuit, 1, 99.0) };
         let games = [broken, game(TaskName::Pursuit, 2, 4.0)];
@@ -304,7 +290,7 @@ mod tests {
         assert_eq!(shown(&both.tasks[0]), "5.00 ± 2.00 4/4");
     }
 
-    /// As long as a run is not over, nothing is 0 for want of a game, and a voided game is still to be played.
+    /// Before the end of a run no missing game counts as 0, and a voided game is still to be played.
     #[test]
     fn a_run_that_is_not_over_has_means_of_what_was_played() {
         let plan = slots(&[TaskName::Transport, TaskName::Foraging], &[1, 2, 3]);

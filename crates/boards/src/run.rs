@@ -7,7 +7,7 @@ use swarmbench_engine::{Config, SettingErrors};
 use swarmbench_journal::record::RecordedConfig;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
-/// All that was decided about a run when it was created; stored as JSON.
+/// The unchanging part of a run; stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
@@ -21,23 +21,22 @@ pub struct Definition {
     /// The nucleus of sampling, as declared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
-    /// What else was told of who plays.
+    /// Further declarations.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub meta: Map<String, Value>,
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// The built-in player that the server hosts on all seats, where nobody else plays;
-    /// `default` for the one that each task has of its own.
+    /// The built-in player with which the server plays all seats; `default` is each task's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
     /// How many games are open at a time, at most.
     pub parallel: u32,
     /// Who reads it and its episodes before their end: `public`, `owner` or `sealed`.
     pub visibility: String,
-    /// After so long without any act an episode ends as abandoned.
+    /// The time without any act after which an episode ends as abandoned.
     pub idle_timeout_ms: u64,
-    /// From then on no new round begins.
+    /// No round begins at or after this time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub closes_at: Option<Timestamp>,
 }
@@ -67,16 +66,12 @@ impl Definition {
     #[must_use]
     pub fn agent_meta(&self) -> Map<String, Value> {
         let mut meta = self.meta.clone();
-        for (name, value) in [("temperature", self.temperature), ("top_p", self.top_p)] {
-            if let Some(value) = value {
-                meta.insert(name.to_owned(), json!(value));
-            }
-        }
+        let sampling = [("temperature", self.temperature), ("top_p", self.top_p)].into_iter();
+        meta.extend(sampling.filter_map(|(name, value)| Some((name.to_owned(), json!(value?)))));
         meta
     }
 
-    /// Tells prompt templates apart: the first 12 hexadecimal digits of SHA-256 of the text; none for the
-    /// built-in one.
+    /// The digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
         self.prompt_template.as_deref().map(digest_of_template)

@@ -27,7 +27,7 @@ pub enum ClientError {
         "{url} does not answer: {source}; does a server run there? `swarmbench serve` starts one"
     )]
     Transport {
-        /// What was asked.
+        /// The requested address.
         url: Url,
         /// Why.
         source: reqwest::Error,
@@ -35,33 +35,33 @@ pub enum ClientError {
     /// The server refused.
     #[error("{url} answered {status}: {}", problem.detail)]
     Refused {
-        /// What was asked.
+        /// The requested address.
         url: Url,
         /// The status.
         status: StatusCode,
         /// What it said.
         problem: Box<Problem>,
     },
-    /// The server answered something else than the contract says.
+    /// The answer does not follow the contract.
     #[error("{url} answered {status} with something that is not of the contract: {what}")]
     Strange {
-        /// What was asked.
+        /// The requested address.
         url: Url,
         /// The status.
         status: StatusCode,
         /// What was wrong.
         what: String,
     },
-    /// The address is none.
+    /// It is no address of a server.
     #[error("{0:?} is not the address of a server; it looks like http://127.0.0.1:8080")]
     Address(String),
-    /// What the server sent cannot be written down.
+    /// The answer cannot be written to the output.
     #[error(transparent)]
     Write(#[from] std::io::Error),
 }
 
 impl ClientError {
-    /// Whether it may work later.
+    /// Whether a retry may succeed.
     fn is_temporary(&self) -> bool {
         match self {
             Self::Transport { source, .. } => !source.is_builder(),
@@ -71,17 +71,11 @@ impl ClientError {
             Self::Strange { .. } | Self::Address(_) | Self::Write(_) => false,
         }
     }
-}
 
-impl ClientError {
-    /// When the server said to come again.
+    /// How long the server asked to wait.
     fn retry_after(&self) -> Option<Duration> {
-        match self {
-            Self::Refused { problem, .. } => problem.retry_after_ms.map(Duration::from_millis),
-            Self::Transport { .. } | Self::Strange { .. } | Self::Address(_) | Self::Write(_) => {
-                None
-            }
-        }
+        let Self::Refused { problem, .. } = self else { return None };
+        problem.retry_after_ms.map(Duration::from_millis)
     }
 }
 
@@ -113,11 +107,12 @@ impl std::fmt::Debug for Secret {
     }
 }
 
+#[expect(
+    clippy::missing_errors_doc,
+    reason = "every method fails as the variants of `ClientError` say"
+)]
 impl Client {
     /// A client of the server at `base`, such as `http://127.0.0.1:8080`.
-    ///
-    /// # Errors
-    /// Where that is not an address.
     pub fn new(base: &str) -> Result<Self, ClientError> {
         let parsed = Url::parse(base).ok().filter(Url::has_host);
         let base = parsed.ok_or_else(|| ClientError::Address(base.to_owned()))?;
@@ -131,15 +126,20 @@ impl Client {
         Ok(Self { http, base, key: None })
     }
 
-    /// Shows this key where no other token is needed.
+    /// Sends this key with requests that have no token.
     #[must_use]
     pub fn with_key(self, key: String) -> Self {
         Self { key: Some(Secret(key)), ..self }
     }
 
     fn signed(&self, call: RequestBuilder) -> RequestBuilder {
-        match &self.key {
-            Some(Secret(key)) => call.bearer_auth(key),
+        self.signed_with(call, None)
+    }
+
+    /// With a token, or else with the key, if there is one.
+    fn signed_with(&self, call: RequestBuilder, token: Option<&str>) -> RequestBuilder {
+        match token.or(self.key.as_ref().map(|Secret(key)| key.as_str())) {
+            Some(token) => call.bearer_auth(token),
             None => call,
         }
     }
@@ -150,11 +150,8 @@ impl Client {
         &self.base
     }
 
-    /// Takes what may be too large for memory, and the cursor of the next page where the answer names one. An answer
-    /// that breaks off is an error.
-    ///
-    /// # Errors
-    /// Where the server refuses or does not answer, or `out` cannot be written to.
+    /// Writes an answer to `out` piece by piece, and returns the cursor of the next page, if any. An answer that breaks
+    /// off is an error.
     pub async fn download(
         &self,
         path: &str,
@@ -180,10 +177,7 @@ impl Client {
         Ok(next)
     }
 
-    /// Creates an episode. A repeat after a lost answer gives the same one.
-    ///
-    /// # Errors
-    /// Where the server refuses or does not answer; so for all methods.
+    /// Creates an episode. A retry after a lost answer returns the same one.
     pub async fn create_episode(
         &self,
         request: &EpisodeRequest,
@@ -196,18 +190,12 @@ impl Client {
     }
 
     /// Shows an episode.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn episode(&self, id: &str) -> Result<EpisodeSummary, ClientError> {
         let path = format!("/api/v1/episodes/{id}");
         self.ask(Method::GET, &path, |call| self.signed(call)).await
     }
 
-    /// Starts a run. A repeat after a lost answer gives the same one.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
+    /// Starts a run. A retry after a lost answer returns the same one.
     pub async fn create_run(&self, request: &RunRequest) -> Result<CreatedRun, ClientError> {
         let key = uuid_text();
         self.ask(Method::POST, "/api/v1/runs", |call| {
@@ -217,22 +205,12 @@ impl Client {
     }
 
     /// Shows a run: with its own token, or else with the key.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn run(&self, id: &str, token: Option<&str>) -> Result<RunDetail, ClientError> {
         let path = format!("/api/v1/runs/{id}");
-        self.ask(Method::GET, &path, |call| match token {
-            Some(token) => call.bearer_auth(token),
-            None => self.signed(call),
-        })
-        .await
+        self.ask(Method::GET, &path, |call| self.signed_with(call, token)).await
     }
 
-    /// A new token of a run, in place of the one that it had.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
+    /// Replaces the token of a run.
     pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
         let path = format!("/api/v1/runs/{id}/token");
         self.ask(Method::POST, &path, |call| self.signed(call)).await
@@ -240,9 +218,6 @@ impl Client {
 
     /// The observations that wait for an act and were opened since `after`, at most `limit` of them; with the texts for
     /// language models where `prompt` is set.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn swarm_obs(
         &self,
         token: &str,
@@ -254,35 +229,23 @@ impl Client {
         self.ask(Method::GET, "/swarm/obs", |call| {
             let call = call.bearer_auth(token).query(&[("wait", wait_s)]);
             let call = call.query(&[("limit", limit)]).query(&[("prompt", prompt)]);
-            match after {
-                Some(cursor) => call.query(&[("after", cursor)]),
-                None => call,
-            }
+            call.query(&[("after", after)])
         })
         .await
     }
 
     /// The journal of an episode: readable with a token of its creator, and by everybody once it has ended.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn journal(&self, id: &str, token: Option<&str>) -> Result<Vec<u8>, ClientError> {
         let path = format!("/api/v1/episodes/{id}/journal");
         let read = async || {
-            let call = |call: RequestBuilder| match token {
-                Some(token) => call.bearer_auth(token),
-                None => self.signed(call),
-            };
-            let (url, status, body) = self.answer(Method::GET, &path, call).await?;
+            let sign = |call| self.signed_with(call, token);
+            let (url, status, body) = self.answer(Method::GET, &path, sign).await?;
             if status.is_success() { Ok(body) } else { Err(refused(url, status, &body)) }
         };
         self.again(read).await
     }
 
     /// Acts for several seats.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn swarm_act(
         &self,
         token: &str,
@@ -293,42 +256,27 @@ impl Client {
     }
 
     /// Creates a key. It is not retried: a second attempt would create a second key.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn create_key(&self, request: &KeyRequest) -> Result<CreatedKey, ClientError> {
         self.once(Method::POST, "/api/v1/keys", |call| self.signed(call).json(request)).await
     }
 
     /// All keys that were ever made.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn keys(&self) -> Result<KeyList, ClientError> {
         self.ask(Method::GET, "/api/v1/keys", |call| self.signed(call)).await
     }
 
     /// Revokes a key.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn revoke_key(&self, id: &str) -> Result<KeySummary, ClientError> {
         let path = format!("/api/v1/keys/{id}");
         self.ask(Method::DELETE, &path, |call| self.signed(call)).await
     }
 
     /// Reads something.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         self.get_with(path, &[]).await
     }
 
     /// Reads something, with a query.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn get_with<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -338,9 +286,6 @@ impl Client {
     }
 
     /// Sends a creation. It is not retried: a second attempt would create a second one.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn post<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -350,9 +295,6 @@ impl Client {
     }
 
     /// Changes something.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn patch<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -362,22 +304,21 @@ impl Client {
     }
 
     /// A whole board, page by page.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
         let Question { suite, rules, task, sort, pick, no_reference, imported } = question;
-        let asked =
-            [("suite", suite), ("rules", rules), ("task", task), ("sort", sort), ("pick", pick)];
-        let mut query: Vec<(&str, String)> = (asked.into_iter())
-            .filter_map(|(name, value)| Some((name, value.clone()?)))
-            .chain([("reference", (!no_reference).to_string()), ("imported", imported.to_string())])
-            .collect();
-        let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
-        while let Some(cursor) = board.next_cursor.take() {
-            query.retain(|(name, _)| *name != "cursor");
-            query.push(("cursor", cursor));
-            let next: Leaderboard = self.page("/api/v1/leaderboard", &query).await?;
+        let (reference, imported) = (Some((!no_reference).to_string()), Some(imported.to_string()));
+        let query = [
+            ("suite", suite),
+            ("rules", rules),
+            ("task", task),
+            ("sort", sort),
+            ("pick", pick),
+            ("reference", &reference),
+            ("imported", &imported),
+        ];
+        let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query, None).await?;
+        while let Some(cursor) = board.next_cursor {
+            let next: Leaderboard = self.page("/api/v1/leaderboard", &query, Some(cursor)).await?;
             board.items.extend(next.items);
             board.next_cursor = next.next_cursor;
         }
@@ -385,48 +326,41 @@ impl Client {
     }
 
     /// All pairs of models that played together, page by page.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
     pub async fn cross_play(
         &self,
         task: Option<&str>,
         rules: Option<&str>,
     ) -> Result<CrossPlay, ClientError> {
         let asked = [("task", task), ("rules", rules)];
-        let mut query: Vec<(&str, String)> = (asked.into_iter())
-            .filter_map(|(name, value)| Some((name, value?.to_owned())))
-            .collect();
-        let mut found: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
-        while let Some(cursor) = found.next_cursor.take() {
-            query.retain(|(name, _)| *name != "cursor");
-            query.push(("cursor", cursor));
-            let next: CrossPlay = self.page("/api/v1/cross-play", &query).await?;
+        let mut found: CrossPlay = self.page("/api/v1/cross-play", &asked, None).await?;
+        while let Some(cursor) = found.next_cursor {
+            let next: CrossPlay = self.page("/api/v1/cross-play", &asked, Some(cursor)).await?;
             found.items.extend(next.items);
             found.next_cursor = next.next_cursor;
         }
         Ok(found)
     }
 
-    /// A page that is as large as pages may be.
+    /// A page of the maximum size.
     async fn page<T: DeserializeOwned>(
         &self,
         path: &str,
-        query: &[(&str, String)],
+        query: &(impl Serialize + ?Sized),
+        cursor: Option<String>,
     ) -> Result<T, ClientError> {
-        self.ask(Method::GET, path, |call| self.signed(call).query(&[("limit", 1000)]).query(query))
-            .await
+        self.ask(Method::GET, path, |call| {
+            let call = self.signed(call).query(&[("limit", 1000)]);
+            call.query(query).query(&[("cursor", &cursor)])
+        })
+        .await
     }
 
-    /// Whether the server lives.
-    ///
-    /// # Errors
-    /// See [`Client::create_episode`].
+    /// Whether the server is alive.
     pub async fn health(&self) -> Result<(), ClientError> {
         self.once::<serde::de::IgnoredAny>(Method::GET, "/healthz", |call| call).await.map(|_| ())
     }
 
-    /// Asks, and asks again where it may work later: every request of this client may be repeated.
+    /// Sends a request that may be repeated, and retries it after temporary errors.
     async fn ask<T: DeserializeOwned>(
         &self,
         method: Method,
@@ -479,14 +413,14 @@ impl Client {
     }
 }
 
-/// How long to pause where pauses have grown so far. The server knows better when to come again, but not how often it has said
-/// so, nor to how many others: after two tries or so it is left alone for longer.
-fn pause_after(told: Option<Duration>, grown: Duration) -> Duration {
+/// The pause before a retry: as long as the server `asked`, but after about two retries at least about as long as
+/// pauses have `grown`. The server does not know how often it has asked, nor how many clients.
+fn pause_after(asked: Option<Duration>, grown: Duration) -> Duration {
     const AT_ITS_WORD: Duration = Duration::from_secs(2);
-    told.map_or(grown, |told| told.max(grown.saturating_sub(AT_ITS_WORD)))
+    asked.map_or(grown, |asked| asked.max(grown.saturating_sub(AT_ITS_WORD)))
 }
 
-/// A name for one creation that nobody else uses.
+/// A unique idempotency key.
 fn uuid_text() -> String {
     use swarmbench_clock::{Entropy, SystemEntropy};
     let mut bytes = [0; 16];

@@ -25,7 +25,7 @@ const WAIT_S: u32 = 30;
 /// Observations that one look asks for.
 const LOOK_MAX: usize = 256;
 
-/// Decisions in flight beyond which nobody looks for more: observations with prompts are large.
+/// Decisions in flight; beyond, no more observations are requested, as those with prompts are large.
 const IN_FLIGHT_MAX: usize = 2048;
 
 /// Acts in one request, and their bytes; the server takes somewhat more.
@@ -35,14 +35,13 @@ const BATCH_BYTES_MAX: usize = 7 * 1024 * 1024;
 /// Bytes of one act; the server takes somewhat more.
 const ACT_BYTES_MAX: usize = 240 * 1024;
 
-/// Bytes of an act that the server takes also where a journal is full.
+/// Bytes of an act that the server accepts even for a full journal.
 const SMALL_ACT_BYTES_MAX: usize = 1200;
 
-/// How long an act waits that the server has no place for, where the server does not say how long.
+/// The pause before a delayed act is sent again, if the server asks for none.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// How many times in a row acts may be put off without one being taken. A journal that is broken for good puts them
-/// off for ever.
+/// How many times in a row acts may be delayed without one being accepted. A broken journal would delay them for ever.
 const PUT_OFF_MAX: u32 = 12;
 
 /// Decisions that are being made; each is for one seat or for several.
@@ -50,7 +49,7 @@ pub type Thought<E> = BoxFuture<'static, Result<Vec<SwarmAct>, E>>;
 
 /// Who decides for seats.
 pub trait Swarm {
-    /// Why nobody decides any more.
+    /// Why it cannot decide.
     type Error: Display + Send + 'static;
 
     /// Whether it reads the texts for language models.
@@ -90,7 +89,7 @@ pub enum DriveError<E: Display> {
         /// Why.
         detail: String,
     },
-    /// Nobody decides any more.
+    /// The player failed.
     #[error("{0}")]
     Swarm(E),
 }
@@ -100,12 +99,12 @@ pub enum DriveError<E: Display> {
 pub enum End {
     /// All is over.
     Over,
-    /// It was to stop.
+    /// It was stopped.
     Stopped,
 }
 
-/// Plays all seats of a swarm token until all is over, or until it is to stop: then decisions in flight are dropped, and
-/// acts that were decided are still sent.
+/// Plays all seats of a swarm token until all games are over, or until `stop`: then decisions in flight are dropped,
+/// and decided acts are still sent.
 ///
 /// # Errors
 /// See [`DriveError`]; acts that were decided before are sent where that is possible.
@@ -127,13 +126,13 @@ struct Drive<'a, E: Display, N> {
     token: &'a str,
     note: N,
     thinking: FuturesUnordered<Thought<E>>,
-    /// Acts that the server had no place for.
+    /// Acts that the server could not accept yet.
     delayed: FuturesUnordered<BoxFuture<'static, Vec<SwarmAct>>>,
     /// The last round for which each seat was asked, by episode and agent. After a restart of the server all that waits
     /// comes again.
     decided: Recent<HashMap<String, u32>>,
     outbox: Vec<SwarmAct>,
-    /// How many times in a row acts were put off and none was taken.
+    /// How many times in a row acts were delayed and none was accepted.
     put_off: u32,
     halted: Option<DriveError<E>>,
 }
@@ -303,7 +302,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
     }
 }
 
-/// What is to be done about an act that the server refused.
+/// What to do about an act that the server refused.
 enum Refusal {
     TooLate,
     JournalFull,
@@ -323,8 +322,8 @@ impl Refusal {
     }
 }
 
-/// Cuts the texts of an act until it has at most so many bytes as JSON; returns how many it has. What a model thought goes
-/// first, then the beginning of its answer: prompts ask for the decision at the end.
+/// Cuts the texts of an act until it has at most `most` bytes of JSON; returns how many it has. The reasoning is cut
+/// first, then the beginning of the answer: prompts ask for the decision at the end.
 fn fit(act: &mut SwarmAct, most: usize) -> usize {
     loop {
         let bytes = serde_json::to_vec(act).map_or(0, |json| json.len());
@@ -344,7 +343,7 @@ fn fit(act: &mut SwarmAct, most: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// What a server says of acts that it cannot take now, or at all.
+    /// The refusal of an act.
     fn refused(code: &str) -> SwarmReceipt {
         let problem = serde_json::json!({
             "type": "about:blank", "title": "", "status": 503, "detail": "not now", "code": code, "retry_after_ms": 1,

@@ -24,7 +24,7 @@ pub enum PlayerError {
     /// An observation cannot be understood.
     #[error("the server sent an observation that no player understands (round {0})")]
     Strange(u32),
-    /// Nobody plays this task.
+    /// There is no player for this task.
     #[error("no player was chosen for {0}")]
     Task(String),
 }
@@ -56,21 +56,13 @@ pub async fn play(
     let token = &created.swarm_token;
     let players = player.tasks.iter().map(|&task| (task, player)).collect();
     let mut swarm = BuiltIns::new(client, token, params, player_seed, players);
-    let never = CancellationToken::new();
-    drive(client, token, &mut swarm, &never, |note| {
-        if let Note::Looked(looked) = note {
-            for seen in looked {
-                progress(seen.sight.round, seen.sight.score);
-            }
-        }
-    })
-    .await?;
+    finish(client, token, &mut swarm, |sight| progress(sight.round, sight.score)).await?;
     let summary = client.episode(&created.id).await?;
     progress(summary.round, summary.score);
     Ok(summary)
 }
 
-/// Plays what is left of a run with built-in players; `progress` is called with every observation.
+/// Plays the rest of a run with built-in players; `progress` is called with every observation.
 ///
 /// # Errors
 /// See [`DriveError`].
@@ -80,19 +72,26 @@ pub async fn play_run(
     token: &str,
     players: Players,
     player_seed: u64,
-    mut progress: impl FnMut(&Sight),
+    progress: impl FnMut(&Sight),
 ) -> Result<RunDetail, PlayError> {
     let mut swarm = BuiltIns::new(client, token, GameParams::of(run), player_seed, players);
-    let never = CancellationToken::new();
-    drive(client, token, &mut swarm, &never, |note| {
+    finish(client, token, &mut swarm, progress).await?;
+    Ok(client.run(&run.run.id, Some(token)).await?)
+}
+
+async fn finish(
+    client: &Client,
+    token: &str,
+    swarm: &mut BuiltIns,
+    mut progress: impl FnMut(&Sight),
+) -> Result<(), PlayError> {
+    drive(client, token, swarm, &CancellationToken::new(), |note| {
         if let Note::Looked(looked) = note {
-            for seen in looked {
-                progress(&seen.sight);
-            }
+            looked.iter().for_each(|seen| progress(&seen.sight));
         }
     })
-    .await?;
-    Ok(client.run(&run.run.id, Some(token)).await?)
+    .await
+    .map(|_| ())
 }
 
 /// What players know of a game before it begins, beside its task.
@@ -105,7 +104,7 @@ pub struct GameParams {
 }
 
 impl GameParams {
-    /// That of all games of a run.
+    /// The parameters of all games of a run.
     #[must_use]
     pub fn of(run: &RunDetail) -> Self {
         let settings = &run.run.suite.settings;
@@ -133,8 +132,8 @@ impl GameParams {
 
 /// Built-in players on all seats of a swarm token.
 ///
-/// Players that join a game in the middle are first given their earlier observations from the journal, so that
-/// they play on as if nothing had happened.
+/// Players that join a running game first get their earlier observations from the journal, so that they decide as if
+/// they had played from the start.
 pub struct BuiltIns {
     client: Client,
     token: String,
@@ -187,7 +186,7 @@ impl BuiltIns {
             let mut game = game.lock_owned().await;
             // Another part of the same look may have been first.
             let is_new = round > 0 && game.players.is_empty();
-            // Where the journal may not be read, as in a competition, players begin without memory.
+            // If the journal may not be read, as in a competition, players begin without memory.
             let journal =
                 if is_new { client.journal(&episode, Some(&token)).await.ok() } else { None };
             let decide = move || {

@@ -48,7 +48,7 @@ mod tests {
         let mut recent = Recent::default();
         for game in 0..10_000_u32 {
             *recent.of(&game.to_string(), || 0) = game;
-            assert_eq!(*recent.of("the one that goes on", || 7), 7);
+            assert_eq!(*recent.of("the active one", || 7), 7);
             assert!(recent.games.len() <= GAMES_REMEMBERED_MAX);
         }
         for game in 9_900..10_000_u32 {

@@ -31,7 +31,7 @@ macro_rules! for_each_setting {
             [
                 /// The probability with which a delivered message is corrupted.
                 noise: f64 => f64 = 0.0 in 0..=1;
-                /// The most rounds by which a message is late.
+                /// The maximum delay of a message, in rounds.
                 max_delay: i64 => i64 = 0 in 0..=100;
             ] {}
         }

@@ -34,10 +34,10 @@ impl RawRecord {
         Self(serde_json::value::to_raw_value(record).expect("records have string keys").into())
     }
 
-    /// Takes bytes that were stored.
+    /// A record from the store.
     ///
     /// # Errors
-    /// Where they are no JSON.
+    /// If they are no JSON.
     pub fn from_stored(text: String) -> Result<Self, serde_json::Error> {
         RawValue::from_string(text).map(|value| Self(value.into()))
     }
@@ -51,7 +51,7 @@ impl RawRecord {
     /// Reads the record.
     ///
     /// # Errors
-    /// Where it is not one of the kind asked for.
+    /// If it is another kind of record.
     pub fn read<'a, T: Deserialize<'a>>(&'a self) -> Result<T, serde_json::Error> {
         serde_json::from_str(self.as_str())
     }
@@ -100,8 +100,8 @@ pub struct Opening {
     /// The public id of the run to which it belongs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// Random hexadecimal digits in a sealed episode: nobody finds its seed by trying which one leads to
-    /// the hashes that are shown.
+    /// Random hexadecimal digits in a sealed episode, so that its seed cannot be found by trying seeds until the hashes
+    /// match.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub salt: Option<String>,
 }
@@ -133,13 +133,13 @@ swarmbench_protocol::game_settings! {
         pub visibility: String,
         pub model: String,
         pub custom_template: bool,
-        /// From then on no new round begins.
+        /// No round begins at or after this time.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub closes_at: Option<jiff::Timestamp>,
         /// Numbers of the agents whose seats were open to claims.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         pub open_seats: Vec<u16>,
-        /// After so long built-in players take the open seats that nobody claimed.
+        /// The time after which built-in players take the unclaimed seats.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub fill_after_ms: Option<u64>,
         /// Which built-in player takes them.
@@ -152,7 +152,7 @@ swarmbench_protocol::game_settings! {
 }
 
 impl RecordedConfig {
-    /// The engine's part of the settings; everything else as if nothing was said about it.
+    /// The engine's part of the settings; the rest has its defaults.
     #[must_use]
     pub fn of(config: &Config) -> Self {
         let settings = config.settings();
@@ -168,7 +168,7 @@ impl RecordedConfig {
     /// The engine's part of the settings, checked.
     ///
     /// # Errors
-    /// Where the journal holds settings that are no longer, or never were, allowed.
+    /// If these settings are not allowed, or no longer.
     pub fn engine(&self) -> Result<Config, SettingErrors> {
         Config::check(&Settings {
             task: self.task.clone(),
@@ -202,7 +202,7 @@ pub struct SeatHolder {
     /// The public id of the holder's key, where one was needed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// The built-in player that the server hosts on these seats: nobody else acts for them.
+    /// The built-in player that the server hosts on these seats, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
 }
@@ -253,7 +253,7 @@ pub struct End<A = ActRecord> {
 pub enum Source {
     /// The player, by a structured action or by the answer of a language model.
     Player,
-    /// The clock: it ran out, so the agent does nothing.
+    /// The clock: it expired, so the agent does nothing.
     Clock,
 }
 
@@ -267,7 +267,7 @@ pub struct ActRecord {
     pub source: Source,
     /// The action, if any.
     pub action: Option<String>,
-    /// The message, if any, as it was sent on.
+    /// The message, if any, as it was delivered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<String>,
     /// The only receiver of a commander's message.
@@ -284,7 +284,7 @@ pub struct ActRecord {
     /// Free text, stored for readers of replays.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// How much of the seat's bank the act took, in milliseconds.
+    /// The part of the seat's bank that the act used, in milliseconds.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub bank_spent_ms: u64,
 }
@@ -319,7 +319,7 @@ impl Decision {
         Self { source, act, valid: true, response: None, usage: None, reasoning: None }
     }
 
-    /// The decision of a seat whose clock ran out.
+    /// The decision of a seat whose clock expired.
     #[must_use]
     pub fn clock_ran_out() -> Self {
         Self { source: Source::Clock, ..Self::of_player(Act::default()) }

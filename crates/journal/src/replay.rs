@@ -1,5 +1,6 @@
 //! Replays of journals.
 
+use std::collections::BTreeSet;
 use std::io::BufRead;
 use std::sync::Arc;
 
@@ -92,10 +93,10 @@ impl Replayer {
         self.world
     }
 
-    /// Whether a round may come next.
+    /// Whether this round is the next one.
     ///
     /// # Errors
-    /// Where the episode is over, or another round is next.
+    /// If the episode is over, or another round is next.
     pub fn check(&self, round: u32) -> Result<(), RoundFault> {
         if self.world.is_over() {
             return Err(RoundFault::TooMany);
@@ -112,7 +113,7 @@ impl Replayer {
     /// States are shared, and copied only where others still have them.
     ///
     /// # Errors
-    /// Where another round is next, or it leads to another state.
+    /// If another round is next, or it leads to another state.
     pub fn play(
         &mut self,
         round: u32,
@@ -135,13 +136,13 @@ impl Replayer {
 pub struct Report {
     /// The opening record.
     pub opening: Opening,
-    /// Who held which seat, where the journal says so.
+    /// The holders of the seats, if the journal names them.
     pub seats: Option<Seats>,
     /// How many rounds were played again.
     pub rounds: u32,
     /// The score, recomputed.
     pub score: f64,
-    /// The end record; none where the episode was still running.
+    /// The end record; `None` for an unfinished episode.
     pub end: Option<End>,
     /// The head of the chain.
     pub head: Head,
@@ -239,7 +240,7 @@ struct Line<'a> {
 /// Checks the bytes of a line against the chain; `head` moves on to the line's own.
 ///
 /// # Errors
-/// Where it is no line of the format, or its hash is not that of the chain.
+/// If it is no line of the format, or its hash does not continue the chain.
 pub fn check_line<T: DeserializeOwned>(line: &[u8], head: &mut Head) -> Result<T, String> {
     let text = std::str::from_utf8(line).map_err(|error| format!("not UTF-8: {error}"))?;
     let parsed: Line<'_> =
@@ -290,7 +291,7 @@ impl Player {
         self.replayer.world()
     }
 
-    /// Whether a record has to say who holds which seat before the first round.
+    /// Whether a record must name the holders of the seats before the first round.
     fn is_seated(&self) -> bool {
         let config = &self.opening.config;
         !config.open_seats.is_empty() || config.player.is_some()
@@ -309,11 +310,10 @@ impl Player {
             return Err(format!("seats of {} are not all, in order", short(&named)));
         }
         let numbers: Vec<u32> = seats.holders.iter().map(|holder| holder.holder).collect();
-        let mut held: Vec<u32> = seats.seats.iter().map(|seat| seat.holder).collect();
-        held.sort_unstable();
-        held.dedup();
-        if numbers != held {
-            return Err(format!("holders {numbers:?} are told of, seats are held by {held:?}"));
+        let of_seats: BTreeSet<u32> = seats.seats.iter().map(|seat| seat.holder).collect();
+        let of_seats: Vec<u32> = of_seats.into_iter().collect();
+        if numbers != of_seats {
+            return Err(format!("holders {numbers:?} are told of, seats are held by {of_seats:?}"));
         }
         let config = &self.opening.config;
         for (number, seat) in (0..).zip(&seats.seats) {
@@ -437,7 +437,7 @@ pub fn living(world: &World) -> impl Iterator<Item = AgentId> + '_ {
 /// without a record.
 ///
 /// # Errors
-/// Where a record names an agent or an action that the configuration does not have.
+/// If a record names an unknown agent or action.
 pub fn acts_of<'a>(
     config: &Config,
     records: impl IntoIterator<Item = &'a ActRecord>,

@@ -11,9 +11,9 @@ pub struct Tally {
     pub invalid: u64,
     /// Acts that a clock decided.
     pub timeouts: u64,
-    /// Tokens of prompts, as players told.
+    /// Tokens of prompts, as reported by players.
     pub prompt_tokens: u64,
-    /// Tokens of answers, as players told.
+    /// Tokens of answers, as reported by players.
     pub completion_tokens: u64,
 }
 

@@ -5,55 +5,49 @@ use serde::{Deserialize, Serialize};
 use super::observation::Observation;
 use super::problem::Problem;
 
-/// An act of the token's agent: exactly one of `action` and `response`.
-#[serde_with::skip_serializing_none]
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"})))]
-pub struct ActRequest {
-    /// The round that it answers.
-    pub round: u32,
-    /// What the agent does: one of the observation's `actions`.
-    pub action: Option<String>,
-    /// What it says: one line, cut after 120 characters. With `action` only.
-    pub message: Option<String>,
-    /// The only receiver of a commander's message (centralized control only). With `action` only.
-    #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
-    pub to: Option<String>,
-    /// The whole answer of a language model, which holds `ACTION: …` and/or `MSG: …`.
-    pub response: Option<String>,
-    /// What the answer cost.
-    pub usage: Option<Usage>,
-    /// Free text, stored for replays.
-    pub reasoning: Option<String>,
+/// Defines an act: its own names, then the fields that all acts share.
+macro_rules! act {
+    ($(#[$meta:meta])* $name:ident { $($(#[$own_meta:meta])* $own:ident,)* }) => {
+        #[serde_with::skip_serializing_none]
+        #[derive(Clone, Debug, Default, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $(#[$meta])*
+        pub struct $name {
+            $($(#[$own_meta])* pub $own: String,)*
+            /// The round that it answers.
+            pub round: u32,
+            /// What the agent does: one of the observation's `actions`.
+            pub action: Option<String>,
+            /// What it says: one line, cut after 120 characters. With `action` only.
+            pub message: Option<String>,
+            /// The only receiver of a commander's message (centralized control only). With `action` only.
+            #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
+            pub to: Option<String>,
+            /// The whole answer of a language model, with `ACTION: …` and/or `MSG: …`.
+            pub response: Option<String>,
+            /// What the answer cost.
+            pub usage: Option<Usage>,
+            /// Free text, stored for replays.
+            pub reasoning: Option<String>,
+        }
+    };
 }
 
-/// An act for one of several seats: exactly one of `action` and `response`.
-#[serde_with::skip_serializing_none]
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!(
-    {"episode": "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4", "agent": "Agent_3", "round": 12, "action": "UP"}
-)))]
-pub struct SwarmAct {
-    /// The episode.
-    pub episode: String,
-    /// The agent's name.
-    pub agent: String,
-    /// As for a single seat.
-    pub round: u32,
-    /// As for a single seat.
-    pub action: Option<String>,
-    /// As for a single seat.
-    pub message: Option<String>,
-    /// As for a single seat.
-    pub to: Option<String>,
-    /// As for a single seat.
-    pub response: Option<String>,
-    /// As for a single seat.
-    pub usage: Option<Usage>,
-    /// As for a single seat.
-    pub reasoning: Option<String>,
+act! {
+    /// An act of the token's agent: exactly one of `action` and `response`.
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"round": 12, "action": "UP", "message": "pushing left on row 3"})))]
+    ActRequest {}
+}
+
+act! {
+    /// An act for one of several seats: exactly one of `action` and `response`.
+    #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"episode": "ep_0199f0c2a1d87c3e9b5a4d6f10e2b3c4", "agent": "Agent_3", "round": 12, "action": "UP"})))]
+    SwarmAct {
+        /// The episode.
+        episode,
+        /// The agent's name.
+        agent,
+    }
 }
 
 impl SwarmAct {

@@ -35,7 +35,7 @@ pub struct Leaderboard {
 }
 
 /// A row of a board.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BoardRow {
     /// 1, 2, 2, 4. Null where the row has no value to be ranked by.

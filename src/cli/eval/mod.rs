@@ -207,7 +207,7 @@ async fn play(
     for (number, planned) in plan.runs.iter().enumerate() {
         let mut stands = None;
         let watch = &mut |news: News<'_>| {
-            if let News::Begins(.., run) | News::Stands(run) | News::Ends(_, run) = news {
+            if let News::Begins(.., run) | News::Polled(run) | News::Ends(_, run) = news {
                 stands = Some(run.clone());
             }
             progress.note(news);

@@ -105,7 +105,7 @@ impl<'a> Progress<'a> {
             News::Begins(number, planned, found, run) => self.begin(number, planned, found, run),
             News::Looked(looked) => looked.iter().for_each(|seen| self.look(&seen.sight)),
             News::Acted(act, receipt) => self.act(act, receipt),
-            News::Stands(run) => self.stand(run),
+            News::Polled(run) => self.stand(run),
             News::Ends(_, run) => self.end(run),
         }
     }
@@ -129,7 +129,7 @@ impl<'a> Progress<'a> {
         let id = &run.run.id;
         let how = match found {
             Found::Finished => format!("{id} was played before"),
-            Found::GoesOn => {
+            Found::Resumed => {
                 let (played, planned) = (run.run.played, run.run.planned);
                 let parallel = run.run.parallel;
                 format!("{id} resumes: {played} of {planned} games were played, {parallel} at once")

@@ -1,5 +1,7 @@
 //! What an organizer decides when a competition is created. Nothing of it changes later.
 
+use std::fmt::Display;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::{Config, Seed, SettingErrors, Settings, TaskName};
@@ -43,11 +45,11 @@ pub struct Definition {
     pub rules: String,
     /// The settings of all games, clocks too.
     pub settings: SuiteSettings,
-    /// After so long without any act a game ends as abandoned.
+    /// The time without any act after which a game ends as abandoned.
     pub idle_timeout_ms: u64,
-    /// From then on attempts may be started, each in its own window.
+    /// When attempts can first be started, each in its own window.
     pub opens_at: Timestamp,
-    /// From then on no round begins.
+    /// No round begins at or after this time.
     pub closes_at: Timestamp,
     /// Who may enter.
     pub entry: Admission,
@@ -59,7 +61,7 @@ pub struct Definition {
     pub counts: Counts,
     /// What is shown of the board before the end.
     pub board: BoardRule,
-    /// From when on a frozen board does not change any more.
+    /// When a frozen board stops changing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_freezes_at: Option<Timestamp>,
     /// How many entrants one key may have.
@@ -82,9 +84,9 @@ swarmbench_engine::named! {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
-    /// From then on it may be started.
+    /// When it can first be started.
     pub opens_at: Timestamp,
-    /// From then on none of its rounds begins.
+    /// No round of it begins at or after this time.
     pub closes_at: Timestamp,
 }
 
@@ -111,7 +113,7 @@ swarmbench_engine::named! {
         Public = "public",
         /// Nothing.
         Hidden = "hidden",
-        /// Ranks and totals of what was over at some time.
+        /// Ranks and totals of the attempts that were over before `board_freezes_at`.
         Frozen = "frozen",
     }
 }
@@ -123,13 +125,13 @@ pub type Problem = (String, String);
 type Check = fn(&Settings) -> Result<Config, SettingErrors>;
 
 impl Definition {
-    /// What is not allowed of it at a time; nothing where all is well.
+    /// Everything that is wrong with it at this time.
     #[must_use]
     pub fn problems(&self, now: Timestamp) -> Vec<Problem> {
         self.problems_of(now, Config::check)
     }
 
-    /// What is not allowed of a new one: the games of one that was announced before may be larger.
+    /// Everything that is wrong with a new one; the games of those that were announced before may be larger.
     #[must_use]
     pub fn problems_when_new(&self, now: Timestamp) -> Vec<Problem> {
         self.problems_of(now, Config::admit)
@@ -153,14 +155,8 @@ impl Definition {
         } else if self.closes_at <= now {
             refuse("closes_at", format!("must be in the future; it is {now}"));
         }
-        if !(1..=PARALLEL_MAX).contains(&self.parallel) {
-            let is = self.parallel;
-            refuse("parallel", format!("must be from 1 to {PARALLEL_MAX}, is {is}"));
-        }
-        if !(1..=ENTRIES_PER_KEY_MAX).contains(&self.entries_per_key) {
-            let (most, is) = (ENTRIES_PER_KEY_MAX, self.entries_per_key);
-            refuse("entries_per_key", format!("must be from 1 to {most}, is {is}"));
-        }
+        check_count("parallel", self.parallel, PARALLEL_MAX, &mut refuse);
+        check_count("entries_per_key", self.entries_per_key, ENTRIES_PER_KEY_MAX, &mut refuse);
         self.check_board(&mut refuse);
         self.check_attempts(&mut refuse);
         self.check_suite(check, &mut refuse);
@@ -191,37 +187,26 @@ impl Definition {
     }
 
     fn check_attempts(&self, refuse: &mut impl FnMut(&str, String)) {
-        if !(1..=ATTEMPTS_MAX).contains(&self.attempts.len()) {
-            let is = self.attempts.len();
-            refuse("attempts", format!("must be from 1 to {ATTEMPTS_MAX}, is {is}"));
-        }
+        check_count("attempts", self.attempts.len(), ATTEMPTS_MAX, refuse);
         for (place, window) in self.attempts.iter().enumerate() {
+            let mut refuse = |field: &str, problem: &str| {
+                refuse(&format!("attempts[{place}].{field}"), problem.to_owned());
+            };
             if window.opens_at < self.opens_at {
-                refuse(
-                    &format!("attempts[{place}].opens_at"),
-                    "must not be before opens_at of the competition".to_owned(),
-                );
+                refuse("opens_at", "must not be before opens_at of the competition");
             }
             if window.closes_at > self.closes_at {
-                refuse(
-                    &format!("attempts[{place}].closes_at"),
-                    "must not be after closes_at of the competition".to_owned(),
-                );
+                refuse("closes_at", "must not be after closes_at of the competition");
             }
-            // Where the competition itself ends before it opens, that was said.
+            // A competition that ends before it opens was refused above.
             if window.closes_at <= window.opens_at && self.opens_at < self.closes_at {
-                refuse(
-                    &format!("attempts[{place}].closes_at"),
-                    "must be after its opens_at".to_owned(),
-                );
+                refuse("closes_at", "must be after its opens_at");
             }
         }
     }
 
     fn check_suite(&self, check: Check, refuse: &mut impl FnMut(&str, String)) {
-        if !(1..=SEEDS_MAX).contains(&self.seeds) {
-            refuse("suite.seeds", format!("must be from 1 to {SEEDS_MAX}, is {}", self.seeds));
-        }
+        check_count("suite.seeds", self.seeds, SEEDS_MAX, refuse);
         let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
         let unknown = self.tasks.iter().find(|task| TaskName::parse(task).is_none());
         let is_repeated =
@@ -231,20 +216,21 @@ impl Definition {
             refuse("suite.tasks", format!("must name some of {names}, each at most once"));
             return;
         }
-        let mut told: Vec<Problem> = Vec::new();
-        for task in &self.tasks {
-            let Err(errors) = check(&self.settings_of(task)) else { continue };
-            for error in errors.0 {
+        let mut found: Vec<Problem> = Vec::new();
+        for error in self.tasks.iter().filter_map(|task| check(&self.settings_of(task)).err()) {
+            for error in error.0 {
                 let field = match error.field {
                     "rules" => "suite.rules".to_owned(),
                     field => format!("suite.settings.{field}"),
                 };
                 let problem = (field, error.problem);
-                if !told.contains(&problem) {
-                    refuse(&problem.0, problem.1.clone());
-                    told.push(problem);
+                if !found.contains(&problem) {
+                    found.push(problem);
                 }
             }
+        }
+        for (field, problem) in found {
+            refuse(&field, problem);
         }
     }
 
@@ -287,8 +273,8 @@ impl Definition {
         }
     }
 
-    /// The run of an attempt, counted from 1, of whoever declared this, on these seeds. None where there is no such
-    /// attempt.
+    /// The run of an attempt, counted from 1, with this declaration and these seeds. `None` if the competition has
+    /// fewer attempts.
     #[must_use]
     pub fn run(
         &self,
@@ -320,6 +306,17 @@ impl Definition {
             .into_iter()
             .filter(|task| self.tasks.iter().any(|t| t == task.name()))
             .collect()
+    }
+}
+
+fn check_count<T: Copy + Display + PartialOrd + From<u8>>(
+    field: &str,
+    count: T,
+    most: T,
+    refuse: &mut impl FnMut(&str, String),
+) {
+    if !(T::from(1)..=most).contains(&count) {
+        refuse(field, format!("must be from 1 to {most}, is {count}"));
     }
 }
 

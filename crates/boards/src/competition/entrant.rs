@@ -13,7 +13,7 @@ pub struct Entrant {
     pub id: String,
     /// The name that is shown.
     pub name: String,
-    /// What was declared of who plays.
+    /// The declaration of who plays.
     #[serde(flatten)]
     pub declaration: Declaration,
     /// Whether it takes part.
@@ -21,7 +21,7 @@ pub struct Entrant {
     /// Why it does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Whether an organizer answers for it that this is the model.
+    /// Whether an organizer vouches for the model.
     pub vouched: bool,
     /// When it registered.
     pub registered_at: Timestamp,
@@ -38,19 +38,19 @@ pub struct Declaration {
     /// The nucleus of sampling.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub top_p: Option<f64>,
-    /// What else was told.
+    /// Further declarations.
     #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
-    /// What tells prompt templates apart, where it is known without the text.
+    /// The digest of the prompt template, if it is known without the text.
     #[serde(skip)]
     pub template: Option<String>,
 }
 
 impl Declaration {
-    /// Tells prompt templates apart; none for the built-in one.
+    /// The digest of the prompt template; `None` for the built-in one.
     #[must_use]
     pub fn template_digest(&self) -> Option<String> {
         let of_text =

@@ -18,7 +18,7 @@ use swarmbench_journal::record::RawRecord;
 /// The version of this format.
 pub const FORMAT: u32 = 1;
 
-/// A record of the file, told by its field `kind`.
+/// A record of the file; its field `kind` says which.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Line {
@@ -44,13 +44,13 @@ pub struct Competition {
     pub format: u32,
     /// The public id.
     pub id: String,
-    /// What was decided about it.
+    /// Its definition.
     pub definition: Definition,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When everything was opened to all; none where an organizer looks at it earlier.
+    /// When everything was opened to all; `None` in an export before that, for organizers.
     pub revealed_at: Option<Timestamp>,
-    /// What was published when it was created, in hexadecimal.
+    /// The published commitment, in hexadecimal.
     pub commitment: String,
     /// The salt, in hexadecimal.
     pub salt: String,

@@ -1,4 +1,5 @@
-//! Competitions: runs on seeds that nobody knows before the end. //!
+//! Competitions: runs on seeds that are secret until the end.
+//!
 //! - [`definition`]: what an organizer decides, and what is wrong with it.
 //! - [`sealed`]: the seeds, and the commitment that shows that they were never changed.
 //! - [`phase`]: what is open at which time.

@@ -56,8 +56,8 @@ pub enum NotNow {
     Closed(u32, Timestamp),
 }
 
-/// Which attempt is started now: the one that is asked for, or else the first that was not started and is open.
-/// `used` are those that were started and were not voided.
+/// The attempt that is started now: the requested one, or else the first open one that was not started. `used` are the
+/// attempts that were started and not voided.
 ///
 /// # Errors
 /// Why none is.
@@ -83,7 +83,7 @@ pub fn attempt(
     if let Some(wanted) = wanted {
         return check(wanted);
     }
-    // Of those that are left the first that is open; or else the one that opens next, or that closed last.
+    // The first open one, or else the error of the one that opens next, or of the one that closed last.
     let mut later = None;
     let mut missed = None;
     for attempt in (1..).take(all) {
@@ -104,7 +104,7 @@ pub fn attempt(
     }
 }
 
-/// What somebody sees of the board who is no organizer.
+/// What everybody but organizers sees of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardView {
     /// Nothing.

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use swarmbench_clock::Entropy;
 use swarmbench_engine::Seed;
 
-/// Bytes of the salt that is hashed before the seeds, so that the commitment tells nothing of them.
+/// Bytes of the salt that is hashed before the seeds, so that the commitment reveals nothing about them.
 pub const SALT_BYTES: usize = 32;
 
 /// Bytes of a seed.
@@ -31,7 +31,7 @@ impl std::fmt::Debug for Sealed {
 }
 
 impl Sealed {
-    /// Draws a salt and so many seeds.
+    /// Draws a salt and this number of seeds.
     #[must_use]
     pub fn draw(seeds: usize, entropy: &dyn Entropy) -> Self {
         let mut salt = [0; SALT_BYTES];
@@ -56,7 +56,7 @@ impl Sealed {
         hash.finalize().into()
     }
 
-    /// The seeds of the rules for an attempt, counted from 1, of so many seeds each.
+    /// The seeds of the rules for an attempt, counted from 1, if each attempt has `each` seeds.
     #[must_use]
     pub fn of_attempt(&self, attempt: u32, each: u32) -> Vec<Seed> {
         let (attempt, each) = (attempt as usize, each as usize);

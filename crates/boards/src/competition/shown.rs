@@ -70,10 +70,10 @@ pub fn competition(
     }
 }
 
-/// What is open to all after the end.
+/// What is published after the end.
 #[derive(Clone, Debug)]
 pub struct Revealed {
-    /// Since when.
+    /// When it was published.
     pub at: Timestamp,
     /// The salt.
     pub salt: [u8; 32],
@@ -124,7 +124,7 @@ pub fn row(row: &Row, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
         run: row.run.clone(),
         run_status: row.run_status.clone(),
         tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },
-        // Of a single game the total is its score, which nobody is to know before the end.
+        // The total of a single game is its score, which is secret until the end.
         total: row.total.filter(|_| with_tasks || games >= 2),
         invalid_share: share(row.invalid, row.answers),
         clock_share: share(row.timeouts, row.answers + row.timeouts),

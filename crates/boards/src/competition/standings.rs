@@ -46,11 +46,11 @@ pub struct Attempt {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Row {
-    /// 1, 2, 2, 4; none where nothing counts yet, or the entrant takes no part.
+    /// 1, 2, 2, 4; `None` without a counting attempt, and for entrants that withdrew or were disqualified.
     pub rank: Option<u32>,
     /// The entrant's id.
     pub entrant: String,
-    /// The number of the attempt that counts; none where none is over.
+    /// The number of the attempt that counts, if one does.
     pub attempt: Option<u32>,
     /// Its run.
     pub run: Option<String>,
@@ -58,7 +58,7 @@ pub struct Row {
     pub run_status: Option<String>,
     /// Every task of the competition.
     pub tasks: Vec<TaskRow>,
-    /// The sum of the means; none where nothing counts.
+    /// The sum of the means, if an attempt counts.
     pub total: Option<f64>,
     /// Answers that players gave in the games that count.
     pub answers: u64,
@@ -72,11 +72,11 @@ pub struct Row {
     pub attempts: u32,
     /// Voided attempts.
     pub voided_attempts: u32,
-    /// `declared` or `enforced`; none under centralized control.
+    /// `declared` or `enforced`; `None` under centralized control.
     pub decentralization: Option<String>,
 }
 
-/// What an attempt came to in a task.
+/// The result of an attempt in a task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskRow {
@@ -94,14 +94,13 @@ pub struct TaskRow {
     pub voided: u32,
 }
 
-/// What boards say of whether each seat decided for itself: one entrant holds all seats of its games, so it can
-/// pool what they see.
+/// Whether each seat decides for itself: one entrant has all seats of its games, so it can pool what they see.
 #[must_use]
 pub fn decentralization(control: &str) -> Option<Decentralization> {
     (control == "decentralized").then_some(Decentralization::Declared)
 }
 
-/// What an attempt is worth.
+/// The result of an attempt.
 #[must_use]
 pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> RunResult {
     let declaration = &entrant.declaration;
@@ -122,7 +121,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
 }
 
-/// What an attempt came to in each task of the competition.
+/// The result of an attempt in each task of the competition.
 #[must_use]
 pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
     let rows = definition.tasks().into_iter().filter_map(|task| result.task(task));
@@ -137,8 +136,8 @@ pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
     .collect()
 }
 
-/// The board of a competition: entrants with a rank in its order, then those of whom nothing counts yet, then those
-/// who take no part any more.
+/// The board of a competition: entrants with a rank in its order, then those without a counting attempt, then those who
+/// withdrew or were disqualified.
 #[must_use]
 pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
     let pick = match definition.counts {
@@ -306,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn ranks_are_shared_and_whoever_takes_no_part_has_none() {
+    fn ranks_are_shared_and_disqualified_entrants_have_none() {
         let mut entrants = ["a", "b", "c", "d", "e", "f"].map(entrant);
         entrants[4].status = EntrantStatus::Disqualified;
         entrants[4].reason = Some("two accounts".to_owned());
@@ -333,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_abandoned_counts_as_it_stands_and_what_the_host_broke_does_not() {
+    fn an_abandoned_attempt_counts_and_a_voided_one_does_not() {
         let entrants = [entrant("a")];
         let mut abandoned = attempt("a", 1, 10, 4.0);
         abandoned.status = "abandoned".to_owned();

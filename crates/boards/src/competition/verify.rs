@@ -63,7 +63,7 @@ pub struct Report {
     pub head: Head,
 }
 
-/// What is known from elsewhere of the file that is checked.
+/// What was published about the file beforehand.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Expected {
     /// The commitment that was published when the competition was announced.
@@ -167,7 +167,7 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
         Fault::Line { line: self.number, place: self.place.clone(), problem: problem.into() }
     }
 
-    /// Plays the journal that follows, of so many lines.
+    /// Replays the journal that follows, of `lines` lines.
     fn journal(&mut self, lines: usize, head: Head, solver: Solver) -> Result<Played, Fault> {
         let mut section = Section { file: &mut self.file, left: lines };
         let played = replay::verify(&mut section, Some(head), solver, |_, _| {});
@@ -191,7 +191,7 @@ impl<R: BufRead, P: FnMut(usize)> Reader<R, P> {
     }
 }
 
-/// The next so many lines of a file.
+/// A number of lines of a file.
 struct Section<'a, R> {
     file: &'a mut R,
     left: usize,
@@ -209,7 +209,7 @@ impl<R: BufRead> BufRead for Section<'_, R> {
     }
 
     fn consume(&mut self, count: usize) {
-        // What is consumed was shown before, so it is there still.
+        // `fill_buf` has shown these bytes before, so they are still there.
         let ends = self
             .file
             .fill_buf()
@@ -279,7 +279,7 @@ fn check_competition(
     Ok(sealed)
 }
 
-/// All that the file has shown so far.
+/// What was read so far.
 struct Checker {
     competition: export::Competition,
     sealed: Sealed,
@@ -446,7 +446,7 @@ impl Checker {
     }
 }
 
-/// A game, and what its place demands.
+/// A game, and the requirements of its place.
 #[derive(Clone, Copy)]
 struct GameCheck<'a> {
     published: &'a export::Attempt,
@@ -488,7 +488,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_section_is_so_many_lines_however_they_are_read() {
+    fn a_section_ends_after_its_lines_for_any_size_of_the_buffer() {
         let text = "a\nbb\nccc\ndddd\n";
         for buffer in 1..20 {
             for lines in 0..6 {

@@ -24,16 +24,16 @@ use swarmbench_protocol::run::{RunDetail, RunList, RunSummary};
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::digest_of_template;
 
-/// How often the state of all games is polled, for progress.
+/// How often the state of a run is polled, for progress.
 const SYNC: Duration = Duration::from_secs(1);
 
 /// How a run was found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
-    /// Nobody had begun it; of another run of the same player that is not over: its id, and in what it differs.
+    /// It was not begun before. If the same player has another unfinished run: its id, and how it differs.
     New(Option<(String, Vec<String>)>),
     /// It was begun before, and is resumed.
-    GoesOn,
+    Resumed,
     /// It was played before.
     Finished,
 }
@@ -47,8 +47,8 @@ pub enum News<'a> {
     Looked(&'a [Observation]),
     /// An act is durable.
     Acted(&'a SwarmAct, &'a Receipt),
-    /// How all games of the run stand.
-    Stands(&'a RunDetail),
+    /// The state of the run, polled.
+    Polled(&'a RunDetail),
     /// All of it was played.
     Ends(usize, &'a RunDetail),
 }
@@ -57,16 +57,16 @@ pub enum News<'a> {
 pub struct Conductor<'a> {
     /// The server.
     pub client: &'a Client,
-    /// How many games of a new run are open at a time.
+    /// Games of a new run that are open at a time.
     pub parallel: u32,
-    /// Whether a run that was played before is played once more.
+    /// Whether a finished run is played again.
     pub again: bool,
-    /// Cancelled when it is to stop.
+    /// Cancelled to stop.
     pub stop: &'a CancellationToken,
 }
 
 impl Conductor<'_> {
-    /// Resumes a run; `model` is the one that plays it, where one does.
+    /// Creates or resumes a run and plays it to its end, with this model if a model plays.
     ///
     /// # Errors
     /// See [`StopReason`].
@@ -102,7 +102,7 @@ impl Conductor<'_> {
             }
         };
         let run = self.client.run(&run.run.id, Some(&token)).await?;
-        watch(News::Stands(&run));
+        watch(News::Polled(&run));
         if run.run.status != RunStatus::Finished.name() {
             if ended == End::Stopped {
                 return Err(StopReason::Requested);
@@ -113,7 +113,7 @@ impl Conductor<'_> {
         Ok(run)
     }
 
-    /// Drives the seats of a run, and tells now and then how its games stand.
+    /// Drives the seats of a run, and polls its state.
     async fn play<S: Swarm>(
         &self,
         run: &RunDetail,
@@ -122,7 +122,7 @@ impl Conductor<'_> {
         watch: &mut dyn FnMut(News<'_>),
     ) -> Result<End, DriveError<S::Error>> {
         let watch = RefCell::new(watch);
-        let tell = |note: Note<'_>| match note {
+        let report = |note: Note<'_>| match note {
             Note::Looked(looked) => watch.borrow_mut()(News::Looked(looked)),
             Note::Acted(act, receipt) => watch.borrow_mut()(News::Acted(act, receipt)),
         };
@@ -131,19 +131,19 @@ impl Conductor<'_> {
                 SystemClock.sleep_until(after(SystemClock.now(), SYNC)).await;
                 // Failures of the server are reported by the player.
                 if let Ok(run) = self.client.run(&run.run.id, Some(token)).await {
-                    watch.borrow_mut()(News::Stands(&run));
+                    watch.borrow_mut()(News::Polled(&run));
                 }
             }
         };
         let sync: std::pin::Pin<&mut dyn Future<Output = Infallible>> = std::pin::pin!(sync);
-        let driving = std::pin::pin!(drive(self.client, token, swarm, self.stop, tell));
+        let driving = std::pin::pin!(drive(self.client, token, swarm, self.stop, report));
         match select(driving, sync).await {
             Either::Left((ended, _)) => ended,
             Either::Right((never, _)) => match never {},
         }
     }
 
-    /// The run as it was begun before, or else a new one; with its token.
+    /// The run that was begun before, or a new one; with its token.
     async fn find(&self, planned: &Planned) -> Result<(Found, RunDetail, String), StopReason> {
         let identity = planned.identity();
         let runs = self.runs_of(&planned.name()).await?;
@@ -164,7 +164,7 @@ impl Conductor<'_> {
                 Err(error) => return Err(error.into()),
             };
             let run = self.client.run(&run.id, Some(&token)).await?;
-            let found = if is_finished { Found::Finished } else { Found::GoesOn };
+            let found = if is_finished { Found::Finished } else { Found::Resumed };
             return Ok((found, run, token));
         }
         let unfinished = |run: &&RunSummary| run.status == RunStatus::Running.name();
@@ -198,7 +198,7 @@ impl Conductor<'_> {
 
 fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReason) -> StopReason {
     match error {
-        // The token was good when it was given out a moment ago.
+        // The token was valid a moment ago.
         DriveError::Client(error @ ClientError::Refused { .. }) if matches!(&error, ClientError::Refused { problem, .. } if problem.code == "unauthorized") => {
             StopReason::Play(format!(
                 "another call plays this run now, so the token of this one is worth nothing any more: {error}"
@@ -210,15 +210,15 @@ fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReas
     }
 }
 
-/// In what a run is another than the planned one, in words.
+/// How a run differs from the planned one, in words.
 fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     let settings = Settings::from(&run.suite.settings);
     let was = |axis| value(axis, &run.suite.rules, &settings, [run.temperature, run.top_p]);
-    let said = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+    let text = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
     let mut found = Vec::new();
     let mut compare = |what: &str, was: Option<String>, is: Option<String>| {
         if was != is {
-            found.push(format!("{what} {} instead of {}", said(is), said(was)));
+            found.push(format!("{what} {} instead of {}", text(is), text(was)));
         }
     };
     compare("tasks", Some(run.suite.tasks.join(" + ")), Some(planned.suite.tasks.join(" + ")));

@@ -7,19 +7,19 @@ use swarmbench_engine::TaskName;
 
 use super::experiment::Shape;
 use super::plan::{Plan, Planned, Who, ranges};
-use swarmbench_protocol::run::{ActTally, RunDetail};
-use swarmbench_protocol::table::{text, write_csv};
+use swarmbench_protocol::run::{ActTally, RunDetail, TaskResult};
+use swarmbench_protocol::table::{names, text, write_csv};
 
 /// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// What it is called.
+    /// Its name.
     pub experiment: String,
-    /// What it is for.
+    /// Its purpose.
     pub description: Option<String>,
-    /// The settings that are the same in all its runs, and not those of the standard setting.
+    /// The settings that all runs share and that differ from the standard setting.
     pub settings: BTreeMap<&'static str, String>,
-    /// Those that are not the same.
+    /// The settings that differ between runs.
     pub varied: Vec<&'static str>,
     /// The tasks.
     pub tasks: Vec<&'static str>,
@@ -32,23 +32,23 @@ pub struct Report {
 pub struct Row {
     /// Who played.
     pub model: String,
-    /// Whether that is a language model; else it is a built-in player.
+    /// Whether that is a language model, not a built-in player.
     pub is_model: bool,
-    /// The settings that were varied, in the order of the report; none where it has none.
+    /// The values of the varied settings, in the order of the report.
     pub varied: Vec<Option<String>>,
     /// The id of the run.
     pub run: String,
-    /// `finished`, or its status.
+    /// Its status.
     pub status: String,
     /// The seeds.
     pub seeds: String,
-    /// What it came to in each of its tasks.
+    /// The results, task by task.
     pub tasks: Vec<Cell>,
-    /// The sum of the means, where it played all tasks of the report.
+    /// The sum of the means, if it played all tasks of the report.
     pub total: Option<f64>,
-    /// What its acts were.
+    /// Its acts, counted.
     pub acts: ActTally,
-    /// Whether all its journals were played again, and came to the same.
+    /// Whether a replay of all its journals gave the same results.
     pub verified: bool,
 }
 
@@ -57,17 +57,17 @@ pub struct Row {
 pub struct Cell {
     /// The task.
     pub task: String,
-    /// The mean over the seeds; none as long as no game has ended.
+    /// The mean over the seeds, once a game has ended.
     pub mean: Option<f64>,
     /// The population standard deviation over the seeds.
     pub deviation: Option<f64>,
-    /// The least score of a game that has ended.
+    /// The lowest score of a game that has ended.
     pub least: Option<f64>,
-    /// The greatest.
+    /// The highest.
     pub most: Option<f64>,
-    /// How many games have ended and count.
+    /// Games that have ended and count.
     pub games: u32,
-    /// How many there are to be.
+    /// Planned games.
     pub planned: u32,
 }
 
@@ -78,7 +78,7 @@ pub struct Played {
     pub planned: Planned,
     /// Its status.
     pub run: RunDetail,
-    /// Whether all its journals were played again.
+    /// Whether all its journals were replayed.
     pub verified: bool,
 }
 
@@ -109,34 +109,27 @@ impl Report {
     /// The board as headings and rows of texts, for people.
     #[must_use]
     pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
-        let varied = self.varied.iter().map(|axis| axis.replace('_', " "));
-        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let mut headings = own(&["model"]);
-        headings.extend(varied);
-        match shape {
+        let mut headings = vec!["model".to_owned()];
+        headings.extend(self.varied.iter().map(|axis| axis.replace('_', " ")));
+        let mut add = |names: &[&str]| headings.extend(names.iter().map(|&name| name.to_owned()));
+        let rows = match shape {
             Shape::Wide => {
-                headings.extend(own(&self.tasks));
+                add(&self.tasks);
                 if self.has_totals() {
-                    headings.extend(own(&["total"]));
+                    add(&["total"]);
                 }
-                headings.extend(own(&["games"]));
+                add(&["games"]);
                 if self.has_models() {
-                    headings.extend(own(&["invalid", "tokens in", "out"]));
+                    add(&["invalid", "tokens in", "out"]);
                 }
-                (headings, self.rows.iter().map(|row| self.wide(row)).collect())
+                self.rows.iter().map(|row| self.wide(row)).collect()
             }
             Shape::Long => {
-                headings.extend(own(&[
-                    "task",
-                    "mean ± deviation",
-                    "least",
-                    "most",
-                    "games",
-                    "seeds",
-                ]));
-                (headings, self.rows.iter().flat_map(Self::long).collect())
+                add(&["task", "mean ± deviation", "least", "most", "games", "seeds"]);
+                self.rows.iter().flat_map(Self::long).collect()
             }
-        }
+        };
+        (headings, rows)
     }
 
     fn wide(&self, row: &Row) -> Vec<String> {
@@ -156,8 +149,10 @@ impl Report {
             cells.push(share.map_or_else(String::new, |share| format!("{:.1} %", share * 100.0)));
             // Not every endpoint reports usage.
             let tokens = [row.acts.prompt_tokens, row.acts.completion_tokens];
-            let is_told = tokens != [0, 0];
-            cells.extend(tokens.map(|count| if is_told { short(count) } else { "–".to_owned() }));
+            let is_reported = tokens != [0, 0];
+            cells.extend(
+                tokens.map(|count| if is_reported { short(count) } else { "–".to_owned() }),
+            );
         }
         cells
     }
@@ -194,22 +189,12 @@ impl Report {
     /// The board as comma-separated values: a line for each run and task, numbers in full.
     #[must_use]
     pub fn csv(&self) -> String {
-        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let columns = [
-            own(&["experiment", "model"]),
-            own(&self.varied),
-            own(&[
-                "task", "mean", "std", "least", "most", "games", "planned", "seeds", "run",
-                "status",
-            ]),
-            own(&[
-                "verified",
-                "run_acts",
-                "run_invalid",
-                "run_prompt_tokens",
-                "run_completion_tokens",
-            ]),
-        ];
+        let columns = names("experiment model")
+            .chain(self.varied.iter().map(|&axis| axis.to_owned()))
+            .chain(names(
+                "task mean std least most games planned seeds run status verified run_acts run_invalid \
+                 run_prompt_tokens run_completion_tokens",
+            ));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
         let line = |row: &Row, cell: &Cell| {
@@ -236,7 +221,7 @@ impl Report {
         };
         let lines =
             self.rows.iter().flat_map(|row| row.tasks.iter().map(move |cell| line(row, cell)));
-        write_csv(&columns.concat(), lines)
+        write_csv(&columns.collect::<Vec<_>>(), lines)
     }
 
     /// The board as JSON.
@@ -250,21 +235,21 @@ impl Report {
 
 impl Row {
     fn of(plan: &Plan, Played { planned, run, verified }: &Played) -> Self {
-        let cell = |told: &swarmbench_protocol::run::TaskResult| {
+        let cell = |result: &TaskResult| {
             let ended = run.games.iter().filter(|game| {
-                game.task == told.task
+                game.task == result.task
                     && game.void_reason.is_none()
                     && !["planned", "running"].contains(&game.status.as_str())
             });
             let scores: Vec<f64> = ended.filter_map(|game| game.score).collect();
             Cell {
-                task: told.task.clone(),
-                mean: told.mean,
-                deviation: told.deviation,
+                task: result.task.clone(),
+                mean: result.mean,
+                deviation: result.deviation,
                 least: scores.iter().copied().reduce(f64::min),
                 most: scores.iter().copied().reduce(f64::max),
-                games: told.played,
-                planned: told.planned,
+                games: result.played,
+                planned: result.planned,
             }
         };
         let plays = |task: &TaskName| run.run.suite.tasks.iter().any(|own| own == task.name());
@@ -303,12 +288,12 @@ fn number(number: Option<f64>) -> String {
     number.map_or_else(String::new, |number| format!("{number:.2}"))
 }
 
-/// How many of how many; the number alone where it is all of them.
+/// A part of a whole; the number alone if they are equal.
 fn of(part: u32, all: u32) -> String {
     if part == all { all.to_string() } else { format!("{part} of {all}") }
 }
 
-/// A count of tokens in short.
+/// A count of tokens in three or so digits.
 #[must_use]
 pub fn short(count: u64) -> String {
     #[expect(clippy::cast_precision_loss, reason = "three digits are shown")]

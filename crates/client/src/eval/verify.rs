@@ -12,22 +12,22 @@ use swarmbench_journal::replay::verify;
 use swarmbench_protocol::run::RunDetail;
 use swarmbench_protocol::suite::Game;
 
-/// Journals that are read at once.
+/// Concurrent downloads of journals.
 const AT_ONCE: usize = 4;
 
-/// What was found right.
+/// What was verified.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
     /// Games.
     pub games: u64,
-    /// Rounds that were played again.
+    /// Replayed rounds.
     pub rounds: u64,
 }
 
-/// A run that is not what the server says.
+/// Why a run is not verified.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// What is needed cannot be read.
+    /// A request failed.
     #[error(transparent)]
     Client(#[from] ClientError),
     /// It is another run than was planned, or its numbers do not follow from its journals.
@@ -40,8 +40,8 @@ pub enum Fault {
     },
 }
 
-/// Plays all journals of a run again: every hash, digest, act and score; that they are the games that were planned, by
-/// their settings; and that the means follow from them. `progress` is called after each game.
+/// Replays all journals of a run, and checks every hash, digest, act and score, that the games have the planned
+/// settings, and that the means follow from them. `progress` is called after each game.
 ///
 /// # Errors
 /// The first fault.
@@ -54,14 +54,12 @@ pub async fn verify_run(
     let wrong = |problem: String| Fault::Wrong { run: run.run.id.clone(), problem };
     let mut counted: Vec<(Game, String)> = Vec::new();
     for game in planned.suite.plan() {
-        let mut played =
-            run.games.iter().filter(|of| of.slot == game.slot && of.void_reason.is_none());
-        match played.next().and_then(|of| of.episode.clone()) {
-            Some(episode) => counted.push((game, episode)),
-            None => {
-                return Err(wrong(format!("{} on seed {} was not played", game.task, game.seed)));
-            }
-        }
+        let mut games = run.games.iter();
+        let played = games.find(|of| of.slot == game.slot && of.void_reason.is_none());
+        let episode = played
+            .and_then(|of| of.episode.clone())
+            .ok_or_else(|| wrong(format!("{} on seed {} was not played", game.task, game.seed)))?;
+        counted.push((game, episode));
     }
     let games = counted.iter().map(|(game, episode)| check(client, planned, game, episode));
     let checked: Vec<(TaskName, f64, u64)> = stream::iter(games)
@@ -78,11 +76,11 @@ pub async fn verify_run(
     for task in planned.tasks() {
         let scores: Vec<f64> =
             checked.iter().filter(|(of, ..)| *of == task).map(|(_, score, _)| *score).collect();
-        let told = run.run.tasks.iter().find(|told| told.task == task.name());
-        let told = told.and_then(|told| told.mean.zip(told.deviation));
-        if told != mean_and_deviation(&scores) {
+        let shown = run.run.tasks.iter().find(|shown| shown.task == task.name());
+        let shown = shown.and_then(|shown| shown.mean.zip(shown.deviation));
+        if shown != mean_and_deviation(&scores) {
             return Err(wrong(format!(
-                "the server says {told:?} for {}, and its journals say {:?}",
+                "the server says {shown:?} for {}, and its journals say {:?}",
                 task.name(),
                 mean_and_deviation(&scores)
             )));
@@ -105,7 +103,7 @@ impl From<ClientError> for GameFault {
     }
 }
 
-/// Plays one game again: its task, score, and how many rounds it had.
+/// Replays one game: its task, score, and number of rounds.
 async fn check(
     client: &Client,
     planned: &Planned,
@@ -138,10 +136,10 @@ async fn check(
     if report.opening.config.model != planned.name() {
         return Err(wrong(format!("it was played by {:?}", report.opening.config.model)));
     }
-    let told = (shown.score, result.score, result.rounds);
-    if told != (report.score, report.score, report.rounds) {
+    let shown = (shown.score, result.score, result.rounds);
+    if shown != (report.score, report.score, report.rounds) {
         return Err(wrong(format!(
-            "the server says {told:?}, and played again it comes to {} in {} rounds",
+            "the server says {shown:?}, and played again it comes to {} in {} rounds",
             report.score, report.rounds
         )));
     }

@@ -10,7 +10,7 @@ use super::gate::Gate;
 use super::stop::Stop;
 use swarmbench_clock::Clock;
 
-/// Requests at once, tokens in all, and the clock by which everybody waits. Cloning shares it.
+/// The limits of concurrent requests and of all tokens, and the clock for waiting. Cloning shares it.
 #[derive(Clone)]
 pub struct Allowance(Arc<Inner>);
 
@@ -48,8 +48,8 @@ impl Allowance {
         }))
     }
 
-    /// Tokens that were spent so far. Where an endpoint does not tell how many an answer cost, four bytes of prompt and
-    /// answer count as one.
+    /// Tokens that were spent so far. If an endpoint reports no usage, four bytes of prompt and answer count as a
+    /// token.
     #[must_use]
     pub fn spent(&self) -> u64 {
         self.0.spent.load(Ordering::Relaxed)

@@ -27,7 +27,7 @@ use super::stop::Stop;
 /// The version of the format.
 pub const VERSION: u32 = 1;
 
-/// Bytes of a line that are read: far more than an answer has.
+/// Bytes of a line: far more than an answer has.
 const LINE_BYTES_MAX: u64 = 16 * 1024 * 1024;
 
 /// What the first line of every cassette names.
@@ -44,7 +44,7 @@ struct Inner {
     tape: Mutex<Tape>,
 }
 
-/// The file, and what is where in it: answers stay in the file, as there may be many.
+/// The file and its index. Answers stay in the file, as there may be many.
 #[derive(Debug)]
 struct Tape {
     file: File,
@@ -66,6 +66,12 @@ type Hash = [u8; 32];
 struct Header {
     cassette: String,
     version: u32,
+}
+
+impl Header {
+    fn current() -> Self {
+        Self { cassette: NAME.to_owned(), version: VERSION }
+    }
 }
 
 /// A line that declares a model by the body of its requests.
@@ -97,7 +103,7 @@ enum Line {
 }
 
 impl Cassette {
-    /// Opens a cassette to be added to, or begins one. It is for one process at a time.
+    /// Opens or creates a cassette for recording, by one process at a time.
     ///
     /// # Errors
     /// [`Stop::Cassette`] where it cannot be written, is no cassette, or is in use.
@@ -105,7 +111,7 @@ impl Cassette {
         Self::open(path, true)
     }
 
-    /// Opens a cassette that answers alone: no endpoint is ever asked.
+    /// Opens a cassette for replay: no endpoint is ever asked.
     ///
     /// # Errors
     /// [`Stop::Cassette`] where it cannot be read or is no cassette.
@@ -141,8 +147,7 @@ impl Cassette {
                 tape.file.set_len(tape.end).map_err(failed)?;
             }
             if tape.end == 0 {
-                let header = Header { cassette: NAME.to_owned(), version: VERSION };
-                tape.write(&header).map_err(failed)?;
+                tape.write(&Header::current()).map_err(failed)?;
             }
         } else if tape.end == 0 {
             return Err(wrong("it is empty".to_owned()));
@@ -156,7 +161,7 @@ impl Cassette {
         &self.0.path
     }
 
-    /// Whether it answers alone.
+    /// Whether it only replays.
     #[must_use]
     pub fn is_replay(&self) -> bool {
         !self.0.is_recording
@@ -201,13 +206,13 @@ impl Inner {
 #[derive(Clone, Debug)]
 pub(super) struct RecordedModel {
     cassette: Cassette,
-    /// None where the cassette has no answers of this model, and takes none.
+    /// `None` if the cassette has no answers of this model, and does not record.
     number: Option<usize>,
     body: Map<String, Value>,
 }
 
 impl RecordedModel {
-    /// The answer to a question; none where the endpoint may be asked.
+    /// The answer to a question; `None` if the endpoint may be asked.
     pub(super) fn find(&self, question: &Question) -> Result<Option<Answer>, Stop> {
         let Cassette(inner) = &self.cassette;
         let mut tape = inner.tape();
@@ -225,8 +230,8 @@ impl RecordedModel {
         }
     }
 
-    /// Keeps an answer.
-    pub(super) fn keep(&self, question: &Question, answer: &Answer) -> Result<(), Stop> {
+    /// Records an answer.
+    pub(super) fn record(&self, question: &Question, answer: &Answer) -> Result<(), Stop> {
         let Cassette(inner) = &self.cassette;
         let Some(voice) = self.number else { return Ok(()) };
         let line = AnswerLine {
@@ -347,18 +352,17 @@ fn check_header(line: &[u8], is_whole: bool) -> Result<(), String> {
         Some(Header { version, .. }) => {
             Err(format!("is of version {version}, and this program reads version {VERSION}"))
         }
-        None if !is_whole && first_line().starts_with(line) => Ok(()),
+        None if !is_whole && json(&Header::current()).starts_with(line) => Ok(()),
         None => Err("is another kind of file".to_owned()),
     }
 }
 
-fn first_line() -> Vec<u8> {
-    let header = Header { cassette: NAME.to_owned(), version: VERSION };
-    serde_json::to_vec(&header).expect("a header can be written")
+fn json(what: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(what).expect("texts and numbers can be written")
 }
 
 fn hash(what: &impl Serialize) -> Hash {
-    Sha256::digest(serde_json::to_vec(what).expect("texts and numbers can be written")).into()
+    Sha256::digest(json(what)).into()
 }
 
 /// SHA-256 of a prompt.

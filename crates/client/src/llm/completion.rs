@@ -8,53 +8,51 @@ use serde_json::Value;
 
 use swarmbench_protocol::act::Usage;
 
-/// Bytes of a response that are kept, as JSON writes them. With [`REASONING_BYTES_MAX`] it is far less than an act may
+/// Bytes of a response in JSON; longer ones are cut. With [`REASONING_BYTES_MAX`] it is far less than an act may
 /// have, and the journal has room for as much in every act of an episode of usual size: 12 agents, 100 rounds.
 pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 
-/// Bytes of reasoning that are kept, as JSON writes them.
+/// Bytes of reasoning in JSON; longer ones are cut.
 pub const REASONING_BYTES_MAX: usize = 16 * 1024;
 
-/// No answer costs more tokens than this; larger numbers are not believed.
+/// Larger token counts are ignored as wrong.
 const TOKENS_MAX: u64 = 1 << 40;
 
 /// Characters of an endpoint's words that are quoted.
 const SAID_CHARS_MAX: usize = 300;
 
-/// What a model made of a question.
+/// The answer of a model to a question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// The text of the answer, for the `response` of an act; empty where there was none. It is as the model wrote it,
-    /// `<think>` and all: what counts in it is for the rules to say. Of more than [`RESPONSE_BYTES_MAX`] the end is kept, as
-    /// the last marker counts.
+    /// `<think>` and all: what counts in it is for the rules to say. A response longer than [`RESPONSE_BYTES_MAX`] is
+    /// cut at its beginning, as the last marker counts.
     pub response: String,
-    /// What it cost, as far as the endpoint tells, and how long the successful request took.
+    /// The tokens that the endpoint reported, and the duration of the successful request.
     #[serde(default)]
     pub usage: Usage,
-    /// What the model thought, where the endpoint tells that apart, or said in its refusal. Of more than
-    /// [`REASONING_BYTES_MAX`] the beginning is kept.
+    /// The reasoning, if the endpoint separates it, and the words of a refusal. Cut at its end after
+    /// [`REASONING_BYTES_MAX`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
-    /// In which way the answer is none or not whole. The act is sent all the same: whether it counts is for the
-    /// server to say.
+    /// Why the answer is empty or cut. The act is sent all the same: the server decides whether it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
-    /// How many times the question was asked again before this answer came.
+    /// Retries before this answer.
     #[serde(skip)]
     pub retries: u32,
 }
 
 swarmbench_engine::named! {
-    /// In which way a model failed to answer. It is the model's own doing, so it costs the model its move and is not tried
-    /// again.
+    /// How a model failed to answer. The fault is the model's own, so it costs the model its move and is not retried.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Failure {
         /// It refused.
         Refusal = "refusal",
-        /// A filter of the endpoint took the question or the answer away, whole or in part.
+        /// A filter of the endpoint removed the question or the answer, or a part of it.
         ContentFilter = "content_filter",
-        /// It came to the end of its tokens; what there is may still hold a decision.
+        /// It used up its tokens; the cut answer may still contain a decision.
         Truncated = "truncated",
         /// It said nothing.
         Empty = "empty",
@@ -67,7 +65,7 @@ impl std::fmt::Display for Failure {
     }
 }
 
-/// An answer, and what it costs of the budget where the endpoint tells.
+/// An answer, and its tokens if the endpoint reports them.
 #[derive(Debug)]
 pub(super) struct Completion {
     pub(super) answer: Answer,
@@ -93,7 +91,7 @@ fn whole_characters(json: &str) -> String {
     while let Some(at) = rest.find('\\') {
         let (before, escape) = rest.split_at(at);
         whole.push_str(before);
-        let (kept, taken) = match (unit(escape), escape.get(6..).and_then(unit)) {
+        let (replacement, taken) = match (unit(escape), escape.get(6..).and_then(unit)) {
             (Some(0xD800..=0xDBFF), Some(0xDC00..=0xDFFF)) => (&escape[..12], 12),
             (Some(0xD800..=0xDFFF), _) => ("\u{FFFD}", 6),
             // With the character after it, which may be another backslash.
@@ -102,14 +100,14 @@ fn whole_characters(json: &str) -> String {
                 (&escape[..taken], taken)
             }
         };
-        whole.push_str(kept);
+        whole.push_str(replacement);
         rest = &escape[taken..];
     }
     whole.push_str(rest);
     whole
 }
 
-/// Reads a body that came with success; none where it is no chat completion.
+/// Reads the body of a successful answer; `None` if it is no chat completion.
 pub(super) fn read(body: &Value) -> Option<Completion> {
     let choices = body.get("choices")?.as_array()?;
     let choice = choices.first().unwrap_or(&Value::Null);
@@ -149,7 +147,7 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     Some(Completion { answer, tokens })
 }
 
-/// What a content is made of.
+/// The parts of a content.
 #[derive(Default)]
 struct Parts {
     text: String,
@@ -178,29 +176,24 @@ impl Parts {
         match part.get(field).unwrap_or(part) {
             Value::String(text) => into.push_str(text),
             Value::Array(inner) => {
-                inner
-                    .iter()
-                    .filter_map(|part| part["text"].as_str())
-                    .for_each(|text| into.push_str(text));
+                into.extend(inner.iter().filter_map(|part| part["text"].as_str()));
             }
             _ => {}
         }
     }
 }
 
-/// What it cost, and how many tokens that is of the budget.
-fn usage(told: &Value) -> (Usage, Option<u64>) {
+/// The usage, and the tokens that count for the budget.
+fn usage(usage: &Value) -> (Usage, Option<u64>) {
     let sane = |value: &Value| value.as_u64().filter(|tokens| *tokens <= TOKENS_MAX);
-    let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&told[*name]));
+    let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&usage[*name]));
     let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
     let completion_tokens = number(["completion_tokens", "output_tokens"]);
     let sum = prompt_tokens.unwrap_or(0) + completion_tokens.unwrap_or(0);
     // Some count thoughts in the total alone.
-    let total = sane(&told["total_tokens"]).unwrap_or(0).max(sum);
-    (
-        Usage { prompt_tokens, completion_tokens, latency_ms: None },
-        Some(total).filter(|total| *total > 0),
-    )
+    let total = sane(&usage["total_tokens"]).unwrap_or(0).max(sum);
+    let usage = Usage { prompt_tokens, completion_tokens, latency_ms: None };
+    (usage, Some(total).filter(|total| *total > 0))
 }
 
 /// An endpoint's refusal.
@@ -274,19 +267,19 @@ pub(super) fn one_line(text: &str) -> String {
 }
 
 impl Answer {
-    /// Cuts what is too long for an act: of the response the end is kept, of the reasoning the beginning.
+    /// Cuts a response or reasoning that is too long for an act.
     pub(super) fn bounded(mut self) -> Self {
         self.shorten(RESPONSE_BYTES_MAX, REASONING_BYTES_MAX);
         self
     }
 
-    /// Cuts the response and the reasoning to so many bytes, as JSON writes them: for a server that takes less. Of the
-    /// response the end is kept, where the last marker is; of the reasoning the beginning.
+    /// Cuts the response and the reasoning to a number of bytes in JSON, for a server with lower limits. The response
+    /// loses its beginning, as its last marker counts; the reasoning loses its end.
     pub fn shorten(&mut self, response_bytes: usize, reasoning_bytes: usize) {
         if let Some(left_out) = to_leave_out(self.response.chars().rev(), response_bytes) {
-            let kept = self.response.split_off(left_out);
+            let end = self.response.split_off(left_out);
             // What follows this sign on its line is no marker, as the line may have begun with something else.
-            self.response = format!("[… {left_out} bytes left out] {kept}");
+            self.response = format!("[… {left_out} bytes left out] {end}");
         }
         if let Some(reasoning) = &mut self.reasoning
             && let Some(left_out) = to_leave_out(reasoning.chars(), reasoning_bytes)
@@ -298,7 +291,7 @@ impl Answer {
     }
 }
 
-/// How many bytes of a text are left when as many characters as fit were taken; none where it fits whole.
+/// How many bytes of a text do not fit; `None` if all fit.
 fn to_leave_out(text: impl Iterator<Item = char>, most: usize) -> Option<usize> {
     /// What is said in place of the rest.
     const NOTE_BYTES: usize = 48;

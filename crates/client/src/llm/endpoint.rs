@@ -17,7 +17,7 @@ use super::stop::{Said, Stop};
 use swarmbench_clock::{Clock, after, millis, until};
 use swarmbench_protocol::loopback::is_loopback;
 
-/// How long a connection may take to come about.
+/// The timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(30);
 
 /// Bytes of an answer that are read. A book has fewer.
@@ -36,35 +36,35 @@ pub(super) struct Endpoint {
     pub(super) settings: Settings,
     /// The body without the messages.
     pub(super) body: Map<String, Value>,
-    /// Whether anything has ever come from there.
+    /// Whether the endpoint has ever answered.
     has_spoken: AtomicBool,
 }
 
 /// Why there is no answer.
 #[derive(Debug)]
 pub(super) enum Trouble {
-    /// It will not be better the next time.
+    /// A retry cannot help.
     Final(Stop),
-    /// It may be better the next time.
+    /// A retry may help.
     Passing(Passing),
 }
 
-/// What may be better the next time.
+/// A failure that a retry may repair.
 #[derive(Debug)]
 pub(super) struct Passing {
     pub(super) kind: Kind,
     /// For people.
     pub(super) said: String,
-    /// How long the endpoint wants to be left alone.
+    /// The pause that the endpoint asks for.
     pub(super) wait: Option<Duration>,
-    /// Whether nobody was there, as ever: the address may be wrong.
+    /// Whether the endpoint never answered, so that the address may be wrong.
     pub(super) is_nobody: bool,
 }
 
 /// What kind of trouble it was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// The endpoint is asked too much.
+    /// The endpoint is overloaded.
     Load,
     /// No answer in time.
     TimeOut,
@@ -275,7 +275,7 @@ impl Endpoint {
         Ok(body)
     }
 
-    /// Somebody else's words, without the key. It goes first: a cut could leave a part of it.
+    /// A quotation without the key, which is removed before the text is cut: a cut could leave a part of it.
     fn quoted(&self, text: &str) -> String {
         one_line(&self.settings.key.redacted(text))
     }
@@ -305,7 +305,7 @@ fn is_about_credit(name: &str) -> bool {
     .contains(&name)
 }
 
-/// What to change in a request that is refused, where its refusal tells.
+/// What to change in a refused request, if the refusal names it.
 fn hint(refusal: &Refusal) -> String {
     let hints: [(&[&str], &str); 7] = [
         (
@@ -327,7 +327,7 @@ fn hint(refusal: &Refusal) -> String {
     found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
 }
 
-/// How long the endpoint wants to be left alone: milliseconds, seconds, or until a date.
+/// The pause that the endpoint asks for, in milliseconds, in seconds, or until a date.
 fn wait_of(headers: &HeaderMap, now: Timestamp) -> Option<Duration> {
     let text = |name: &str| Some(headers.get(name)?.to_str().ok()?.trim().to_owned());
     let number = |text: String, unit: f64| {
@@ -336,10 +336,10 @@ fn wait_of(headers: &HeaderMap, now: Timestamp) -> Option<Duration> {
     if let Some(wait) = text("retry-after-ms").and_then(|ms| number(ms, 1e-3)) {
         return Some(wait);
     }
-    let told = text(RETRY_AFTER.as_str())?;
-    let date = |told: String| {
-        let at = Timestamp::try_from(httpdate::parse_http_date(&told).ok()?).ok()?;
+    let asked = text(RETRY_AFTER.as_str())?;
+    let date = |text: &str| {
+        let at = Timestamp::try_from(httpdate::parse_http_date(text).ok()?).ok()?;
         Some(until(now, at))
     };
-    number(told.clone(), 1.0).or_else(|| date(told))
+    number(asked.clone(), 1.0).or_else(|| date(&asked))
 }

@@ -31,7 +31,7 @@ struct State {
     answers: usize,
     /// When the next request may begin.
     open_at: Timestamp,
-    /// How often it has closed; a request that began before the last time tells nothing new by being refused.
+    /// How often it has closed. The refusal of a request that began before the last time is no news.
     closings: u64,
     /// Refusals in a row, without an answer between them.
     refusals: u32,
@@ -89,7 +89,7 @@ impl Pass<'_> {
         clock.now() >= state.open_at
     }
 
-    /// The endpoint answered: it bears more.
+    /// The endpoint answered: more requests may be in flight.
     pub(super) fn answered(self) {
         let mut state = self.gate.state();
         state.refusals = 0;
@@ -109,8 +109,8 @@ impl Pass<'_> {
         }
     }
 
-    /// The endpoint refused for its load, and maybe said when to come again. Gives how often in a row it has, where the
-    /// gate is to stay closed for ever after so many: the pauses are used up.
+    /// The endpoint refused for its load, and may have `asked` for a pause. The error is the number of refusals in a
+    /// row after which no pauses are left.
     pub(super) fn refused(
         self,
         asked: Option<Duration>,

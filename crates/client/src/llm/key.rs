@@ -4,10 +4,10 @@ use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};
 
 /// Replaces the key in texts.
-const STANDS_FOR_IT: &str = "[key]";
+const PLACEHOLDER: &str = "[key]";
 
-/// From this length on a key cannot be in an answer by chance, so there too it is taken out. Local endpoints are
-/// given keys such as `EMPTY`, which a model may well say.
+/// A key of this length cannot be in an answer by chance, so it is removed from answers, too. Local endpoints often
+/// have keys such as `EMPTY`, which a model may well say.
 const SECRET_BYTES_MIN: usize = 16;
 
 /// It has characters that no key has.
@@ -23,8 +23,8 @@ pub struct ApiKey {
 }
 
 impl ApiKey {
-    /// The key that an environment variable holds; `value` is none where the variable is not set. White space around
-    /// it is no part of the key, and an empty one is none: endpoints on one's own machine mostly ask for none.
+    /// The key in an environment variable; `value` is `None` if the variable is not set. White space around the key is
+    /// removed, and an empty value is no key: local endpoints mostly need none.
     #[must_use]
     pub fn new(variable: impl Into<String>, value: Option<String>) -> Self {
         let is_set = value.is_some();
@@ -44,8 +44,8 @@ impl ApiKey {
         self.secret.is_some()
     }
 
-    /// The header that shows it. None can where the key has characters beyond ASCII: endpoints would read them, and quote
-    /// them, in ways by which nobody knows the key again to take it out.
+    /// The header with the key. A key must be ASCII: endpoints decode and quote other characters in ways in which the
+    /// key could not be recognized and removed.
     pub(super) fn header(&self) -> Option<Result<HeaderValue, NoKey>> {
         let secret = self.secret.as_ref()?.expose_secret();
         let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("Bearer {secret}")));
@@ -67,12 +67,12 @@ impl ApiKey {
     /// A text without the key.
     pub(super) fn redacted(&self, text: &str) -> String {
         match &self.secret {
-            Some(secret) => text.replace(secret.expose_secret(), STANDS_FOR_IT),
+            Some(secret) => text.replace(secret.expose_secret(), PLACEHOLDER),
             None => text.to_owned(),
         }
     }
 
-    /// What a model said without the key, which an endpoint may have shown to it.
+    /// The words of a model without the key, which an endpoint may have shown to it.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         match &self.secret {
             Some(secret)
@@ -85,7 +85,7 @@ impl ApiKey {
         }
     }
 
-    /// Whether a text holds it.
+    /// Whether a text contains the key.
     pub(super) fn is_in(&self, text: &str) -> bool {
         self.secret.as_ref().is_some_and(|secret| text.contains(secret.expose_secret()))
     }

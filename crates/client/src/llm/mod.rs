@@ -11,7 +11,7 @@
 //! A question has one message, the prompt, and no history: what an agent remembers is for the rules of the game to
 //! say, and it is in the prompt. The public toolkit asks the same way.
 //!
-//! - [`settings`]: which model is asked, where and how. [`key`]: its key, which nobody gets to see.
+//! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown.
 //! - [`allowance`]: requests at once and tokens, shared by all models of an evaluation.
 //! - [`cassette`]: answers in a file.
 //! - [`completion`]: what an endpoint's answer says. [`stop`]: why there is none.
@@ -48,8 +48,7 @@ use spent::Counters;
 
 use swarmbench_clock::{after, millis};
 
-/// How many times an address is tried again where no request was ever answered: it may be wrong, and a user who mistyped it is
-/// not to wait for minutes.
+/// Retries of an address that never answered. It may be mistyped, and then its user must not wait for minutes.
 const NOBODY_RETRIES: u32 = 2;
 
 /// A question to a model.
@@ -76,7 +75,7 @@ struct Inner {
     gate: Arc<Gate>,
     recorded: Option<RecordedModel>,
     counters: Counters,
-    /// What stopped it for good, told to all who ask later.
+    /// Why it stopped for ever; the error of all later questions.
     stop: OnceLock<Stop>,
     /// Wakes those who pause when it has stopped.
     stopped: CancellationToken,
@@ -116,8 +115,8 @@ impl Model {
     /// Sends a request. Dropping the future cancels it; an answer that has arrived is on the cassette by then.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are returned to everybody who
-    /// asks this model later, without asking the endpoint.
+    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are also the errors of all
+    /// later questions to this model.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let inner = &*self.0;
         if let Some(recorded) = &inner.recorded
@@ -129,7 +128,7 @@ impl Model {
         let completion = inner.ask(question).await?;
         inner.counters.answered(&completion.answer, completion.tokens.is_none());
         if let Some(recorded) = &inner.recorded {
-            recorded.keep(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
+            recorded.record(question, &completion.answer).map_err(|stop| inner.stop(stop))?;
         }
         Ok(completion.answer)
     }
@@ -195,7 +194,7 @@ impl Inner {
                 Err(retries + 1)
             } else {
                 drop(pass);
-                // It knows better when to come again, but it may not know how often it has said so.
+                // The endpoint's own pause may be too short if it asks for one again and again.
                 pauses
                     .next()
                     .map(|grown| Some(wait.unwrap_or_default().max(grown)))
@@ -215,7 +214,7 @@ impl Inner {
         }
     }
 
-    /// Waits for something, as long as this model may still be asked.
+    /// Waits for something, or until this model has stopped.
     async fn unless_stopped<T>(&self, what: impl Future<Output = T>) -> Result<T, Stop> {
         tokio::select! {
             biased;
@@ -226,7 +225,7 @@ impl Inner {
         }
     }
 
-    /// Stops for good. The first reason is reported.
+    /// Stops for ever. The first reason is reported.
     fn stop(&self, stop: Stop) -> Stop {
         let first = self.stop.get_or_init(|| stop).clone();
         self.stopped.cancel();
@@ -243,7 +242,7 @@ impl Inner {
     }
 }
 
-/// Tokens that an answer takes from the budget: what the endpoint tells, or else a fourth of the bytes.
+/// Tokens of an answer for the budget: as reported by the endpoint, or else a fourth of the bytes.
 fn cost(question: &Question, completion: &Completion) -> u64 {
     completion.tokens.unwrap_or_else(|| {
         let answer = &completion.answer;

@@ -14,12 +14,12 @@ use super::stop::Stop;
 pub struct Settings {
     /// The name of the model, as the endpoint knows it.
     pub model: String,
-    /// The address of the endpoint up to `/chat/completions`, such as `https://api.openai.com/v1`. It is taken as it
-    /// is: with `/v1` or without, a slash at the end does not matter, and a query is kept.
+    /// The address of the endpoint up to `/chat/completions`, such as `https://api.openai.com/v1`. `/v1` is not
+    /// added; a slash at the end is ignored, and a query stays.
     pub api_base: String,
     /// The key, if the endpoint wants one.
     pub key: ApiKey,
-    /// What the answers are drawn with.
+    /// The sampling.
     pub sampling: Sampling,
     /// Further fields of the request's body, such as `reasoning_effort`.
     pub extra: Map<String, Value>,
@@ -39,7 +39,7 @@ impl Settings {
     /// Ten minutes.
     pub const PATIENCE: Duration = Duration::from_mins(10);
 
-    /// A model with the usual settings: what is drawn is left to the endpoint.
+    /// A model with default settings; the endpoint decides the sampling.
     #[must_use]
     pub fn new(model: impl Into<String>, api_base: impl Into<String>, key: ApiKey) -> Self {
         Self {
@@ -54,11 +54,10 @@ impl Settings {
         }
     }
 
-    /// All fields of the body but the messages: what makes one model's answers another's. A cassette keeps answers
-    /// under this.
+    /// All fields of the body except the messages. Cassettes identify models by it.
     ///
     /// # Errors
-    /// [`Stop::Settings`] where a further field is one that has its own place, or holds the key.
+    /// [`Stop::Settings`] if a further field has its own setting, or contains the key.
     pub fn body(&self) -> Result<Map<String, Value>, Stop> {
         let Sampling { temperature, top_p, max_tokens, seed } = self.sampling;
         let own = [
@@ -68,12 +67,8 @@ impl Settings {
             ("max_tokens", max_tokens.map(|value| json!(value))),
             ("seed", seed.map(|value| json!(value))),
         ];
-        let mut body = Map::new();
-        for (name, value) in own {
-            if let Some(value) = value {
-                body.insert(name.to_owned(), value);
-            }
-        }
+        let own = own.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        let mut body: Map<String, Value> = own.collect();
         for (name, value) in &self.extra {
             if ["model", "messages", "stream", "n"].contains(&name.as_str()) {
                 return Err(Stop::Settings(format!(
@@ -98,7 +93,7 @@ impl Settings {
     /// Where questions go.
     ///
     /// # Errors
-    /// [`Stop::Settings`] where the address is none, or holds credentials.
+    /// [`Stop::Settings`] if this is no address, or it contains credentials.
     pub(super) fn url(&self) -> Result<Url, Stop> {
         let wrong = |what: &str| {
             Stop::Settings(format!(
@@ -130,15 +125,15 @@ impl Settings {
     }
 }
 
-/// What answers are drawn with. What is left out is not sent, so the endpoint's own value counts.
+/// The sampling parameters. A parameter that is left out is not sent, so the endpoint's default applies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sampling {
-    /// How freely: 0 takes the likeliest token.
+    /// The temperature: 0 takes the likeliest token.
     pub temperature: Option<f64>,
-    /// From which share of the likeliest tokens.
+    /// The nucleus: the share of the likeliest tokens.
     pub top_p: Option<f64>,
-    /// Tokens of an answer at most.
+    /// The maximum number of tokens of an answer.
     pub max_tokens: Option<u64>,
-    /// With which seed, where the endpoint takes one.
+    /// The seed, for endpoints that take one.
     pub seed: Option<i64>,
 }

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard};
 use super::completion::{Answer, Failure};
 use super::endpoint::Kind;
 
-/// What a model was asked and has spent since it was made. Nothing here is estimated.
+/// Requests and tokens of a model since it was created. Nothing here is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spent {
     /// Requests that were begun, those of retries included.
@@ -14,23 +14,23 @@ pub struct Spent {
     pub in_flight: u64,
     /// Questions that the endpoint answered.
     pub answers: u64,
-    /// Questions that a cassette answered; what they cost once is not counted again.
+    /// Questions that a cassette answered; their tokens are not counted again.
     pub replayed: u64,
     /// How often a question was asked again.
     pub retries: u64,
-    /// Tokens of prompts, as far as the endpoint tells.
+    /// Tokens of prompts that the endpoint reported.
     pub prompt_tokens: u64,
-    /// Tokens of answers, as far as the endpoint tells.
+    /// Tokens of answers that the endpoint reported.
     pub completion_tokens: u64,
     /// Answers without usage.
     pub unmetered: u64,
-    /// Answers that are none or not whole, those of a cassette included.
+    /// Empty, refused or cut answers, those of a cassette included.
     pub failures: Failures,
-    /// Requests that came to nothing.
+    /// Failed requests.
     pub troubles: Troubles,
 }
 
-/// Answers that are none or not whole, by kind.
+/// Empty, refused or cut answers, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Failures {
     /// [`Failure::Refusal`].
@@ -61,7 +61,7 @@ impl Failures {
     }
 }
 
-/// Requests that came to nothing and were tried again, by kind.
+/// Failed requests that were retried, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Troubles {
     /// The endpoint refused for its load.
@@ -72,7 +72,7 @@ pub struct Troubles {
     pub connections: u64,
     /// Errors of the server.
     pub server: u64,
-    /// Answers that nobody can read.
+    /// Unreadable answers.
     pub unreadable: u64,
 }
 
@@ -96,12 +96,12 @@ impl Counters {
         self.spent.lock().expect("nothing panics while it holds this")
     }
 
-    fn told(&self) -> MutexGuard<'_, Option<String>> {
+    fn last(&self) -> MutexGuard<'_, Option<String>> {
         self.trouble.lock().expect("nothing panics while it holds this")
     }
 
     pub(super) fn last_trouble(&self) -> Option<String> {
-        self.told().clone()
+        self.last().clone()
     }
 
     pub(super) fn spent(&self) -> Spent {
@@ -127,7 +127,7 @@ impl Counters {
     }
 
     pub(super) fn answered(&self, answer: &Answer, is_unmetered: bool) {
-        *self.told() = None;
+        *self.last() = None;
         let mut spent = self.get();
         spent.answers += 1;
         spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
@@ -137,7 +137,7 @@ impl Counters {
     }
 
     pub(super) fn trouble(&self, kind: Kind, said: &str) {
-        *self.told() = Some(said.to_owned());
+        *self.last() = Some(said.to_owned());
         let troubles = &mut self.get().troubles;
         *match kind {
             Kind::Load => &mut troubles.load,

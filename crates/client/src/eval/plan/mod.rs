@@ -124,25 +124,24 @@ fn all_runs(
     // If no name is that of a task, the settings are checked all the same.
     let tasks = asked.filter(|tasks| !tasks.is_empty());
     let tasks = tasks.unwrap_or_else(|| TaskName::ALL.to_vec());
+    let planned = |who, suite: &Suite, tasks: &[TaskName], template: Option<&str>| Planned {
+        who,
+        suite: named(suite.clone(), tasks, &seeds),
+        template: template.map(str::to_owned),
+        is_replay: false,
+    };
     let mut runs = Vec::new();
     for entry in models {
         for (suite, temperature, top_p) in &combinations {
-            runs.push(Planned {
-                who: Who::Model(model(experiment, entry, *temperature, *top_p)),
-                suite: named(suite.clone(), &tasks, &seeds),
-                template: template.map(str::to_owned),
-                is_replay: false,
-            });
+            let who = Who::Model(model(experiment, entry, *temperature, *top_p));
+            runs.push(planned(who, suite, &tasks, template));
         }
     }
     for player in players {
         let tasks: Vec<TaskName> = player.by_task.keys().copied().collect();
-        runs.extend(combinations.iter().map(|(suite, ..)| Planned {
-            who: Who::Player(player.clone()),
-            suite: named(suite.clone(), &tasks, &seeds),
-            template: None,
-            is_replay: false,
-        }));
+        for (suite, ..) in &combinations {
+            runs.push(planned(Who::Player(player.clone()), suite, &tasks, None));
+        }
     }
     runs
 }

@@ -9,8 +9,8 @@ use super::settings::{axes, standard};
 use super::{ALL, ModelPlan, PlanError, Planned, PlayerPlan, Who};
 use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds};
 
-/// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it after
-/// hours.
+/// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it
+/// after hours.
 const MODEL_CHARS_MAX: usize = 200;
 
 /// Games of a run: the limit of the server.

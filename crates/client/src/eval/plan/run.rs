@@ -17,8 +17,8 @@ pub const META: &str = "eval";
 /// A part of every identity: raised when the same description means another run.
 const FORMAT: u32 = 1;
 
-/// How long an interrupted run waits to be resumed, in seconds: 90 days. The server's default is a day, which may be over
-/// before there is a new budget.
+/// How long an interrupted run waits to be resumed, in seconds: 90 days. The server's default is a day, which may be
+/// over before there is a new budget.
 const IDLE_TIMEOUT_S: f64 = 90.0 * 86_400.0;
 
 /// A language model and how it is asked.

@@ -8,8 +8,8 @@ use super::settings::standard;
 /// Characters of a suite's name.
 const NAME_CHARS_MAX: usize = 100;
 
-/// The suite of these tasks and seeds. Its name follows from its content, so that runs of the same suite are on the same
-/// board. A built-in suite has its own name.
+/// The suite of these tasks and seeds. Its name follows from its content, so that runs of the same suite are on the
+/// same board. A built-in suite has its own name.
 pub(super) fn named(mut suite: Suite, tasks: &[TaskName], seeds: &[Seed]) -> Suite {
     suite.tasks = tasks.iter().map(|task| task.name().to_owned()).collect();
     suite.seeds = seeds.to_vec();
