@@ -298,7 +298,7 @@ const STATEMENTS: [(&str, &str); 13] = [
     ),
     ("it is no invitation", "SELECT hex(hash) FROM invitations WHERE length(hash) <> 32"),
     (
-        "what it tells is no JSON",
+        "its text is no JSON",
         "SELECT 'audit ' || number FROM audit WHERE NOT json_valid(detail)
          UNION ALL SELECT 'claim ' || holder || ' of episode ' || episode FROM claims WHERE NOT json_valid(agent_meta)
          UNION ALL SELECT id FROM imports WHERE NOT json_valid(settings)",
@@ -578,13 +578,13 @@ fn columns(
     ];
     for (column, value) in expected {
         if row.try_get::<Option<&str>, _>(column)? != value {
-            return Ok(Err(format!("its {column} is not the one that its journal tells")));
+            return Ok(Err(format!("its {column} is not the one in its journal")));
         }
     }
     if let Some(end) = end
         && row.try_get::<&str, _>("status")? != end.status
     {
-        return Ok(Err("its status is not the one that its journal tells".to_owned()));
+        return Ok(Err("its status is not the one in its journal".to_owned()));
     }
     if config.round_deadline_ms.is_some() && !row.try_get::<bool, _>("clocked")? {
         return Ok(Err("it has a clock, and would not be taken up for it".to_owned()));

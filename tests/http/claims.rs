@@ -169,7 +169,7 @@ async fn seats_are_claimed_and_the_last_one_starts_the_episode() {
         report.expect_err("it is not told who played").to_string()
     };
     let forged = rewritten(without.iter().map(record).collect());
-    assert!(fault(forged).contains("before it is told who holds which seat"));
+    assert!(fault(forged).contains("before the record of seats"));
     let other = |from: &str, to: &str| {
         let lines: Vec<&str> = journal.lines().collect();
         rewritten(lines.iter().map(record).map(|line| line.replace(from, to)).collect())

@@ -87,7 +87,9 @@ async fn finish(
 ) -> Result<(), PlayError> {
     drive(client, token, swarm, &CancellationToken::new(), |note| {
         if let Note::Looked(looked) = note {
-            looked.iter().for_each(|seen| progress(&seen.sight));
+            for seen in looked {
+                progress(&seen.sight);
+            }
         }
     })
     .await

@@ -299,7 +299,7 @@ impl Player {
 
     fn seat(&mut self, seats: Seats) -> Result<(), String> {
         if self.seats.is_some() || self.end.is_some() || self.world().round() > 0 {
-            return Err("who holds which seat is told once, before the first round".to_owned());
+            return Err("the record of seats comes once, before the first round".to_owned());
         }
         if !self.is_seated() {
             return Err("the creator holds all seats of this episode".to_owned());
@@ -313,7 +313,9 @@ impl Player {
         let of_seats: BTreeSet<u32> = seats.seats.iter().map(|seat| seat.holder).collect();
         let of_seats: Vec<u32> = of_seats.into_iter().collect();
         if numbers != of_seats {
-            return Err(format!("holders {numbers:?} are told of, seats are held by {of_seats:?}"));
+            return Err(format!(
+                "the record lists the holders {numbers:?}, but seats belong to {of_seats:?}"
+            ));
         }
         let config = &self.opening.config;
         for (number, seat) in (0..).zip(&seats.seats) {
@@ -341,7 +343,7 @@ impl Player {
             return Err("a round after the end".to_owned());
         }
         if self.is_seated() && self.seats.is_none() {
-            return Err("a round before it is told who holds which seat".to_owned());
+            return Err("a round comes before the record of seats".to_owned());
         }
         self.replayer.check(round.round).map_err(|fault| fault.to_string())?;
         let config = Arc::clone(self.world().config());

@@ -228,7 +228,7 @@ impl<'a> Progress<'a> {
                         "  {} ended after {} rounds: {}",
                         known.name,
                         known.round,
-                        known.told()
+                        known.shown()
                     );
                     known.bar.finish_and_clear();
                     self.say(&line);
@@ -291,7 +291,7 @@ impl<'a> Progress<'a> {
 }
 
 impl Game {
-    fn told(&self) -> String {
+    fn shown(&self) -> String {
         let mut parts = vec![format!("score {:.2}", self.score)];
         if self.prompt_tokens + self.completion_tokens > 0 {
             let (read, said) = (short(self.prompt_tokens), short(self.completion_tokens));
@@ -309,7 +309,7 @@ impl Game {
         let left = u64::from(self.max_round.saturating_sub(self.round));
         let played = u64::from(self.round.saturating_sub(from));
         let left = time_left(until(since, SystemClock.now()), played, left);
-        let parts: Vec<String> = std::iter::once(self.told()).chain(left).collect();
+        let parts: Vec<String> = std::iter::once(self.shown()).chain(left).collect();
         self.bar.set_message(parts.join(", "));
     }
 }

@@ -420,7 +420,7 @@ impl Checker {
         let expected = run.recorded(planned).map_err(|error| error.to_string())?;
         differs("setting", &opening.config, &expected)?;
         if opening.agent_meta != run.agent_meta() {
-            return Err("it tells other things of who plays than the entrant declared".to_owned());
+            return Err("its player is not the one that the entrant declared".to_owned());
         }
         // The built-in template may have been another one when it was played.
         if run.prompt_template.as_ref().is_some_and(|own| *own != opening.prompt_template) {

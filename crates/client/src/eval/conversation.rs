@@ -98,6 +98,6 @@ impl Names {
             }
         }
         let name = known.get(episode).cloned();
-        name.ok_or_else(|| StopReason::Play(format!("the run does not tell of its game {episode}")))
+        name.ok_or_else(|| StopReason::Play(format!("the run does not list its game {episode}")))
     }
 }

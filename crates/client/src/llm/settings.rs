@@ -84,7 +84,7 @@ impl Settings {
         if self.key.is_in(&Value::Object(body.clone()).to_string()) {
             let variable = self.key.variable();
             return Err(Stop::Settings(format!(
-                "the request's body holds the key of {variable}, and bodies are kept on cassettes"
+                "the request's body holds the key of {variable}, and bodies are written to cassettes"
             )));
         }
         Ok(body)

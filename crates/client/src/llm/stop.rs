@@ -41,7 +41,7 @@ pub enum Stop {
     /// 402, or a 429 that no waiting helps against: nothing is left on the account.
     #[error(
         "the account at {url} has no credit left ({status}); add credit or raise its limit there, then run the \
-         same command again to go on. {said}"
+         same command again to continue. {said}"
     )]
     NoCredit {
         /// What was asked.

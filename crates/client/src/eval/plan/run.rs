@@ -122,7 +122,7 @@ impl Planned {
                 ("model", (model != name).then(|| json!(model))),
                 ("max_tokens", max_tokens.map(|tokens| json!(tokens))),
                 ("extra", (!extra.is_empty()).then(|| json!(extra))),
-                ("replay", self.is_replay.then(|| json!(true))),
+                ("replay", self.is_replay.then_some(json!(true))),
             ],
             Who::Player(PlayerPlan { seed, by_task, .. }) => {
                 let by_task: BTreeMap<_, _> =
