@@ -244,7 +244,7 @@ fn failures(row: &BoardRow) -> String {
         row.invalid_share
             .filter(|&share| share > 0.0)
             .map(|share| format!("{} invalid", percent(share))),
-        (row.clock_out_share.filter(|&share| share > 0.0))
+        (row.timeout_share.filter(|&share| share > 0.0))
             .map(|share| format!("{} out of time", percent(share))),
         row.voided
             .filter(|&voided| voided > 0)
@@ -326,6 +326,7 @@ mod tests {
             tasks,
             difference: None,
             invalid_share: Some(0.031),
+            timeout_share: Some(0.0),
             clock_out_share: Some(0.0),
             voided: Some(1),
         }

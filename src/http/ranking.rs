@@ -43,5 +43,6 @@ fn bytes(row: &CompetitionRow) -> usize {
     let more = [&entrant.prompt_template, &entrant.reason, &row.run, &row.run_status]
         .map(|text| text.as_ref().map_or(0, String::len));
     let tasks: usize = row.tasks.iter().map(|task| size_of_val(task) + task.task.len()).sum();
-    size_of_val(row) + texts.into_iter().chain(more).sum::<usize>() + tasks
+    let to = row.difference.as_ref().map_or(0, |difference| difference.to.len());
+    size_of_val(row) + to + texts.into_iter().chain(more).sum::<usize>() + tasks
 }

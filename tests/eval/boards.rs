@@ -39,7 +39,7 @@ async fn a_board_is_shown_in_every_format_and_they_agree() {
         let number = |name: &str| cell[name].as_f64().expect("a number");
         let (mean, deviation) = (number("mean"), number("deviation"));
         assert_eq!(record[column("mean")].parse(), Ok(mean));
-        assert_eq!(record[column("std")].parse(), Ok(deviation));
+        assert_eq!(record[column("deviation")].parse(), Ok(deviation));
         let (model, task) =
             (row["model"].as_str().expect("a name"), cell["task"].as_str().expect("a task"));
         assert_eq!((&record[column("model")], &record[column("task")]), (model, task));

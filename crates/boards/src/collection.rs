@@ -7,8 +7,8 @@ use std::sync::Arc;
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::import::KnownSettings;
 
-use super::interval::{Difference, difference};
-use super::rank::{Pick, PlayerRuns, Row, View, rank_players};
+use super::interval::Difference;
+use super::rank::{Pick, PlayerRuns, Row, View, difference_above, rank_players};
 use super::reference::{self, REFERENCES};
 use super::result::RunResult;
 use super::{RowId, Slot};
@@ -309,10 +309,7 @@ impl Ranked {
     /// The paper's rows have no games, so they are passed over.
     #[must_use]
     pub fn difference(&self, place: usize) -> Option<(&Row, Difference)> {
-        let shown = self.rows.get(place)?.shown()?;
-        let (row, above) =
-            self.rows[..place].iter().rev().find_map(|row| row.shown().map(|run| (row, run)))?;
-        Some((row, difference(above, shown, self.view.ranked_by())?))
+        difference_above(&self.rows, place, self.view.ranked_by())
     }
 
     /// The place of the first row after this one, or of the first row at all. `place` counts if the row has left the

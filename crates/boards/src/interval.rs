@@ -3,12 +3,12 @@
 //! `docs/evaluate/boards.md` has the formula and its measured coverage.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Seed, TaskName};
 
-use super::result::{RunResult, float};
+use super::result::{RunResult, float, mean as mean_of};
 
-/// With fewer pairs in a task nothing is said of chance.
-pub const PAIRS_MIN: usize = 3;
+/// With fewer pairs or scores in a task nothing is said of chance.
+pub const SCORES_MIN: usize = 3;
 
 /// Which quantile of Student's t an interval reaches to. Scores are skewed, so that with five seeds the usual one of
 /// 0.975 covers the true difference in 91 to 94 % of all cases instead of 95 %.
@@ -19,39 +19,52 @@ const QUANTILE: f64 = 0.9875;
 pub struct Difference {
     /// The difference in the games that were compared, in points of the score.
     pub mean: f64,
-    /// The lower and the upper end of the interval of 95 %; none if a task has fewer than [`PAIRS_MIN`] pairs.
+    /// The lower and the upper end of the interval of 95 %; none if a task has fewer than [`SCORES_MIN`] pairs.
     pub interval: Option<(f64, f64)>,
     /// How many seeds both have, over all tasks.
     pub pairs: usize,
 }
 
-/// By how much `above` is better than `below`, summed over the means of these tasks. None if they have no seed of
-/// some task in common.
+/// By how much `above` is better than `below`, summed over the means of these tasks. None if one of them has no score
+/// in some task.
 ///
-/// Seeds are paired, as a hard layout is hard for both. Each task has a variance of its own; the degrees of freedom of
-/// their sum are those of Welch and Satterthwaite.
+/// Seeds are paired, as a hard layout is hard for both. In a task without a common seed, as in different attempts of a
+/// competition, the scores are two independent samples. Each sample has a variance of its own; the degrees of freedom
+/// of their sum are those of Welch and Satterthwaite.
 #[must_use]
 pub fn difference(above: &RunResult, below: &RunResult, tasks: &[TaskName]) -> Option<Difference> {
     let (mut mean, mut variance, mut squares, mut pairs) = (0.0, 0.0, 0.0, 0);
     let mut is_known = true;
     for &task in tasks {
-        let of = differences(above, below, task);
-        let count = float(of.len());
-        let task_mean = of.iter().sum::<f64>() / count;
-        let deviations: f64 = of.iter().map(|one| (one - task_mean).powi(2)).sum();
-        let task_variance = deviations / (count - 1.0) / count;
-        mean += task_mean;
-        variance += task_variance;
-        squares += task_variance.powi(2) / (count - 1.0);
-        pairs += of.len();
-        is_known &= of.len() >= PAIRS_MIN;
-        if of.is_empty() {
-            return None;
+        let (first, second) = (above.task(task)?, below.task(task)?);
+        let paired = differences(&first.scores, &second.scores);
+        pairs += paired.len();
+        mean += match mean_of(&paired) {
+            Some(mean) => mean,
+            None => first.mean()? - second.mean()?,
+        };
+        let samples = if paired.is_empty() {
+            vec![first.of_seeds(), second.of_seeds()]
+        } else {
+            vec![paired]
+        };
+        for sample in &samples {
+            let freedom = float(sample.len()) - 1.0;
+            let of_mean = deviations(sample) / freedom / float(sample.len());
+            variance += of_mean;
+            squares += of_mean.powi(2) / freedom;
+            is_known &= sample.len() >= SCORES_MIN;
         }
     }
     let half = half_width(variance, variance.powi(2) / squares);
     let interval = is_known.then_some((mean - half, mean + half));
     (!tasks.is_empty()).then_some(Difference { mean, interval, pairs })
+}
+
+/// The sum of the squared deviations from the mean.
+fn deviations(sample: &[f64]) -> f64 {
+    let mean = mean_of(sample).unwrap_or(0.0);
+    sample.iter().map(|one| (one - mean).powi(2)).sum()
 }
 
 /// Half the width of an interval; 0 without any variance.
@@ -61,24 +74,12 @@ fn half_width(variance: f64, freedom: f64) -> f64 {
 }
 
 /// The differences in the seeds that both have; both are in order of their seeds.
-fn differences(above: &RunResult, below: &RunResult, task: TaskName) -> Vec<f64> {
-    let scores = |run: &'_ RunResult| {
-        run.task(task).map_or(Vec::new(), |result| result.scores.clone()).into_iter().peekable()
+fn differences(above: &[(Seed, f64)], below: &[(Seed, f64)]) -> Vec<f64> {
+    let of = |seed| {
+        let place = below.binary_search_by_key(&seed, |&(seed, _)| seed).ok()?;
+        Some(below[place].1)
     };
-    let (mut above, mut below) = (scores(above), scores(below));
-    let mut found = Vec::new();
-    while let (Some(&(first, a)), Some(&(second, b))) = (above.peek(), below.peek()) {
-        if first == second {
-            found.push(a - b);
-        }
-        if first <= second {
-            above.next();
-        }
-        if second <= first {
-            below.next();
-        }
-    }
-    found
+    above.iter().filter_map(|&(seed, score)| Some(score - of(seed)?)).collect()
 }
 
 #[cfg(test)]
@@ -178,6 +179,22 @@ mod tests {
     }
 
     #[test]
+    fn different_seeds_are_independent_samples() {
+        let above = scored("a", &[1.0, 2.0, 3.0, 4.0, 5.0], &[]);
+        let plan: Vec<_> = (11..16).map(|seed: u32| game(BOTH[0], seed, 0.0)).collect();
+        let games = [(11, 0.0), (12, 1.0), (13, 2.0), (14, 3.0), (15, 4.0)];
+        let games = games.map(|(seed, score): (u32, f64)| game(BOTH[0], seed, score));
+        let slots: Vec<_> = plan.iter().map(|game| game.slot).collect();
+        let below = RunResult::new(run("b", "finished", 0), &slots, &games, true);
+        let found = difference(&above, &below, &BOTH[..1]).expect("scores");
+        // Each mean has a variance of 0.5: together 1, with 1² / (0.5² / 4 + 0.5² / 4) = 8 degrees of freedom.
+        let (low, high) = found.interval.expect("five scores each");
+        let half = half_width(1.0, 8.0);
+        assert_eq!((found.mean, found.pairs), (1.0, 0));
+        assert!(close(low, 1.0 - half) && close(high, 1.0 + half), "{found:?}");
+    }
+
+    #[test]
     fn only_seeds_that_both_have_are_compared() {
         let above = scored("a", &[1.0, 2.0, 3.0], &[]);
         let below = scored("b", &[0.0, 0.0], &[1.0]);
@@ -198,7 +215,7 @@ mod tests {
                 flocking.into_iter().map(|(c, d)| (f64::from(c), f64::from(d))).unzip();
             let (above, below) = (scored("a", &a, &c), scored("b", &b, &d));
             let found = difference(&above, &below, &BOTH).expect("pairs");
-            let known = a.len() >= PAIRS_MIN && c.len() >= PAIRS_MIN;
+            let known = a.len() >= SCORES_MIN && c.len() >= SCORES_MIN;
             prop_assert_eq!(found.interval.is_some(), known);
             let (low, high) = found.interval.unwrap_or((found.mean, found.mean));
             prop_assert!(low <= found.mean && found.mean <= high, "{:?}", found);

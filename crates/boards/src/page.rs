@@ -8,6 +8,7 @@ use swarmbench_protocol::board::{
 use super::RowId;
 use super::collection::Ranked;
 use super::cross_play::Pair;
+use super::interval::Difference;
 use super::rank::Source;
 use super::result::TaskResult;
 
@@ -40,13 +41,8 @@ pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize) -> Leaderboard {
 fn row(ranked: &Ranked, place: usize) -> BoardRow {
     let row = &ranked.rows[place];
     let tasks = ranked.view.tasks.iter();
-    let difference = ranked.difference(place).map(|(to, difference)| RowDifference {
-        to: to.id().to_string(),
-        mean: difference.mean,
-        low: difference.interval.map(|(low, _)| low),
-        high: difference.interval.map(|(_, high)| high),
-        pairs: whole(difference.pairs),
-    });
+    let difference = ranked.difference(place);
+    let difference = difference.map(|(to, of)| row_difference(to.id().to_string(), of));
     let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());
     match &row.source {
         Source::Reference(reference) => BoardRow {
@@ -100,11 +96,23 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 tasks: of.iter().map(|task| (task.task.name().to_owned(), score(task))).collect(),
                 difference,
                 invalid_share: share(sum(|task| task.invalid), answers),
+                timeout_share: share(timeouts, answers + timeouts),
                 clock_out_share: share(timeouts, answers + timeouts),
                 voided: Some(of.iter().map(|task| task.voided).sum()),
                 ..BoardRow::default()
             }
         }
+    }
+}
+
+/// How far a row is below the row `to`.
+pub(super) fn row_difference(to: String, difference: Difference) -> RowDifference {
+    RowDifference {
+        to,
+        mean: difference.mean,
+        low: difference.interval.map(|(low, _)| low),
+        high: difference.interval.map(|(_, high)| high),
+        pairs: whole(difference.pairs),
     }
 }
 

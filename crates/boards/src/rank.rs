@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use swarmbench_engine::TaskName;
 
 use super::RowId;
+use super::interval::{Difference, difference};
 use super::reference::Reference;
 use super::result::RunResult;
 
@@ -202,6 +203,19 @@ pub fn rank_players<'a>(
     rows
 }
 
+/// By how much the nearest row above that was played here is better than the row at this place, and which that is.
+#[must_use]
+pub fn difference_above<'a>(
+    rows: &'a [Row],
+    place: usize,
+    tasks: &[TaskName],
+) -> Option<(&'a Row, Difference)> {
+    let shown = rows.get(place)?.shown()?;
+    let mut above = rows[..place].iter().rev();
+    let (row, above) = above.find_map(|row| row.shown().map(|run| (row, run)))?;
+    Some((row, difference(above, shown, tasks)?))
+}
+
 /// What rows are ranked by: the highest first, missing values last. Values that differ by less than the rounding of
 /// sums are equal: 0.1 + 0.2 is no better than 0.3.
 #[derive(Clone, Copy, Debug)]
@@ -241,7 +255,6 @@ pub(super) mod tests {
     use jiff::Timestamp;
     use proptest::prelude::*;
 
-    use super::super::interval::difference;
     use super::super::reference::REFERENCES;
     use super::super::result::TaskResult;
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};

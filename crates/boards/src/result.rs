@@ -14,7 +14,7 @@ pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
     Some((mean, (squares / float(numbers.len())).sqrt()))
 }
 
-fn mean(numbers: &[f64]) -> Option<f64> {
+pub(super) fn mean(numbers: &[f64]) -> Option<f64> {
     (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / float(numbers.len()))
 }
 
@@ -196,9 +196,13 @@ impl TaskResult {
         }
     }
 
+    /// The scores alone.
+    pub(super) fn of_seeds(&self) -> Vec<f64> {
+        self.scores.iter().map(|&(_, score)| score).collect()
+    }
+
     fn finish(&mut self) {
-        let scores: Vec<f64> = self.scores.iter().map(|&(_, score)| score).collect();
-        self.mean_and_deviation = mean_and_deviation(&scores);
+        self.mean_and_deviation = mean_and_deviation(&self.of_seeds());
     }
 
     fn together(task: TaskName, runs: &[&Self]) -> Self {

@@ -83,6 +83,9 @@ pub struct BoardRow {
     /// The share of invalid answers among all answers of players; null without answers.
     pub invalid_share: Option<f64>,
     /// The share of moves that timed out; null without moves.
+    #[serde(default)]
+    pub timeout_share: Option<f64>,
+    /// The old name of `timeout_share`.
     pub clock_out_share: Option<f64>,
     /// Voided games, which do not count.
     pub voided: Option<u32>,
@@ -106,14 +109,14 @@ pub struct TaskScore {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RowDifference {
-    /// The `id` of the row above.
+    /// The `id` of the row above; of the entrant, on the board of a competition.
     pub to: String,
-    /// By how much that one is better on the seeds that both have.
+    /// By how much that one is better on the seeds that both have; in a task without such a seed, by the means.
     pub mean: f64,
-    /// The lower end of the interval that contains 95 % of 2,000 resamples of these seeds. If it is below 0, the
-    /// order of the two rows is uncertain. Null if a task has a single seed.
+    /// The lower end of the interval of 95 %, by Student's t. If it is below 0, the order of the two rows is
+    /// uncertain. Null if a task has fewer than three seeds that both have.
     pub low: Option<f64>,
-    /// Its upper end; null if a task has a single seed.
+    /// Its upper end; null where `low` is.
     pub high: Option<f64>,
     /// How many seeds both have, over all tasks.
     pub pairs: u32,
@@ -132,7 +135,7 @@ impl Table for Leaderboard {
 
     fn columns(&self) -> Vec<String> {
         let task = |task: &String| {
-            ["mean", "std", "games", "planned"]
+            ["mean", "deviation", "games", "planned"]
                 .map(|what| format!("{}_{what}", task.to_lowercase()))
         };
         let columns = names(
@@ -140,7 +143,7 @@ impl Table for Leaderboard {
              vouched decentralization runs run status started_at total",
         );
         let last = names(
-            "difference difference_low difference_high difference_pairs invalid_share clock_out_share voided row \
+            "difference difference_low difference_high difference_pairs invalid_share timeout_share voided row \
              difference_to",
         );
         columns.chain(self.tasks.iter().flat_map(task)).chain(last).collect()
@@ -184,7 +187,7 @@ impl Table for Leaderboard {
             maybe(difference.and_then(|difference| difference.high)),
             maybe(difference.map(|difference| difference.pairs)),
             maybe(row.invalid_share),
-            maybe(row.clock_out_share),
+            maybe(row.timeout_share),
             maybe(row.voided),
             text(&row.id),
             maybe(difference.map(|difference| text(&difference.to))),
@@ -227,7 +230,7 @@ pub struct CrossPlayPair {
 }
 
 /// The first columns of cross-play; settings follow.
-const PAIR_COLUMNS: &str = "task rules model_a model_b vouched games mean std";
+const PAIR_COLUMNS: &str = "task rules model_a model_b vouched games mean deviation";
 
 impl Table for CrossPlay {
     type Row = CrossPlayPair;

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
+use crate::board::RowDifference;
 use crate::game_settings;
 use crate::time::Timestamp;
 
@@ -415,9 +416,16 @@ pub struct CompetitionRow {
     pub tasks: Vec<TaskMean>,
     /// The sum of the means.
     pub total: Option<f64>,
+    /// How far it is below the nearest row above, with an interval of 95 %; `to` is that entrant's id. Null while seeds
+    /// are sealed, for the first row, and for rows without a rank.
+    #[serde(default)]
+    pub difference: Option<RowDifference>,
     /// The share of invalid answers.
     pub invalid_share: f64,
     /// The share of moves that timed out.
+    #[serde(default)]
+    pub timeout_share: f64,
+    /// The old name of `timeout_share`.
     pub clock_share: f64,
     /// Voided games of the attempt.
     pub voided_games: u32,

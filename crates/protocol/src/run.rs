@@ -279,8 +279,14 @@ pub struct ActTally {
     /// The share of invalid answers in all acts that were sent; null before the first act.
     pub invalid_share: Option<f64>,
     /// How often a clock expired.
-    pub clock_outs: u64,
+    #[serde(default)]
+    pub timeouts: u64,
     /// The share of expired clocks in all acts that were due; null before the first act.
+    #[serde(default)]
+    pub timeout_share: Option<f64>,
+    /// The old name of `timeouts`.
+    pub clock_outs: u64,
+    /// The old name of `timeout_share`.
     pub clock_out_share: Option<f64>,
     /// Tokens of prompts, as reported by players.
     pub prompt_tokens: u64,

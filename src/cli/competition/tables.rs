@@ -128,7 +128,7 @@ pub(super) fn print_board(board: &CompetitionBoard) {
             total(row.total),
             cell(row.attempt),
             format!("{:.1} %", 100.0 * row.invalid_share),
-            format!("{:.1} %", 100.0 * row.clock_share),
+            format!("{:.1} %", 100.0 * row.timeout_share),
             row.decentralization.clone().unwrap_or_default(),
             status,
         ]);

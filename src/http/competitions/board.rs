@@ -187,13 +187,21 @@ impl Table for Shown<'_> {
         let declared = ["rank", "entrant", "name", "model", "temperature", "top_p"];
         let status = ["prompt_template", "status", "reason", "vouched", "decentralization"];
         let runs = ["attempt", "run", "run_status", "total"];
-        let last = ["invalid_share", "clock_share", "voided_games", "attempts", "voided_attempts"];
+        let last =
+            ["invalid_share", "timeout_share", "voided_games", "attempts", "voided_attempts"];
+        let below = [
+            "difference",
+            "difference_low",
+            "difference_high",
+            "difference_pairs",
+            "difference_to",
+        ];
         let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
         let task = |task: &String| {
             ["mean", "deviation", "games", "planned"].map(|column| format!("{task}_{column}"))
         };
         let tasks = self.tasks.iter().flat_map(task).collect();
-        [own(&declared), own(&status), own(&runs), tasks, own(&last)].concat()
+        [own(&declared), own(&status), own(&runs), tasks, own(&last), own(&below)].concat()
     }
 
     fn record(&self, _: &[String], row: &CompetitionRow) -> Vec<String> {
@@ -234,10 +242,18 @@ fn cells(row: &CompetitionRow, tasks: &[String]) -> Vec<String> {
     }
     cells.extend([
         row.invalid_share.to_string(),
-        row.clock_share.to_string(),
+        row.timeout_share.to_string(),
         row.voided_games.to_string(),
         row.attempts.to_string(),
         row.voided_attempts.to_string(),
+    ]);
+    let difference = row.difference.as_ref();
+    cells.extend([
+        text(difference.map(|difference| difference.mean)),
+        text(difference.and_then(|difference| difference.low)),
+        text(difference.and_then(|difference| difference.high)),
+        text(difference.map(|difference| difference.pairs)),
+        text(difference.map(|difference| difference.to.clone())),
     ]);
     cells
 }

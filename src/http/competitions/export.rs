@@ -140,7 +140,8 @@ impl Reader {
                 pieces.push_back(Piece::Episode { slot: game.slot, id: game.id.clone() });
             }
         }
-        record(&mut pieces, Line::Board(Board { rows: field.rows(None)? }));
+        let rows = field.standings(None)?.into_iter().map(|standing| standing.row).collect();
+        record(&mut pieces, Line::Board(Board { rows }));
         pieces.push_back(Piece::End);
         let games: usize = field.attempts.iter().map(|(_, games)| games.len()).sum();
         let records = field.entrants.len() + field.attempts.len() + games;

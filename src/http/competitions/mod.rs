@@ -27,7 +27,7 @@ use crate::store::runs::StoredGame;
 use swarmbench_boards::Slot;
 use swarmbench_boards::competition::entrant::Entrant;
 use swarmbench_boards::competition::shown::{self, Revealed};
-use swarmbench_boards::competition::standings::{self, Attempt, standings};
+use swarmbench_boards::competition::standings::{self, Attempt, Standing, standings};
 use swarmbench_protocol::competition::{AttemptSummary, Competition, CompetitionRow};
 
 impl App {
@@ -157,7 +157,7 @@ impl Field {
     }
 
     /// The board, of all that was over at a time, or of all that is.
-    fn rows(&self, before: Option<Timestamp>) -> Result<Vec<standings::Row>, ApiError> {
+    fn standings(&self, before: Option<Timestamp>) -> Result<Vec<Standing>, ApiError> {
         let mut attempts = self.all_attempts()?;
         if let Some(before) = before {
             for attempt in &mut attempts {
@@ -175,10 +175,10 @@ impl Field {
     ) -> Result<Vec<CompetitionRow>, ApiError> {
         let entrants = self.entrants.iter().map(|entrant| (&entrant.entrant.id, &entrant.entrant));
         let entrants: HashMap<_, _> = entrants.collect();
-        let rows = self.rows(before)?;
+        let rows = self.standings(before)?;
         let shown = rows
             .iter()
-            .filter_map(|row| Some(shown::row(row, entrants.get(&row.entrant)?, with_tasks)));
+            .filter_map(|row| Some(shown::row(row, entrants.get(&row.row.entrant)?, with_tasks)));
         Ok(shown.collect())
     }
 

@@ -229,12 +229,15 @@ fn tally(games: &[StoredGame]) -> ActTally {
     }
     #[expect(clippy::cast_precision_loss, reason = "nobody sends 2⁵³ acts")]
     let share = |part: u64, all: u64| (all > 0).then(|| part as f64 / all as f64);
+    let timeout_share = share(sum.timeouts, sum.acts + sum.timeouts);
     ActTally {
         sent: sum.acts,
         invalid: sum.invalid,
         invalid_share: share(sum.invalid, sum.acts),
+        timeouts: sum.timeouts,
+        timeout_share,
         clock_outs: sum.timeouts,
-        clock_out_share: share(sum.timeouts, sum.acts + sum.timeouts),
+        clock_out_share: timeout_share,
         prompt_tokens: sum.prompt_tokens,
         completion_tokens: sum.completion_tokens,
     }

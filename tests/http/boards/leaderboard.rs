@@ -89,9 +89,9 @@ async fn the_same_as_csv() {
     assert_eq!(
         head,
         "suite,suite_digest,rules,rank,reference,imported,table,owner,model,temperature,top_p,prompt_template,vouched,\
-         decentralization,runs,run,status,started_at,total,synchronization_mean,synchronization_std,\
+         decentralization,runs,run,status,started_at,total,synchronization_mean,synchronization_deviation,\
          synchronization_games,synchronization_planned,difference,difference_low,difference_high,difference_pairs,\
-         invalid_share,clock_out_share,voided,row,difference_to"
+         invalid_share,timeout_share,voided,row,difference_to"
     );
     let records = records(&answer);
     let rows = list(&json["items"]);
@@ -101,7 +101,7 @@ async fn the_same_as_csv() {
         assert_eq!(record["model"], row["model"].as_str().expect("a text"));
         assert_eq!(Some(number("total")), row["total"].as_f64());
         let deviation = row.pointer("/tasks/Synchronization/deviation").expect("a field");
-        assert_eq!(Some(number("synchronization_std")), deviation.as_f64());
+        assert_eq!(Some(number("synchronization_deviation")), deviation.as_f64());
         assert_eq!(record["suite_digest"], json["digest"].as_str().expect("a text"));
     }
     // The name of a key is anybody's: no spreadsheet is to run it.

@@ -471,6 +471,8 @@ class ActTally(TypedDict):
     sent: int
     invalid: int
     invalid_share: float | None
+    timeouts: int
+    timeout_share: float | None
     clock_outs: int
     clock_out_share: float | None
     prompt_tokens: int
@@ -608,6 +610,7 @@ class BoardRow(TypedDict):
     tasks: dict[str, TaskScore]
     difference: RowDifference | None
     invalid_share: float | None
+    timeout_share: float | None
     clock_out_share: float | None
     voided: int | None
 

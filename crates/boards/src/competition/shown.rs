@@ -11,7 +11,7 @@ use swarmbench_protocol::competition::{
 use super::definition::{Definition, Window};
 use super::entrant::Entrant;
 use super::phase::Phase;
-use super::standings::{Row, TaskRow};
+use super::standings::{Standing, TaskRow};
 
 /// A competition at a moment. The salt and the seeds are included only once they are public.
 #[must_use]
@@ -113,7 +113,8 @@ impl From<&TaskRow> for TaskMean {
 
 /// A row of the board, with the results in each task or without.
 #[must_use]
-pub fn row(row: &Row, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
+pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
+    let Standing { row, difference } = standing;
     #[expect(clippy::cast_precision_loss, reason = "nobody makes 2⁵³ moves")]
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     let games: u32 = row.tasks.iter().map(|task| task.games).sum();
@@ -126,7 +127,9 @@ pub fn row(row: &Row, entrant: &Entrant, with_tasks: bool) -> CompetitionRow {
         tasks: if with_tasks { row.tasks.iter().map(Into::into).collect() } else { Vec::new() },
         // The total of a single game is its score, which is secret until the end.
         total: row.total.filter(|_| with_tasks || games >= 2),
+        difference: difference.clone().filter(|_| with_tasks),
         invalid_share: share(row.invalid, row.answers),
+        timeout_share: share(row.timeouts, row.answers + row.timeouts),
         clock_share: share(row.timeouts, row.answers + row.timeouts),
         voided_games: row.voided_games,
         attempts: row.attempts,

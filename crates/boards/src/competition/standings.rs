@@ -9,11 +9,13 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::TaskName;
+use swarmbench_protocol::board::RowDifference;
 
 use super::EntrantStatus;
 use super::definition::{Counts, Definition};
 use super::entrant::Entrant;
-use crate::rank::{Pick, Row as Ranked, View, rank};
+use crate::page::row_difference;
+use crate::rank::{Pick, Row as Ranked, View, difference_above, rank};
 use crate::result::RunResult;
 use crate::{Decentralization, Game, Owner, Player, Run, Slot};
 
@@ -40,6 +42,15 @@ pub struct Attempt {
     pub plan: Vec<Slot>,
     /// What has ended.
     pub games: Vec<Game>,
+}
+
+/// A row of the board, and by how much the one above is better: the latter is not part of a published file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Standing {
+    /// The row.
+    pub row: Row,
+    /// How far it is below the nearest row above; none for the first, and for entrants without a rank.
+    pub difference: Option<RowDifference>,
 }
 
 /// A row of the board.
@@ -139,7 +150,11 @@ pub fn tasks_of(definition: &Definition, result: &RunResult) -> Vec<TaskRow> {
 /// The board of a competition: entrants with a rank in its order, then those without a counting attempt, then those who
 /// withdrew or were disqualified.
 #[must_use]
-pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
+pub fn standings(
+    definition: &Definition,
+    entrants: &[Entrant],
+    attempts: &[Attempt],
+) -> Vec<Standing> {
     let pick = match definition.counts {
         Counts::Best => Pick::Best,
         // Where the first counts there is one only.
@@ -166,26 +181,29 @@ pub fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Atte
     let (active, gone): (Vec<&Entrant>, Vec<&Entrant>) = entrants.iter().partition(is_active);
     let runs: Vec<_> = active.iter().flat_map(|entrant| counting(entrant)).collect();
     let ranked = rank(&runs, [], &view);
-    let row = |entrant: &Entrant, of: Option<&Ranked>| {
-        row(entrant, of, attempts_of(entrant), &view.tasks, definition)
+    let standing = |entrant: &Entrant, of: Option<&Ranked>, difference| Standing {
+        row: row(entrant, of, attempts_of(entrant), &view.tasks, definition),
+        difference,
     };
-    let mut rows: Vec<Row> = Vec::with_capacity(entrants.len());
+    let entrant_of = |row: &Ranked| Some(row.shown()?.run.player.owner.as_ref()?.id.clone());
+    let mut rows: Vec<Standing> = Vec::with_capacity(entrants.len());
     let by_id: HashMap<&str, &Entrant> = active.iter().map(|e| (e.id.as_str(), *e)).collect();
-    for of in &ranked {
-        let owner = of.shown().and_then(|shown| shown.run.player.owner.as_ref());
-        let entrant = owner.and_then(|owner| by_id.get(owner.id.as_str()));
-        rows.extend(entrant.map(|entrant| row(entrant, Some(of))));
+    for (place, of) in ranked.iter().enumerate() {
+        let entrant = entrant_of(of).and_then(|id| by_id.get(id.as_str()));
+        let above = difference_above(&ranked, place, &view.tasks);
+        let difference = above.and_then(|(to, of)| Some(row_difference(entrant_of(to)?, of)));
+        rows.extend(entrant.map(|entrant| standing(entrant, Some(of), difference)));
     }
-    let ranked: HashSet<String> = rows.iter().map(|row| row.entrant.clone()).collect();
+    let ranked: HashSet<String> = rows.iter().map(|of| of.row.entrant.clone()).collect();
     for entrant in active.iter().filter(|entrant| !ranked.contains(&entrant.id)) {
-        rows.push(row(entrant, None));
+        rows.push(standing(entrant, None, None));
     }
     for entrant in gone {
         let mut alone = rank(&counting(entrant), [], &view);
         for of in &mut alone {
             of.rank = None;
         }
-        rows.push(row(entrant, alone.first()));
+        rows.push(standing(entrant, alone.first(), None));
     }
     rows
 }
@@ -229,6 +247,11 @@ fn row(
 mod tests {
     use super::super::definition::tests::{at, definition};
     use super::*;
+
+    fn standings(definition: &Definition, entrants: &[Entrant], attempts: &[Attempt]) -> Vec<Row> {
+        let standings = super::standings(definition, entrants, attempts);
+        standings.into_iter().map(|standing| standing.row).collect()
+    }
     use crate::competition::entrant::Declaration;
 
     fn entrant(id: &str) -> Entrant {

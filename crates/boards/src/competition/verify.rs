@@ -435,7 +435,8 @@ impl Checker {
 
     /// The board as it follows from what was played.
     fn board(&self, published: Vec<Row>) -> Result<Vec<Row>, String> {
-        let rows = standings(self.definition(), &self.entrants, &self.attempts);
+        let standings = standings(self.definition(), &self.entrants, &self.attempts);
+        let rows: Vec<Row> = standings.into_iter().map(|standing| standing.row).collect();
         for (place, (published, row)) in (1..).zip(published.iter().zip(&rows)) {
             differs(&format!("row {place}:"), published, row)?;
         }
