@@ -11,7 +11,7 @@ use crate::standings::Standings;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;
-use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, TaskScore};
+use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard};
 use swarmbench_protocol::table::Table as _;
 
 /// The width of a terminal from which rows also show confidence intervals and failures.
@@ -142,6 +142,9 @@ fn show(board: &Leaderboard) {
     }
     println!("{}", rows(board, width));
     println!("? this name is not vouched for   * a row of the paper");
+    if board.items.iter().any(|row| !row.other_rules.is_empty()) {
+        println!("≠ played by other rules than those of this board, at its scale");
+    }
     println!("declared, enforced: whether each seat decided for itself");
     if width < WIDE {
         println!("{WIDE} columns, or --csv, also show confidence intervals and failures");
@@ -160,15 +163,13 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
     fit(&mut shown, width);
     for row in &board.items {
         let mut cells = vec![rank(row.rank), player(row)];
-        cells.extend(
-            board.tasks.iter().map(|task| row.tasks.get(task).map_or_else(String::new, score)),
-        );
+        cells.extend(board.tasks.iter().map(|task| score(row, task)));
         cells.push(total(row.total));
         if is_wide {
             cells.push(row.difference.as_ref().map_or_else(String::new, |difference| {
                 let interval = match (difference.low, difference.high) {
                     (Some(low), Some(high)) => format!("95 %: {low:.2} to {high:.2}"),
-                    _ => "one seed: no interval".to_owned(),
+                    _ => "too few seeds: no interval".to_owned(),
                 };
                 format!("{:.2}\n{interval}", difference.mean)
             }));
@@ -227,15 +228,17 @@ fn player(row: &BoardRow) -> String {
 }
 
 /// The score of a task, with its deviation below it, and the number of games if some are missing.
-fn score(score: &TaskScore) -> String {
+fn score(row: &BoardRow, task: &String) -> String {
+    let Some(score) = row.tasks.get(task) else { return String::new() };
     let (Some(mean), Some(deviation)) = (score.mean, score.deviation) else {
         return "–".to_owned();
     };
+    let mark = if row.other_rules.contains(task) { "≠" } else { "" };
     let games = match (score.games, score.planned) {
         (Some(games), Some(planned)) if games < planned => format!("\n{games}/{planned}"),
         _ => String::new(),
     };
-    format!("{mean:.2}\n±{deviation:.2}{games}")
+    format!("{mark}{mean:.2}\n±{deviation:.2}{games}")
 }
 
 fn failures(row: &BoardRow) -> String {
@@ -298,6 +301,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
+    use swarmbench_protocol::board::TaskScore;
 
     fn row(model: &str) -> BoardRow {
         let score =
@@ -309,6 +313,9 @@ mod tests {
             id: "0".repeat(32),
             reference: false,
             imported: false,
+            rules: "paper".to_owned(),
+            converted: Vec::new(),
+            other_rules: Vec::new(),
             table: None,
             note: None,
             owner: Some("alice".to_owned()),

@@ -77,11 +77,11 @@ async fn an_hour_back_leaves_a_clock_of_20_seconds() {
     app.step(-HOUR_MS);
     let seen = app.obs(episode.seat(0)).await;
     assert_eq!(number(&seen["remaining_ms"]), 15_000);
-    assert_eq!(seen["deadline"], "2026-03-01T12:00:20Z", "the server's own time goes on");
+    assert_eq!(seen["deadline"], "2026-03-01T12:00:20.000Z", "the server's own time goes on");
     confirm(&app).await;
     let seen = app.obs(episode.seat(0)).await;
     assert_eq!(number(&seen["remaining_ms"]), 15_000);
-    assert_eq!(seen["deadline"], "2026-03-01T11:00:20Z");
+    assert_eq!(seen["deadline"], "2026-03-01T11:00:20.000Z");
     app.act(episode.seat(0), &json!({ "round": 0, "action": "STAY" })).await;
     app.pass(seconds(15));
     assert_eq!(app.obs_after(episode.seat(0), 0).await["round"], 1);
@@ -105,10 +105,10 @@ async fn time_in_which_the_process_is_stopped_costs_no_seat_anything() {
     app.clock().stop(seconds(6));
     let seen = app.obs(episode.seat(0)).await;
     assert_eq!(number(&seen["remaining_ms"]), 3_000);
-    assert_eq!(seen["deadline"], "2026-03-01T12:00:11Z", "by the time of day it is later");
+    assert_eq!(seen["deadline"], "2026-03-01T12:00:11.000Z", "by the time of day it is later");
     assert_eq!(app.problems().await, "");
     let episodes = app.get("/api/v1/episodes").token(&app.organizer).ok().await;
-    assert_eq!(list(&episodes["items"])[0]["created_at"], "2026-03-01T12:00:00Z");
+    assert_eq!(list(&episodes["items"])[0]["created_at"], "2026-03-01T12:00:00.000Z");
 }
 
 #[tokio::test]
@@ -129,7 +129,7 @@ async fn a_jump_forward_opens_and_reveals_nothing() {
     let attempt = cup.start(&app, &entrant).await;
     attempt.play(&app, 1).await;
     // 12:59:58, and the clock of the host says one o'clock.
-    let left = "2026-03-01T12:59:58Z".parse::<jiff::Timestamp>().expect("a time");
+    let left = "2026-03-01T12:59:58.000Z".parse::<jiff::Timestamp>().expect("a time");
     app.pass(Duration::try_from(left.duration_since(app.now())).expect("it is not over"));
     app.step(2_500);
     // It closes meanwhile, as far as the server knows.

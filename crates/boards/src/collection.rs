@@ -9,9 +9,9 @@ use swarmbench_protocol::import::KnownSettings;
 
 use super::interval::Difference;
 use super::rank::{Pick, PlayerRuns, Row, View, difference_above, rank_players};
-use super::reference::{self, REFERENCES};
+use super::reference;
 use super::result::RunResult;
-use super::{RowId, Slot};
+use super::{RowId, Slot, scale};
 
 /// What may be compared: runs of the same suite by the same rules. The digest covers every setting.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -129,6 +129,9 @@ pub struct Ranked {
     pub rows: Vec<Row>,
 }
 
+/// The suite that is shown if none is named.
+const SUITE: &str = "standard";
+
 /// The rule sets that a board can show.
 const RULES: [&str; 2] = ["paper", "reference"];
 
@@ -210,33 +213,40 @@ impl Boards {
                 allowed: one_of(Pick::ALL.into_iter().map(Pick::name)),
             })?,
         };
-        let has_reference = id.suite == reference::SUITE && board.is_built_in;
         // Players without games in the selection are left out.
         let shows =
             |row: &&reference::Reference| tasks.iter().any(|task| row.task(*task).is_some());
-        let references =
-            (REFERENCES.iter()).filter(|_| has_reference && !question.no_reference).filter(shows);
+        let has_reference = board.is_built_in && !question.no_reference;
+        let references = reference::rows(&id.suite, &id.rules);
+        let references = references.filter(|_| has_reference).filter(shows);
         let view = View { tasks: tasks.clone(), sort, pick };
         let players = board.players.values().map(|player| &**player);
-        let imported = if question.imported { self.imported_to(board) } else { Vec::new() };
-        let rows = rank_players(players, &imported, references, &view);
+        let imported = if question.imported { self.imported_to(id, board) } else { Vec::new() };
+        let rows = rank_players(players, imported, references, &view);
         Ok(Ranked { board: id.clone(), view, task, rows })
     }
 
     /// The games from files that are games of this board's suite, model by model. A missing game does not count
     /// as 0: it may have been played elsewhere.
-    fn imported_to(&self, board: &Board) -> Vec<Arc<RunResult>> {
-        let mut models: BTreeMap<&str, Vec<&Imported>> = BTreeMap::new();
+    fn imported_to(&self, id: &BoardId, board: &Board) -> Vec<(Arc<RunResult>, String)> {
+        let mut models: BTreeMap<(&str, &str), Vec<&Imported>> = BTreeMap::new();
         let plan: BTreeSet<Slot> = board.suite.plan.iter().copied().collect();
         let fitting = self.imported.iter().filter(|game| {
             plan.contains(&game.slot) && game.settings.agrees(&board.suite.settings)
         });
         for game in fitting {
-            models.entry(&game.model).or_default().push(game);
+            let rules = game.settings.rules.as_deref().unwrap_or(scale::OF_TOOLKIT);
+            models.entry((&game.model, rules)).or_default().push(game);
         }
-        let result = |(model, games): (&str, Vec<&Imported>)| {
-            let games = games.into_iter().map(|game| (game.slot, game.score));
-            Arc::new(RunResult::imported(model, &board.suite.plan, games))
+        let result = |((model, rules), games): ((&str, &str), Vec<&Imported>)| {
+            let at_scale =
+                |game: &Imported| game.score * scale::factor(game.slot.task, rules, &id.rules);
+            let games = games.into_iter().map(|game| (game.slot, at_scale(game)));
+            let mut result = RunResult::imported(model, &board.suite.plan, games);
+            if rules != id.rules {
+                result.row = RowId::of(&[b"imported", model.as_bytes(), rules.as_bytes()]);
+            }
+            (Arc::new(result), rules.to_owned())
         };
         models.into_iter().map(result).collect()
     }
@@ -246,7 +256,7 @@ impl Boards {
         if !RULES.contains(&rules) {
             return Err(Unknown { field: "rules", allowed: one_of(RULES) });
         }
-        let asked = question.suite.as_deref().unwrap_or(reference::SUITE);
+        let asked = question.suite.as_deref().unwrap_or(SUITE);
         let of_rules = || self.by_id.iter().filter(|(id, _)| id.rules == rules);
         let named: Vec<_> = of_rules().filter(|(id, _)| id.suite == asked).collect();
         // A name may have an `@` of its own.
@@ -425,21 +435,18 @@ mod tests {
     fn the_paper_is_on_the_boards_of_its_suite_and_can_be_switched_off() {
         let boards = boards();
         let rows = |question: Question| boards.ranked(&question).expect("a board").rows.len();
-        assert_eq!(rows(Question::default()), 29);
+        assert_eq!(rows(Question::default()), 13);
         assert_eq!(
             rows(Question { rules: Some("reference".to_owned()), ..Question::default() }),
-            29
+            13
         );
         assert_eq!(rows(Question { no_reference: true, ..Question::default() }), 0);
-        assert_eq!(
-            rows(Question { task: Some("Pursuit".to_owned()), ..Question::default() }),
-            13 + 3
-        );
+        assert_eq!(rows(Question { task: Some("Pursuit".to_owned()), ..Question::default() }), 13);
         let mut others = boards.clone();
         others.insert(over(1, board("standard", "paper", "other"), 1.0));
         let question = asked("standard@other");
         assert_eq!(others.ranked(&question).expect("a board").rows.len(), 1);
-        assert_eq!(others.ranked(&asked("standard")).expect("a board").rows.len(), 29);
+        assert_eq!(others.ranked(&asked("standard")).expect("a board").rows.len(), 13);
     }
 
     #[test]
@@ -464,6 +471,7 @@ mod tests {
             game("a", TaskName::Pursuit, 99, 50.0, &known_settings),
             game("a", TaskName::Pursuit, 42, 50.0, &other),
             game("b", TaskName::Flocking, 27, 1.0, &reference),
+            game("c", TaskName::Flocking, 27, 12.0, &known_settings),
         ]);
         let shown = |imported, rules: &str| {
             let question = Question {
@@ -474,11 +482,11 @@ mod tests {
             };
             let ranked = boards.ranked(&question).expect("a board");
             let show = |row: &Row| {
-                let Source::Imported(result) = &row.source else { panic!("{row:?}") };
+                let Source::Imported(result, rules) = &row.source else { panic!("{row:?}") };
                 let task = result.tasks.iter().find(|task| task.games > 0).expect("a game");
                 assert_eq!((row.rank, row.shown()), (None, None), "not all tasks, and no run");
                 format!(
-                    "{} {:?} {}/{}",
+                    "{} {rules} {:?} {}/{}",
                     result.run.player.model,
                     task.mean(),
                     task.games,
@@ -487,8 +495,17 @@ mod tests {
             };
             ranked.rows.iter().map(show).collect::<Vec<_>>()
         };
-        assert_eq!(shown(true, "paper"), ["a Some(8.0) 2/2"]);
-        assert_eq!(shown(true, "reference"), ["a Some(8.0) 2/2", "b Some(1.0) 1/2"]);
+        assert_eq!(
+            shown(true, "paper"),
+            ["a reference Some(8.0) 2/2", "c reference Some(6.0) 1/2"]
+        );
+        // What does not name its rules is from the toolkit, whose Flocking costs twice as much as that of the paper.
+        let reference = [
+            "a reference Some(8.0) 2/2",
+            "b reference Some(1.0) 1/2",
+            "c reference Some(12.0) 1/2",
+        ];
+        assert_eq!(shown(true, "reference"), reference);
         assert!(shown(false, "paper").is_empty());
     }
 }

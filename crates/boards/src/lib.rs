@@ -22,6 +22,7 @@ pub mod rank;
 pub mod reference;
 pub mod result;
 pub mod run;
+pub mod scale;
 
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};

@@ -5,12 +5,12 @@ use swarmbench_protocol::board::{
     BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference, TaskScore,
 };
 
-use super::RowId;
 use super::collection::Ranked;
 use super::cross_play::Pair;
 use super::interval::Difference;
 use super::rank::Source;
 use super::result::TaskResult;
+use super::{RowId, scale};
 
 /// What is said of the rows of the paper.
 const NOTE: &str = "a number of the paper, made with the public toolkit; not played here";
@@ -44,7 +44,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
     let difference = ranked.difference(place);
     let difference = difference.map(|(to, of)| row_difference(to.id().to_string(), of));
     let (total, rank, id) = (row.total(&ranked.view.tasks), row.rank, row.id().to_string());
-    match &row.source {
+    let shown_row = match &row.source {
         Source::Reference(reference) => BoardRow {
             reference: true,
             table: Some(reference.table.name().to_owned()),
@@ -62,7 +62,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 .collect(),
             ..not_played_here(rank, id, total, &reference.name, NOTE)
         },
-        Source::Imported(shown) => BoardRow {
+        Source::Imported(shown, _) => BoardRow {
             imported: true,
             vouched: Some(false),
             tasks: tasks
@@ -102,6 +102,19 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 ..BoardRow::default()
             }
         }
+    };
+    let rules = row.rules(&ranked.board.rules);
+    let of = |wanted: &dyn Fn(TaskName) -> bool| {
+        let tasks = ranked.view.tasks.iter().filter(|task| wanted(**task));
+        let names = tasks.map(|task| task.name().to_owned());
+        names.filter(|name| shown_row.tasks.contains_key(name)).collect()
+    };
+    let to = ranked.board.rules.as_str();
+    BoardRow {
+        rules: rules.to_owned(),
+        converted: of(&|task| scale::factor(task, rules, to) != 1.0),
+        other_rules: of(&|task| scale::differs(task, rules, to)),
+        ..shown_row
     }
 }
 

@@ -8,7 +8,7 @@ use swarmbench_engine::TaskName;
 
 use super::RowId;
 use super::interval::{Difference, difference};
-use super::reference::Reference;
+use super::reference::{self, Reference};
 use super::result::RunResult;
 
 swarmbench_engine::named! {
@@ -66,8 +66,8 @@ pub enum Source {
         /// How many runs the player has on this board.
         runs: usize,
     },
-    /// Games of one model that were read from files.
-    Imported(Arc<RunResult>),
+    /// Games of one model that were read from files, at the scale of the board, and the rules by which they were played.
+    Imported(Arc<RunResult>, String),
     /// A row of the paper.
     Reference(&'static Reference),
 }
@@ -77,7 +77,7 @@ impl Row {
     #[must_use]
     pub fn id(&self) -> RowId {
         match &self.source {
-            Source::Runs { shown, .. } | Source::Imported(shown) => shown.row,
+            Source::Runs { shown, .. } | Source::Imported(shown, _) => shown.row,
             Source::Reference(reference) => reference.id,
         }
     }
@@ -87,7 +87,7 @@ impl Row {
     pub fn shown(&self) -> Option<&Arc<RunResult>> {
         match &self.source {
             Source::Runs { shown, .. } => Some(shown),
-            Source::Imported(_) | Source::Reference(_) => None,
+            Source::Imported(..) | Source::Reference(_) => None,
         }
     }
 
@@ -95,14 +95,24 @@ impl Row {
     #[must_use]
     pub fn total(&self, tasks: &[TaskName]) -> Option<f64> {
         match &self.source {
-            Source::Runs { shown, .. } | Source::Imported(shown) => shown.total(tasks),
+            Source::Runs { shown, .. } | Source::Imported(shown, _) => shown.total(tasks),
             Source::Reference(reference) => reference.total(tasks),
+        }
+    }
+
+    /// The rules by which it was played, on a board of the rules `board`.
+    #[must_use]
+    pub fn rules<'a>(&'a self, board: &'a str) -> &'a str {
+        match &self.source {
+            Source::Runs { .. } => board,
+            Source::Imported(_, rules) => rules,
+            Source::Reference(_) => reference::RULES,
         }
     }
 
     fn name(&self) -> &str {
         match &self.source {
-            Source::Runs { shown, .. } | Source::Imported(shown) => &shown.run.player.model,
+            Source::Runs { shown, .. } | Source::Imported(shown, _) => &shown.run.player.model,
             Source::Reference(reference) => &reference.name,
         }
     }
@@ -166,19 +176,19 @@ pub fn rank(
     for run in runs {
         players.entry(run.row).or_default().insert(Arc::clone(run));
     }
-    rank_players(players.values(), &[], references, view)
+    rank_players(players.values(), Vec::new(), references, view)
 }
 
 /// As [`rank`], for runs that are grouped by player, and with games from files.
 #[must_use]
 pub fn rank_players<'a>(
     players: impl IntoIterator<Item = &'a PlayerRuns>,
-    imported: &[Arc<RunResult>],
+    imported: Vec<(Arc<RunResult>, String)>,
     references: impl IntoIterator<Item = &'static Reference>,
     view: &View,
 ) -> Vec<Row> {
     let sources = players.into_iter().filter_map(|player| player.pick(view));
-    let imported = imported.iter().cloned().map(Source::Imported);
+    let imported = imported.into_iter().map(|(shown, rules)| Source::Imported(shown, rules));
     let references = references.into_iter().map(Source::Reference);
     let mut rows: Vec<Row> = (sources.chain(imported).chain(references))
         .map(|source| {

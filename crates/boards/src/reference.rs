@@ -6,10 +6,7 @@ use std::sync::LazyLock;
 use serde::Deserialize;
 use swarmbench_engine::TaskName;
 
-use super::RowId;
-
-/// The suite whose board they belong to.
-pub const SUITE: &str = "standard";
+use super::{RowId, scale};
 
 swarmbench_engine::named! {
     /// Which of the paper's tables a row is from.
@@ -22,6 +19,17 @@ swarmbench_engine::named! {
         Rules = "rules",
         /// People, or strategies that people had found.
         Humans = "humans",
+    }
+}
+
+impl Table {
+    /// The suite of its games.
+    #[must_use]
+    pub const fn suite(self) -> &'static str {
+        match self {
+            Self::Models => "standard",
+            Self::Rules | Self::Humans => "baselines",
+        }
     }
 }
 
@@ -65,8 +73,28 @@ impl Reference {
     }
 }
 
+/// The rule set at whose scale the paper has its scores.
+pub const RULES: &str = "paper";
+
 /// All rows, in the order of the paper.
 pub static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(read);
+
+/// All rows at the scale of the rules `reference`.
+static CONVERTED: LazyLock<Vec<Reference>> = LazyLock::new(|| {
+    let mut rows = REFERENCES.clone();
+    for numbers in rows.iter_mut().flat_map(|row| &mut row.tasks) {
+        let factor = scale::factor(numbers.task, RULES, "reference");
+        numbers.mean *= factor;
+        numbers.deviation *= factor;
+    }
+    rows
+});
+
+/// The rows on the board of a built-in suite, at the scale of its rules.
+pub fn rows(suite: &str, rules: &str) -> impl Iterator<Item = &'static Reference> {
+    let all = if rules == RULES { &REFERENCES } else { &CONVERTED };
+    all.iter().filter(move |row| row.table.suite() == suite)
+}
 
 /// A line of `reference.csv`.
 #[derive(Deserialize)]
@@ -128,6 +156,20 @@ mod tests {
         let totals: Vec<_> = totals.map(|(name, total)| (name, format!("{total:.2}"))).collect();
         assert_eq!(totals, TOTALS.map(|(name, total)| (name, total.to_owned())));
         assert!(of(Table::Models).flat_map(|row| &row.tasks).all(|task| task.games == Some(5)));
+    }
+
+    #[test]
+    fn rows_are_on_the_board_of_their_games_at_the_scale_of_its_rules() {
+        assert_eq!(rows("standard", "paper").count(), 13);
+        assert_eq!(rows("baselines", "paper").count(), 15 + 1);
+        assert_eq!(rows("quick", "paper").count(), 0);
+        for (paper, converted) in rows("baselines", "paper").zip(rows("baselines", "reference")) {
+            for (ours, theirs) in paper.tasks.iter().zip(&converted.tasks) {
+                let factor = if ours.task == TaskName::Flocking { 2.0 } else { 1.0 };
+                let expected = (ours.mean * factor, ours.deviation * factor);
+                assert_eq!((theirs.mean, theirs.deviation), expected);
+            }
+        }
     }
 
     #[test]

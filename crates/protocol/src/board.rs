@@ -76,6 +76,16 @@ pub struct BoardRow {
     pub started_at: Option<Timestamp>,
     /// The sum of the means of the tasks that are shown; null if one is missing.
     pub total: Option<f64>,
+    /// The rule set by which it was played.
+    #[serde(default)]
+    pub rules: String,
+    /// The tasks whose scores were converted from the scale of those rules to that of the board.
+    #[serde(default)]
+    pub converted: Vec<String>,
+    /// The tasks that those rules define in another way than the rules of the board, so that scores cannot simply be
+    /// compared.
+    #[serde(default)]
+    pub other_rules: Vec<String>,
     /// The scores by task.
     pub tasks: BTreeMap<String, TaskScore>,
     /// How far it is below the nearest row above that was played here.

@@ -60,10 +60,11 @@ pub struct Game {
 
 impl Suite {
     /// The names of the built-in suites.
-    pub const BUILT_IN: [&str; 2] = ["standard", "quick"];
+    pub const BUILT_IN: [&str; 3] = ["standard", "baselines", "quick"];
 
     /// A built-in suite by these rules: `standard` is the setting of the paper's main tables, five
-    /// tasks by five seeds; `quick` is a short look at all tasks.
+    /// tasks by five seeds; `baselines` is that of its baselines, five tasks by the seeds 0 to 19; `quick` is a short
+    /// look at all tasks.
     #[must_use]
     pub fn built_in(name: &str, rules: &str) -> Option<Self> {
         let tasks = TaskName::ALL.map(|task| task.name().to_owned()).to_vec();
@@ -71,6 +72,7 @@ impl Suite {
             "standard" => {
                 ([27, 42, 57, 72, 87].map(Seed::from).to_vec(), SuiteSettings::default().max_round)
             }
+            "baselines" => ((0..20).map(Seed::from).collect(), SuiteSettings::default().max_round),
             "quick" => (vec![Seed::from(27)], 20),
             _ => return None,
         };

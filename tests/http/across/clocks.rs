@@ -90,14 +90,14 @@ async fn the_deadline_is_the_opening_and_both() {
         [&seen["deadline"], &seen["remaining_ms"], &seen["bank_ms"]].map(Clone::clone)
     };
     let seen = app.obs(episode.seat(0)).await;
-    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15Z"), json!(15_000), json!(5_000)]);
+    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15.000Z"), json!(15_000), json!(5_000)]);
     // The bank is used last.
     app.pass(seconds(10));
     let seen = app.obs(episode.seat(0)).await;
-    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15Z"), json!(5_000), json!(5_000)]);
+    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15.000Z"), json!(5_000), json!(5_000)]);
     app.pass(seconds(3));
     let seen = app.obs(episode.seat(0)).await;
-    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15Z"), json!(2_000), json!(2_000)]);
+    assert_eq!(clock(&seen), [json!("2026-03-01T12:00:15.000Z"), json!(2_000), json!(2_000)]);
 }
 
 #[tokio::test]
@@ -140,7 +140,7 @@ async fn the_clock_of_a_manual_episode_begins_with_its_start() {
     assert_eq!(app.obs(episode.seat(0)).await["deadline"], Value::Null);
     app.post(&episode.path("/start")).token(&episode.swarm).ok().await;
     assert_eq!(left(&app, &episode, 0).await, (10_000, 0));
-    assert_eq!(app.obs(episode.seat(0)).await["deadline"], "2026-03-01T12:01:50Z");
+    assert_eq!(app.obs(episode.seat(0)).await["deadline"], "2026-03-01T12:01:50.000Z");
 }
 
 #[tokio::test]

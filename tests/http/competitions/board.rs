@@ -26,7 +26,7 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
     let app = server().await;
     let public = Cup::with(&app, json!({})).await;
     let hidden = Cup::with(&app, json!({ "board": "hidden" })).await;
-    let freezes = json!({ "board": "frozen", "board_freezes_at": "2026-03-01T12:30:00Z" });
+    let freezes = json!({ "board": "frozen", "board_freezes_at": "2026-03-01T12:30:00.000Z" });
     let frozen = Cup::open(&app, freezes).await;
     let mut entrants = Vec::new();
     for cup in [&public, &hidden, &frozen] {
@@ -56,7 +56,7 @@ async fn the_board_is_public_hidden_or_frozen_and_organizers_see_all_of_it() {
     let shown = board(&frozen).await;
     assert_eq!(
         (&shown["items"][0]["total"], &shown["frozen_at"]),
-        (&before, &json!("2026-03-01T12:30:00Z"))
+        (&before, &json!("2026-03-01T12:30:00.000Z"))
     );
     assert_eq!(shown["items"][0]["attempts"], 1);
     let all = app.get(&frozen.path("/board")).token(&app.organizer).ok().await;

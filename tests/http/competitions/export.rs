@@ -290,7 +290,10 @@ async fn every_forgery_is_found_though_its_chain_fits() {
             })
         };
     refused(&entrant("blue", &|e| e.declaration.model = "better".to_owned()), "setting model");
-    refused(&entrant("blue", &|e| e.declaration.temperature = Some(1.0)), "other things");
+    refused(
+        &entrant("blue", &|e| e.declaration.temperature = Some(1.0)),
+        "not the one that the entrant declared",
+    );
     refused(&entrant("green", &|e| e.status = EntrantStatus::Active), "row ");
     refused(&entrant("red", &|e| e.status = EntrantStatus::Disqualified), "row ");
     let mut forged = file.clone();

@@ -12,8 +12,8 @@ use crate::cup::{Attempt, Cup, pass_minutes, server};
 async fn attempts_are_started_within_their_number_and_their_windows() {
     let app = server().await;
     let windows = json!([
-        { "closes_at": "2026-03-01T12:20:00Z" },
-        { "opens_at": "2026-03-01T12:30:00Z" },
+        { "closes_at": "2026-03-01T12:20:00.000Z" },
+        { "opens_at": "2026-03-01T12:30:00.000Z" },
     ]);
     let cup = Cup::with(&app, json!({ "attempts": windows })).await;
     let blue = cup.enter(&app, "blue").await;
@@ -25,7 +25,7 @@ async fn attempts_are_started_within_their_number_and_their_windows() {
     start(json!({ "attempt": 2 })).problem(409, "closed").await;
     let started = start(json!({})).ok().await;
     assert_eq!((&started["attempt"], &started["games"]), (&json!(1), &json!(4)));
-    assert_eq!(started["closes_at"], "2026-03-01T12:20:00Z");
+    assert_eq!(started["closes_at"], "2026-03-01T12:20:00.000Z");
     for again in [json!({}), json!({ "attempt": 1 }), json!({ "attempt": 3 })] {
         start(again).problem(409, "closed").await;
     }

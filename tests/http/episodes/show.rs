@@ -13,7 +13,7 @@ async fn an_episode_is_shown_as_it_stands() {
         app.show(&episode).await,
         json!({
             "id": episode.id, "status": "running", "task": "Synchronization", "model": "unnamed",
-            "round": 0, "score": 0.0, "created_at": "2026-03-01T12:00:00Z", "ended_at": null,
+            "round": 0, "score": 0.0, "created_at": "2026-03-01T12:00:00.000Z", "ended_at": null,
             "result": null, "config": episode.config, "run": null, "void_reason": null,
         })
     );
@@ -21,7 +21,7 @@ async fn an_episode_is_shown_as_it_stands() {
     finish(&app, &episode).await;
     let shown = app.show(&episode).await;
     assert_eq!((&shown["status"], number(&shown["round"])), (&json!("finished"), 2));
-    assert_eq!(shown["ended_at"], "2026-03-01T12:00:01.5Z");
+    assert_eq!(shown["ended_at"], "2026-03-01T12:00:01.500Z");
     assert_eq!(shown["result"]["rounds"], 2);
     assert_eq!(shown["result"]["score"], shown["score"]);
 }
