@@ -11,8 +11,9 @@ use tokio_util::sync::CancellationToken;
 use super::options::client;
 use super::output::{progress_bar, set};
 use super::play::task;
-use crate::dataset::export::{Export, Exported, ImportedGames, Selection, TableName};
+use crate::dataset::export::{Export, Exported, ImportedGames, Selection};
 use crate::dataset::files::{Archive, Files, Folder};
+use crate::dataset::tables::TableName;
 use crate::episode::Status;
 use crate::ids::EpisodeId;
 use crate::store::Store;
@@ -148,8 +149,14 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
             }
         };
         let status = args.status.map(|status| status.name().to_owned());
-        let filter =
-            Filter { status, task, model: args.model.clone(), run, readable: Readable::All };
+        let filter = Filter {
+            status,
+            task,
+            played_by: args.model.clone(),
+            run,
+            readable: Readable::All,
+            ..Filter::default()
+        };
         let selection =
             Selection { filter, episode: args.episode.clone().map(EpisodeId::from_text) };
         let select =

@@ -1,5 +1,6 @@
 //! Reading data that others wrote: whole, with files missing and broken, and made to do harm.
 
+mod reserved;
 mod sample;
 
 use std::fs::File;
@@ -11,6 +12,7 @@ use serde_json::{Value, json};
 use swarmbench::dataset::bounds::Bounds;
 use swarmbench::dataset::imported;
 use swarmbench::dataset::read::{Problem, ReadError, Skipped, Taker, read};
+use swarmbench::dataset::tables::TableName;
 use swarmbench::store::Store;
 use swarmbench::store::entries::ImportRow;
 use swarmbench::store::imports::ImportFilter;
@@ -353,6 +355,21 @@ fn a_byte_order_mark_is_skipped() {
     }
     let taken = Collected::of(folder.path(), &Bounds::default());
     assert_eq!((taken.games, taken.problems), (before, Vec::new()));
+}
+
+#[test]
+fn no_column_has_a_reserved_word_for_its_name() {
+    let words: Vec<String> = reserved::WORDS.split_whitespace().map(str::to_lowercase).collect();
+    for word in ["to", "at", "end", "start", "value", "result"] {
+        assert!(words.iter().any(|reserved| reserved == word), "{word}");
+    }
+    for table in TableName::ALL {
+        for (number, (name, _)) in table.columns().iter().enumerate() {
+            assert!(!words.iter().any(|word| word == name), "{name} in {}", table.name());
+            let others = &table.columns()[..number];
+            assert!(others.iter().all(|(other, _)| other != name), "{name} is there twice");
+        }
+    }
 }
 
 #[test]
