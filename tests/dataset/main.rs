@@ -578,6 +578,19 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     let said = text(&output.stdout);
     assert!(said.contains("7 were there already; 1 problems, 1 games skipped"), "{said}");
 
+    let out = place.path().join("out-3");
+    let args = ["export", "--imported", "--model", "modle-1", &out.display().to_string()];
+    let output = swarmbench(&args, &db);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said.contains(
+            "no game matches --imported --model modle-1; models that have games: \"model-1\", \"model-0\""
+        ),
+        "{said}"
+    );
+    assert!(!out.exists() && !out.with_extension("partial").exists());
+
     let empty = TempDir::new().expect("a folder");
     let output = swarmbench(&["import", &empty.path().display().to_string()], &db);
     assert!(!output.status.success() && text(&output.stderr).contains("no game"));

@@ -524,6 +524,42 @@ async fn each_act_says_who_played_its_seat() {
 }
 
 #[tokio::test]
+async fn an_export_without_games_is_an_error_that_names_models() {
+    let app = TestApp::start().await;
+    play(&app, request("Pursuit")).await;
+    play_mixed(&app).await;
+    let place = tempfile::tempdir().expect("a folder");
+    let out = place.path().join("games.zip").display().to_string();
+    let tables = place.path().join("tables").display().to_string();
+    let db = app.database().display().to_string();
+    let (in_file, from_server) = (["--db", &db], ["--server", app.base()]);
+    let models = "models that have games: \"exported\", ";
+    for (to, source, filters, said) in [
+        (&out, &in_file, &["--model", "exprted"][..], models),
+        (&out, &from_server, &["--model", "exprted"], models),
+        (&tables, &in_file, &["--model", "exprted", "--format", "parquet"], models),
+        (&out, &in_file, &["--model", "blue", "--no-mixed"], "--model blue --no-mixed"),
+        (&out, &from_server, &["--model", "blue", "--no-mixed"], "--model blue --no-mixed"),
+        (&out, &in_file, &["--episode", "ep_0"], "no game matches --episode ep_0"),
+        (&out, &from_server, &["--episode", "ep_0"], "the episode is not known"),
+        (&out, &in_file, &["--status", "aborted"], "no game matches --status aborted"),
+    ] {
+        let output = swarmbench(&[&["export", to][..], source, filters].concat()).await;
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{filters:?}");
+        assert!(error.contains(said), "{filters:?}: {error}");
+        assert_eq!(std::fs::read_dir(place.path()).expect("a folder").count(), 0, "{filters:?}");
+    }
+    let output =
+        swarmbench(&["export", &tables, "--no-mixed", "--format", "jsonl", "--db", &db]).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for table in ["episodes", "acts", "rounds"] {
+        let lines = std::fs::read_to_string(format!("{tables}/{table}.jsonl")).expect("a table");
+        assert!(lines.lines().all(|line| line.contains(r#""mixed":false"#)) && !lines.is_empty());
+    }
+}
+
+#[tokio::test]
 async fn only_what_may_be_read_is_exported() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
