@@ -4,15 +4,17 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use indicatif::{HumanBytes, HumanCount};
+use indicatif::{HumanBytes, HumanCount, ProgressBar};
 use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
+use super::no_match::Models;
 use super::options::client;
 use super::output::{progress_bar, set};
 use super::play::task;
-use crate::dataset::export::{Export, Exported, ImportedGames, Selection, TableName};
-use crate::dataset::files::{Archive, Files, Folder};
+use crate::dataset::export::{Export, ExportError, Exported, ImportedGames, Selection};
+use crate::dataset::files::{Archive, Files, Folder, has_games};
+use crate::dataset::tables::TableName;
 use crate::episode::Status;
 use crate::ids::EpisodeId;
 use crate::store::Store;
@@ -22,7 +24,7 @@ use crate::store::episodes::{Filter, Readable};
 #[command(
     after_help = "The database is only read; its server may keep running. An incomplete export has a name that ends in \
     .partial.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts read the folder. \
-    `jsonl` and `parquet` write the two tables acts and rounds into it.\n\nExamples:\n  \
+    `jsonl` and `parquet` write the tables episodes, acts and rounds into it.\n\nExamples:\n  \
     swarmbench export games --db swarmbench.db\n  \
     swarmbench export games.zip --task Transport --model my-model\n  \
     swarmbench export tables --format parquet\n  \
@@ -49,9 +51,12 @@ pub(super) struct Args {
     /// Only episodes of this task.
     #[arg(long, value_parser = task)]
     task: Option<TaskName>,
-    /// Only episodes of this model.
+    /// Only episodes in which this model held a seat. The table acts has the acts of its seats alone.
     #[arg(long)]
     model: Option<String>,
+    /// No episodes whose seats had several holders.
+    #[arg(long)]
+    no_mixed: bool,
     /// Only episodes with this status: waiting, running, finished, aborted or abandoned. Default: all that have
     /// ended.
     #[arg(long, value_parser = status)]
@@ -60,7 +65,7 @@ pub(super) struct Args {
     #[arg(long)]
     episode: Option<String>,
     /// Imported games instead of episodes of this server.
-    #[arg(long, conflicts_with_all = ["run", "status", "episode", "format"])]
+    #[arg(long, conflicts_with_all = ["run", "no_mixed", "status", "episode", "format"])]
     imported: bool,
 }
 
@@ -68,10 +73,51 @@ pub(super) struct Args {
 enum Format {
     /// The files of the public toolkit.
     Dataset,
-    /// Acts and rounds as JSON Lines.
+    /// Episodes, acts and rounds as JSON Lines.
     Jsonl,
-    /// Acts and rounds as Parquet.
+    /// Episodes, acts and rounds as Parquet.
     Parquet,
+}
+
+impl Args {
+    /// The filters, as the query of a server has them.
+    fn query(&self) -> Vec<(&'static str, String)> {
+        let filters = [
+            ("run", self.run.clone()),
+            ("task", self.task()),
+            ("model", self.model.clone()),
+            ("mixed", self.no_mixed.then(|| false.to_string())),
+            ("status", self.status()),
+            ("episode", self.episode.clone()),
+        ];
+        filters.into_iter().filter_map(|(name, value)| Some((name, value?))).collect()
+    }
+
+    /// Without a filter an export may be empty: nothing was mistyped.
+    fn has_filter(&self) -> bool {
+        !self.query().is_empty()
+    }
+
+    fn task(&self) -> Option<String> {
+        self.task.map(|task| task.name().to_owned())
+    }
+
+    fn status(&self) -> Option<String> {
+        self.status.map(|status| status.name().to_owned())
+    }
+
+    /// The error where no game matches.
+    fn no_match(&self, models: &Models) -> anyhow::Error {
+        let mut filters = Vec::new();
+        if self.imported {
+            filters.push("--imported".to_owned());
+        }
+        filters.extend(self.query().into_iter().map(|(name, value)| match name {
+            "mixed" => "--no-mixed".to_owned(),
+            name => format!("--{name} {value}"),
+        }));
+        models.no_match(&filters, self.model.as_deref())
+    }
 }
 
 fn status(name: &str) -> Result<Status, String> {
@@ -129,47 +175,102 @@ fn write(args: &Args, partial: &Path, is_archive: bool) -> anyhow::Result<Export
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(&args.db))?;
     let bar = progress_bar("{bar:30} {pos} of {len} games, {elapsed}");
-    let progress = |done, of| set(&bar, done, of);
-    let mut files: Box<dyn Files> = if is_archive {
-        Box::new(Archive::new(create(partial)?))
-    } else {
-        std::fs::create_dir(partial).with_context(|| not_created(partial))?;
-        Box::new(Folder::new(partial.to_owned()))
-    };
-    let task = args.task.map(|task| task.name().to_owned());
     let exported = if args.imported {
-        ImportedGames::select(&store, task, args.model.clone(), progress)?.dataset(&mut *files)?
+        write_imported(args, &store, &bar, partial, is_archive)
     } else {
-        let run = match &args.run {
-            None => None,
-            Some(id) => {
-                let run = runtime.block_on(store.find_run(id))?;
-                Some(run.with_context(|| format!("there is no run {id}"))?.run)
-            }
-        };
-        let status = args.status.map(|status| status.name().to_owned());
-        let filter =
-            Filter { status, task, model: args.model.clone(), run, readable: Readable::All };
-        let selection =
-            Selection { filter, episode: args.episode.clone().map(EpisodeId::from_text) };
-        let select =
-            || Export::select(&store, &selection, |_| true, progress, CancellationToken::new());
-        match args.format {
-            Format::Dataset => select()?.dataset(&mut *files)?,
-            Format::Jsonl => {
-                select()?.lines(TableName::Acts, create(&partial.join("acts.jsonl"))?)?;
-                select()?.lines(TableName::Rounds, create(&partial.join("rounds.jsonl"))?)?
-            }
-            Format::Parquet => {
-                select()?.parquet(TableName::Acts, create(&partial.join("acts.parquet"))?)?;
-                select()?.parquet(TableName::Rounds, create(&partial.join("rounds.parquet"))?)?
-            }
-        }
+        write_episodes(args, &store, &bar, partial, is_archive)
     };
     bar.finish_and_clear();
-    drop(files);
     runtime.block_on(store.close());
-    Ok(exported)
+    exported
+}
+
+fn write_imported(
+    args: &Args,
+    store: &Store,
+    bar: &ProgressBar,
+    partial: &Path,
+    is_archive: bool,
+) -> anyhow::Result<Exported> {
+    let select =
+        |model| ImportedGames::select(store, args.task(), model, |done, of| set(bar, done, of));
+    let games = select(args.model.clone())?;
+    if games.is_empty() && args.has_filter() {
+        let mut models = Models::default();
+        models.add(select(None)?.models()?);
+        return Err(args.no_match(&models));
+    }
+    Ok(games.dataset(&mut *files(partial, is_archive)?)?)
+}
+
+fn write_episodes(
+    args: &Args,
+    store: &Store,
+    bar: &ProgressBar,
+    partial: &Path,
+    is_archive: bool,
+) -> anyhow::Result<Exported> {
+    let mut selection = selection(args, store)?;
+    let select = |selection: &Selection| {
+        let progress = |done, of| set(bar, done, of);
+        Export::select(store, selection, |_| true, progress, CancellationToken::new())
+    };
+    let export = match select(&selection) {
+        Ok(export) if !(export.is_empty() && args.has_filter()) => export,
+        Ok(_) | Err(ExportError::Unknown(_)) => {
+            let mut models = Models::default();
+            if selection.filter.played_by.take().is_some() && selection.episode.is_none() {
+                select(&selection)?.lines(TableName::Episodes, &mut models)?;
+            }
+            return Err(args.no_match(&models));
+        }
+        Err(error) => return Err(error.into()),
+    };
+    let end = match args.format {
+        Format::Dataset => return Ok(export.dataset(&mut *files(partial, is_archive)?)?),
+        Format::Jsonl => "jsonl",
+        Format::Parquet => "parquet",
+    };
+    std::fs::create_dir(partial).with_context(|| not_created(partial))?;
+    let table = |table: TableName| -> anyhow::Result<Exported> {
+        let file = create(&partial.join(format!("{}.{end}", table.name())))?;
+        let export = select(&selection)?;
+        Ok(match args.format {
+            Format::Parquet => export.parquet(table, file)?,
+            Format::Dataset | Format::Jsonl => export.lines(table, file)?,
+        })
+    };
+    table(TableName::Episodes)?;
+    let acts = table(TableName::Acts)?.acts;
+    Ok(Exported { acts, ..table(TableName::Rounds)? })
+}
+
+fn selection(args: &Args, store: &Store) -> anyhow::Result<Selection> {
+    let run = match &args.run {
+        None => None,
+        Some(id) => {
+            let run = tokio::runtime::Handle::current().block_on(store.find_run(id))?;
+            Some(run.with_context(|| format!("there is no run {id}"))?.run)
+        }
+    };
+    let filter = Filter {
+        status: args.status(),
+        task: args.task(),
+        played_by: args.model.clone(),
+        mixed: args.no_mixed.then_some(false),
+        run,
+        readable: Readable::All,
+        ..Filter::default()
+    };
+    Ok(Selection { filter, episode: args.episode.clone().map(EpisodeId::from_text) })
+}
+
+fn files(partial: &Path, is_archive: bool) -> anyhow::Result<Box<dyn Files>> {
+    if is_archive {
+        return Ok(Box::new(Archive::new(create(partial)?)));
+    }
+    std::fs::create_dir(partial).with_context(|| not_created(partial))?;
+    Ok(Box::new(Folder::new(partial.to_owned())))
 }
 
 fn not_created(path: &Path) -> String {
@@ -183,21 +284,29 @@ fn create(path: &Path) -> anyhow::Result<File> {
 
 async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<()> {
     let client = client(server, args.key.clone())?;
-    let task = args.task.map(|task| task.name().to_owned());
-    let status = args.status.map(|status| status.name().to_owned());
-    let query: Vec<(&str, &String)> = [
-        ("run", &args.run),
-        ("task", &task),
-        ("model", &args.model),
-        ("status", &status),
-        ("episode", &args.episode),
-    ]
-    .into_iter()
-    .filter_map(|(name, value)| Some((name, value.as_ref()?)))
-    .collect();
+    let query = args.query();
+    let query: Vec<(&str, &String)> = query.iter().map(|(name, value)| (*name, value)).collect();
     let bar = progress_bar("{spinner} {bytes} {elapsed}");
     let mut file = create(partial)?;
-    client.download("/api/v1/exports/dataset.zip", &query, &mut bar.wrap_write(&mut file)).await?;
+    let out = &mut bar.wrap_write(&mut file);
+    let sent = client.download("/api/v1/exports/dataset.zip", &query, out).await;
     bar.finish_and_clear();
-    Ok(file.sync_all()?)
+    if file.metadata()?.len() == 0 {
+        std::fs::remove_file(partial)?;
+    }
+    sent?;
+    file.sync_all()?;
+    if !args.has_filter() || has_games(partial)? {
+        return Ok(());
+    }
+    std::fs::remove_file(partial)?;
+    let mut models = Models::default();
+    if args.model.is_some() && args.episode.is_none() {
+        let others: Vec<_> = query.into_iter().filter(|(name, _)| *name != "model").collect();
+        let asked = client.download("/api/v1/exports/episodes.jsonl", &others, &mut models).await;
+        if let Err(error) = asked {
+            eprintln!("the models that have games cannot be listed: {error}");
+        }
+    }
+    Err(args.no_match(&models))
 }

@@ -8,7 +8,7 @@ use indicatif::{HumanCount, ProgressBar};
 use super::options::open_database;
 use super::output::{progress_bar, set};
 use crate::dataset::bounds::Bounds;
-use crate::dataset::read::{Problem, Taker, read};
+use crate::dataset::read::{Problem, Skipped, Taker, read};
 use crate::store::Store;
 use crate::store::entries::Entry;
 use crate::store::entries::ImportRow;
@@ -18,7 +18,7 @@ use swarmbench_clock::{Clock, SystemClock};
 #[command(
     after_help = "Reads what the public toolkit writes, and what `swarmbench export` writes: meta_log.json with \
     game_log_<run_id>.json and agent_log_<run_id>.json, in any number of folders (docs/evaluate/dataset.md). Missing and \
-    broken files are reported and skipped, the others are imported. Importing the same data again changes nothing. Imported games \
+    broken files are reported and skipped, the others are imported; the exit status is then 1. Importing the same data again changes nothing. Imported games \
     are unverified: they are shown as they were recorded, at /api/v1/imports of a server on this database.\n\n\
     Examples:\n  swarmbench import experiment_v01 --db swarmbench.db\n  swarmbench import games.zip"
 )]
@@ -42,21 +42,31 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let (importer, result) = tokio::task::spawn_blocking(work).await?;
     let Importer { added, completed, known, acts, problems, .. } = importer;
     store.close().await;
-    for Problem { file, problem } in &problems {
-        eprintln!("skipped: {file}: {problem}");
+    for Problem { skipped, file, problem } in &problems {
+        let label = match skipped {
+            Skipped::Game | Skipped::File => "skipped",
+            Skipped::Acts => "warning",
+        };
+        eprintln!("{label}: {file}: {problem}");
     }
+    let count = |kind| problems.iter().filter(|problem| problem.skipped == kind).count() as u64;
+    let (games, files) = (count(Skipped::Game), count(Skipped::File));
     println!(
-        "{}: {} games imported with {} acts, {} completed, {} were there already; {} problems",
+        "{}: {} games imported with {} acts, {} completed, {} were there already; {} problems, {} games skipped",
         args.from.display(),
         HumanCount(added),
         HumanCount(acts),
         HumanCount(completed),
         HumanCount(known),
         HumanCount(problems.len() as u64),
+        HumanCount(games),
     );
     result?;
     if added + completed + known == 0 {
         bail!("{} has no game that can be read", args.from.display());
+    }
+    if games + files > 0 {
+        bail!("{games} games and {files} other files were skipped; the rest is imported");
     }
     Ok(())
 }

@@ -13,6 +13,7 @@ mod import;
 mod key;
 mod leaderboard;
 mod loadtest;
+mod no_match;
 mod openapi;
 mod options;
 mod output;

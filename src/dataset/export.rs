@@ -4,7 +4,7 @@
 //! texts of acts are read part by part. It needs a thread of its own: it computes, reads the store, and waits for the
 //! reader of its output.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::io::{self, Write};
 
 use serde::Serialize;
@@ -15,8 +15,9 @@ use super::columns::Table;
 use super::files::Files;
 use super::format::{self, META};
 use super::game::{Game, GameAct, Turn};
+use super::header::Header;
 use super::imported;
-use super::tables::{self, Cell, Column, Named};
+use super::tables::{self, Cell, Named, TableName};
 use crate::ids::{EpisodeId, EpisodeKey, ImportKey};
 use crate::store::entries::ImportedRound;
 use crate::store::episodes::{Filter, Readable};
@@ -52,25 +53,6 @@ pub enum ExportError {
     Stopped,
 }
 
-swarmbench_engine::named! {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub enum TableName {
-        /// One row per act.
-        Acts = "acts",
-        /// One row per state.
-        Rounds = "rounds",
-    }
-}
-
-impl TableName {
-    pub const fn columns(self) -> &'static [Column] {
-        match self {
-            Self::Acts => tables::ACTS,
-            Self::Rounds => tables::ROUNDS,
-        }
-    }
-}
-
 /// The episodes to export: all that have ended if the filter names no status.
 #[derive(Clone, Debug)]
 pub struct Selection {
@@ -92,6 +74,8 @@ pub struct Export<'a> {
     runtime: Handle,
     /// The numbers of the selected episodes: nothing else of them stays in memory.
     keys: Vec<EpisodeKey>,
+    /// The acts of its seats alone are in the table of acts.
+    played_by: Option<String>,
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
     stop: CancellationToken,
@@ -117,7 +101,7 @@ impl<'a> Export<'a> {
         };
         let mut keys = Vec::new();
         if let Some(id) = episode {
-            let found = runtime.block_on(store.find_summary(id))?.filter(wanted);
+            let found = runtime.block_on(find(store, filter, id))?.filter(wanted);
             keys.push(found.ok_or_else(|| ExportError::Unknown(id.to_string()))?.episode);
         } else {
             let mut before = None;
@@ -133,13 +117,20 @@ impl<'a> Export<'a> {
         }
         // Lists begin with the newest.
         keys.reverse();
-        let exported = Exported::default();
-        Ok(Self { store, runtime, keys, exported, progress: Box::new(progress), stop })
+        let (exported, progress) = (Exported::default(), Box::new(progress));
+        let played_by = filter.played_by.clone();
+        Ok(Self { store, runtime, keys, played_by, exported, progress, stop })
+    }
+
+    /// Whether no episode was selected.
+    pub const fn is_empty(&self) -> bool {
+        self.keys.is_empty()
     }
 
     /// Writes the files of the toolkit: the states and the acts of every episode, and then the index.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
         let mut written = Vec::new();
+        let (mut rounds, mut acts) = (0, 0);
         for (done, key) in self.keys.clone().into_iter().enumerate() {
             (self.progress)(done as u64, self.keys.len() as u64);
             let Some((stored, mut game)) = self.sound(key)? else { continue };
@@ -147,12 +138,16 @@ impl<'a> Export<'a> {
             {
                 let mut list = List::array(files.begin(&format::game_file(run_id))?)?;
                 list.add(&game.layout())?;
-                self.play(&stored, &mut game, |game, turn| Ok(list.add(&game.after(turn))?))?;
+                self.play(&stored, &mut game, |game, turn| {
+                    rounds += 1;
+                    Ok(list.add(&game.after(turn))?)
+                })?;
                 list.end()?;
             }
             let mut game = lay_out(&stored)?;
             let mut list = List::array(files.begin(&format::agent_file(run_id))?)?;
             self.play_acts(&stored, &mut game, |game, turn, act| {
+                acts += 1;
                 Ok(list.add(&game.act(turn, act))?)
             })?;
             list.end()?;
@@ -160,7 +155,7 @@ impl<'a> Export<'a> {
         }
         self.index(&written, files.begin(META)?)?;
         files.finish()?;
-        Ok(self.finish())
+        Ok(self.finish(rounds, acts))
     }
 
     fn index(&mut self, keys: &[EpisodeKey], out: &mut dyn Write) -> Result<(), ExportError> {
@@ -199,29 +194,65 @@ impl<'a> Export<'a> {
         table: TableName,
         mut add: impl FnMut(Vec<Cell>) -> Result<(), ExportError>,
     ) -> Result<Exported, ExportError> {
+        let (mut rounds, mut acts) = (0, 0);
         for (done, key) in self.keys.clone().into_iter().enumerate() {
             (self.progress)(done as u64, self.keys.len() as u64);
-            let Some((stored, mut game)) = self.sound(key)? else { continue };
-            let began_at = stored.created_at;
-            if table == TableName::Rounds {
-                add(tables::round(&game, None, began_at))?;
-            }
             match table {
-                TableName::Acts => self.play_acts(&stored, &mut game, |game, turn, act| {
-                    add(tables::act(game, turn, act))
-                })?,
-                TableName::Rounds => self.play(&stored, &mut game, |game, turn| {
-                    add(tables::round(game, Some(turn), began_at))
-                })?,
+                TableName::Episodes => {
+                    check(&self.stop)?;
+                    if let Some(row) = self.episode(key)? {
+                        add(row)?;
+                    }
+                }
+                TableName::Acts => {
+                    let Some((stored, mut game)) = self.sound(key)? else { continue };
+                    self.play_acts(&stored, &mut game, |game, turn, act| {
+                        let model = &game.header.holder(act.agent).model;
+                        if self.played_by.as_ref().is_some_and(|wanted| wanted != model) {
+                            return Ok(());
+                        }
+                        acts += 1;
+                        add(tables::act(game, turn, act))
+                    })?;
+                }
+                TableName::Rounds => {
+                    let Some((stored, mut game)) = self.sound(key)? else { continue };
+                    let created_at = stored.created_at;
+                    add(tables::round(&game, None, created_at))?;
+                    self.play(&stored, &mut game, |game, turn| {
+                        rounds += 1;
+                        add(tables::round(game, Some(turn), created_at))
+                    })?;
+                }
             }
         }
-        Ok(self.finish())
+        Ok(self.finish(rounds, acts))
     }
 
-    fn finish(mut self) -> Exported {
+    /// The row of an episode, which is not replayed for it.
+    fn episode(&mut self, key: EpisodeKey) -> Result<Option<Vec<Cell>>, ExportError> {
+        let Some(stored) = self.stored(key)? else { return Ok(None) };
+        let header = match Header::read(&stored) {
+            Ok(header) => header,
+            Err(problem) => {
+                self.leave_out(&stored, problem);
+                return Ok(None);
+            }
+        };
+        self.exported.episodes += 1;
+        let started_at = self.runtime.block_on(self.store.started_at(key))?;
+        Ok(Some(tables::episode(&header, &stored, started_at)))
+    }
+
+    fn leave_out(&mut self, stored: &StoredEpisode, problem: String) {
+        tracing::error!(episode = %stored.id, problem, "an episode is not exported");
+        self.exported.broken.push((stored.id.to_string(), problem));
+    }
+
+    fn finish(mut self, rounds: u64, acts: u64) -> Exported {
         let all = self.keys.len() as u64;
         (self.progress)(all, all);
-        self.exported
+        Exported { rounds, acts, ..self.exported }
     }
 
     fn stored(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, ExportError> {
@@ -235,26 +266,18 @@ impl<'a> Export<'a> {
     /// written, because a file that was begun cannot be withdrawn.
     fn sound(&mut self, key: EpisodeKey) -> Result<Option<(StoredEpisode, Game)>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
-        let (mut rounds, mut acts) = (0, 0);
-        let played = Game::new(&stored).map_err(Fault::Broken).and_then(|mut game| {
-            self.try_play(&stored, &mut game, |_, turn| {
-                rounds += 1;
-                acts += turn.acts.len() as u64;
-                Ok(())
-            })
-        });
+        let played = Game::new(&stored)
+            .map_err(Fault::Broken)
+            .and_then(|mut game| self.try_play(&stored, &mut game, |_, _| Ok(())));
         match played {
             Ok(()) => {}
             Err(Fault::Broken(problem)) => {
-                tracing::error!(episode = %stored.id, problem, "an episode is not exported");
-                self.exported.broken.push((stored.id.to_string(), problem));
+                self.leave_out(&stored, problem);
                 return Ok(None);
             }
             Err(Fault::Error(error)) => return Err(error),
         }
         self.exported.episodes += 1;
-        self.exported.rounds += rounds;
-        self.exported.acts += acts;
         let game = lay_out(&stored)?;
         Ok(Some((stored, game)))
     }
@@ -345,6 +368,20 @@ impl<'a> ImportedGames<'a> {
         Ok(Self { store, runtime, keys, progress: Box::new(progress) })
     }
 
+    /// Whether no game was selected.
+    pub const fn is_empty(&self) -> bool {
+        self.keys.is_empty()
+    }
+
+    /// The models of the selected games.
+    pub fn models(&self) -> Result<BTreeSet<String>, ExportError> {
+        let mut models = BTreeSet::new();
+        for key in &self.keys {
+            models.extend(self.stored(*key)?.map(|stored| stored.model));
+        }
+        Ok(models)
+    }
+
     /// Writes the games as they were imported. Of several with one name the oldest is written, as a file name can be
     /// used once.
     pub fn dataset(mut self, files: &mut dyn Files) -> Result<Exported, ExportError> {
@@ -412,6 +449,22 @@ impl<'a> ImportedGames<'a> {
 
 fn unreadable(problem: String) -> ExportError {
     ExportError::Journal(StoreError::broken(problem))
+}
+
+/// The episode with this id, if the filter lets it through. Whether it may be read is decided by the caller.
+async fn find(
+    store: &Store,
+    filter: &Filter,
+    id: &EpisodeId,
+) -> Result<Option<StoredEpisode>, StoreError> {
+    if matches!(filter.readable, Readable::Nothing) {
+        return Ok(None);
+    }
+    let Some(found) = store.find_summary(id).await? else { return Ok(None) };
+    let filter = Filter { readable: Readable::All, ..filter.clone() };
+    let next = Some(EpisodeKey(found.episode.0 + 1));
+    let first = store.list_episodes(&filter, next, 1).await?.pop();
+    Ok(first.filter(|first| first.episode == found.episode))
 }
 
 enum Fault {

@@ -3,11 +3,11 @@
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 use zip::write::{SimpleFileOptions, StreamWriter};
-use zip::{CompressionMethod, ZipWriter};
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// Takes files one after the other.
 pub trait Files {
@@ -101,6 +101,11 @@ impl<W: Write> Files for Archive<W> {
         }
         Ok(())
     }
+}
+
+/// Whether an archive has more files than the index.
+pub fn has_games(archive: &Path) -> io::Result<bool> {
+    Ok(ZipArchive::new(File::open(archive)?)?.len() > 1)
 }
 
 #[cfg(test)]

@@ -41,8 +41,8 @@ pub struct Meta {
     pub seed: u64,
     /// Rows and columns of an agent's window.
     pub view_size: u32,
-    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, and `run` if the
-    /// game belongs to one.
+    /// Further fields. An export has `rules`, `control`, `memory`, `noise`, `max_delay`, `status`, `run` if the game
+    /// belongs to one, and `mixed` and `holders` if its seats had several holders.
     #[serde(flatten)]
     pub rest: Map<String, Value>,
 }
@@ -105,6 +105,15 @@ pub struct AgentRow {
     pub action_success: Option<bool>,
     /// Tokens of all the agent's answers so far.
     pub total_llm_tokens: Option<u64>,
+    /// The model of the holder of its seat. The toolkit has neither this nor the fields below.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// The number of the holder of its seat; 0 is the creator.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holder: Option<u32>,
+    /// The built-in player, if the server played the seat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
 }
 
 #[cfg(test)]

@@ -9,9 +9,10 @@ use swarmbench_engine::{
 };
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
+use super::header::Header;
 use crate::store::exports::LoggedRound;
 use crate::store::port::StoredEpisode;
-use swarmbench_journal::record::{ActRecord, Opening, Record};
+use swarmbench_journal::record::ActRecord;
 use swarmbench_journal::replay::{Replayer, RoundFault, acts_of};
 use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
@@ -19,7 +20,7 @@ use swarmbench_protocol::status::Status;
 
 /// An episode that is being replayed.
 pub struct Game {
-    pub opening: Opening,
+    pub header: Header,
     config: Arc<Config>,
     description: String,
     replayer: Replayer,
@@ -60,20 +61,15 @@ impl GameAct {
 
 impl Game {
     pub fn new(stored: &StoredEpisode) -> Result<Self, String> {
-        let opening = match stored.opening.read() {
-            Ok(Record::Opening(opening)) => *opening,
-            Ok(Record::Seats(_) | Record::Round(_) | Record::End(_)) => {
-                return Err("it has no opening".to_owned());
-            }
-            Err(error) => return Err(error.to_string()),
-        };
-        let config = Arc::new(opening.config.engine().map_err(|error| error.to_string())?);
+        let header = Header::read(stored)?;
+        let config = header.opening.config.engine().map_err(|error| error.to_string())?;
+        let config = Arc::new(config);
         Ok(Self {
             description: tasks::description(&config),
             replayer: Replayer::new(Arc::new(World::new(Arc::clone(&config)))),
             began_at: stored.created_at,
             tokens: vec![None; config.num_agents().into()],
-            opening,
+            header,
             config,
         })
     }
@@ -111,7 +107,8 @@ impl Game {
 
     /// The settings, as the index has them.
     pub fn meta(&self, status: &str) -> Meta {
-        let config = &self.opening.config;
+        let Header { opening, .. } = &self.header;
+        let config = &opening.config;
         let size = |cells: i64| u32::try_from(cells).unwrap_or(u32::MAX);
         let mut rest = vec![
             ("rules", json!(config.rules)),
@@ -121,11 +118,17 @@ impl Game {
             ("max_delay", json!(config.max_delay)),
             ("status", json!(status)),
         ];
-        if let Some(run) = &self.opening.run {
+        if let Some(run) = &opening.run {
             rest.push(("run", json!(run)));
         }
+        // Other games keep the fields that they always had: the same game, exported again, is imported once.
+        if self.header.is_mixed() {
+            let holders: Vec<u32> = self.header.by_agent().map(|holder| holder.holder).collect();
+            rest.extend([("mixed", json!(true)), ("holders", json!(holders))]);
+        }
+        let models: Vec<&str> = self.header.by_agent().map(|holder| &*holder.model).collect();
         Meta {
-            model: json!(config.model),
+            model: if self.header.models().len() == 1 { json!(models[0]) } else { json!(models) },
             task: config.task.clone(),
             num_agents: config.num_agents.into(),
             max_round: config.max_round,
@@ -139,6 +142,7 @@ impl Game {
                 .collect::<Map<_, _>>(),
         }
     }
+
     pub fn layout(&self) -> GameRow {
         self.row(self.began_at, Vec::new())
     }
@@ -177,6 +181,7 @@ impl Game {
     pub fn act(&self, turn: &Turn, act: &GameAct) -> AgentRow {
         let seen = turn.before.observe(act.agent);
         let record = &act.record;
+        let holder = self.header.holder(act.agent);
         let latency = record.usage.and_then(|usage| usage.latency_ms);
         #[expect(clippy::cast_precision_loss, reason = "no answer takes thousands of years")]
         let seconds_of = |millis: u64| millis as f64 / 1000.0;
@@ -193,6 +198,9 @@ impl Game {
             api_call_time: latency.map(seconds_of),
             action_success: Some(act.took_effect),
             total_llm_tokens: act.tokens,
+            model: Some(holder.model.clone()),
+            holder: Some(holder.holder),
+            player: holder.player.clone(),
         }
     }
 
@@ -200,12 +208,12 @@ impl Game {
     fn prompt(&self, seen: &Observation) -> Option<String> {
         let sight = Sight::of(
             seen,
-            self.opening.episode.clone(),
+            self.header.opening.episode.clone(),
             self.description.clone(),
             Status::Running,
             None,
         );
-        swarmbench_prompt::render(&self.opening.prompt_template, &sight, &self.config).ok()
+        swarmbench_prompt::render(&self.header.opening.prompt_template, &sight, &self.config).ok()
     }
 }
 

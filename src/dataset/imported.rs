@@ -7,7 +7,7 @@ use flate2::read::MultiGzDecoder;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{Action, TaskName};
 use swarmbench_protocol::import::ImportConfig;
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
@@ -18,8 +18,8 @@ use swarmbench_protocol::episode::{State, StateAgent};
 
 const MODEL_CHARS_MAX: usize = 200;
 
-/// The settings of a run, as JSON.
-const META_BYTES_MAX: usize = 16 * 1024;
+/// The settings of a run, as JSON: they may name a model for each agent.
+const META_BYTES_MAX: usize = 1024 * 1024;
 
 /// Rows and columns of a map, and of a window.
 const SIDE_MAX: u32 = 1024;
@@ -44,6 +44,7 @@ struct StoredState {
 pub struct Builder {
     run_id: String,
     meta: Meta,
+    task: TaskName,
     model: String,
     rounds: Vec<ImportedRound>,
     names: Vec<String>,
@@ -57,9 +58,8 @@ impl Builder {
     /// A game without states. An error says which of its settings is invalid.
     pub fn new(run_id: &str, meta: Meta) -> Result<Self, String> {
         let model = model(&meta.model)?;
-        if TaskName::parse(&meta.task).is_none() {
-            return Err(format!("the task {:?} is not known", short(&meta.task)));
-        }
+        let task = TaskName::parse(&meta.task)
+            .ok_or_else(|| format!("the task {:?} is not known", short(&meta.task)))?;
         for (name, value, most) in [
             ("num_agents", meta.num_agents, AGENTS_MAX),
             ("max_round", meta.max_round, ROUNDS_MAX),
@@ -77,9 +77,17 @@ impl Builder {
         if text(&meta).len() > META_BYTES_MAX {
             return Err(format!("the settings have more than {META_BYTES_MAX} bytes"));
         }
-        let (rounds, names) = (Vec::new(), Vec::new());
-        let run_id = run_id.to_owned();
-        Ok(Self { run_id, meta, model, rounds, names, acts: 0, open: Vec::new(), open_round: 0 })
+        Ok(Self {
+            run_id: run_id.to_owned(),
+            meta,
+            task,
+            model,
+            rounds: Vec::new(),
+            names: Vec::new(),
+            acts: 0,
+            open: Vec::new(),
+            open_round: 0,
+        })
     }
 
     pub fn add_state(&mut self, row: GameRow) -> Result<(), String> {
@@ -114,10 +122,17 @@ impl Builder {
         } else if !row.agents.iter().map(|agent| &agent.id).eq(&self.names) {
             return Err(at("its agents are not those of the rounds before it".to_owned()));
         }
-        // An agent leaves the map by a step or two; a larger distance is not possible.
-        let near = -256..=i32::try_from(2 * SIDE_MAX).expect("a small number");
-        if row.agents.iter().any(|agent| !near.contains(&agent.x) || !near.contains(&agent.y)) {
-            return Err(at("an agent is too far away".to_owned()));
+        if let Some(agent) = row.agents.iter().find(|agent| !self.is_possible(agent)) {
+            let (width, height) = (self.meta.width, self.meta.height);
+            return Err(at(format!(
+                "{} is outside of the map of {width} × {height} cells, at x {}, y {}",
+                agent.id, agent.x, agent.y
+            )));
+        }
+        if let Some(last) = self.rounds.last()
+            && row.score < last.score
+        {
+            return Err(at(format!("the score falls from {} to {}", last.score, row.score)));
         }
         let (timestamp, agents, messages) = (row.timestamp, row.agents, row.messages);
         let record = text(&StoredState { timestamp, grid, agents, messages });
@@ -128,6 +143,13 @@ impl Builder {
             acts: None,
         });
         Ok(())
+    }
+
+    /// Whether an agent can be where it is: on the map, or on the next cell after its escape in Transport.
+    fn is_possible(&self, agent: &AgentAt) -> bool {
+        let outside = i64::from(self.task == TaskName::Transport);
+        let fits = |n: i32, cells: u32| (-outside..i64::from(cells) + outside).contains(&n.into());
+        fits(agent.x, self.meta.width) && fits(agent.y, self.meta.height)
     }
 
     /// The rows of a grid; every cell has one character.
@@ -145,14 +167,19 @@ impl Builder {
 
     /// Adds an act. The acts of a round may be in any order.
     pub fn add_act(&mut self, row: &AgentRow) -> Result<(), String> {
+        let at = |problem: &str| {
+            format!("round {}, agent {:?}: {problem}", row.round, short(&row.agent_id))
+        };
         if row.round as usize >= self.rounds.len() {
-            return Err(format!("an act of round {}, of which there is no state", row.round));
+            return Err(at("there is no state of this round"));
         }
         if !self.names.contains(&row.agent_id) {
-            return Err(format!(
-                "an act of {:?}, which is no agent of this run",
-                short(&row.agent_id)
-            ));
+            return Err(at("it is no agent of this run"));
+        }
+        // The toolkit writes rows with empty texts for agents that have escaped.
+        let action = row.action.as_deref().unwrap_or_default();
+        if !action.is_empty() && Action::ALL.iter().all(|known| known.name() != action) {
+            return Err(at(&format!("the action {:?} is not known", short(action))));
         }
         if row.round != self.open_round {
             self.pack();
@@ -227,27 +254,45 @@ fn settings(meta: &Meta) -> ImportConfig {
     }
 }
 
-/// One name for the player.
+/// One name for those who played.
 fn model(value: &Value) -> Result<String, String> {
-    let name = match value {
-        Value::String(name) => name.clone(),
+    match value {
+        Value::String(name) => plain_model(name).map(str::to_owned),
         Value::Array(names) => {
             let mut texts = Vec::new();
             for name in names {
                 let name = name.as_str().ok_or("model has a name that is not a text")?;
+                let name = plain_model(name)?;
                 if !texts.contains(&name) {
                     texts.push(name);
                 }
             }
-            texts.join(" + ")
+            plain_model(&joined(&texts)).map(str::to_owned)
         }
-        _ => return Err("model is neither a name nor a list of names".to_owned()),
-    };
-    if is_plain(&name, MODEL_CHARS_MAX) {
+        _ => Err("model is neither a name nor a list of names".to_owned()),
+    }
+}
+
+fn plain_model(name: &str) -> Result<&str, String> {
+    if is_plain(name, MODEL_CHARS_MAX) {
         Ok(name)
     } else {
         Err(format!("model must have 1 to {MODEL_CHARS_MAX} characters and no control characters"))
     }
+}
+
+/// All names, or the first of them and how many are left out.
+fn joined(names: &[&str]) -> String {
+    let all = names.join(" + ");
+    if all.chars().count() <= MODEL_CHARS_MAX {
+        return all;
+    }
+    let shown = |most: usize| {
+        let first = names[..most].iter().flat_map(|name| [name, " + "]);
+        first.collect::<String>() + &format!("{} more", names.len() - most)
+    };
+    let fits = |text: &String| text.chars().count() <= MODEL_CHARS_MAX;
+    (0..names.len()).map(shown).take_while(fits).last().expect("a number is short")
 }
 
 fn is_plain(text: &str, most: usize) -> bool {
@@ -333,4 +378,23 @@ pub fn state(task: &str, round: &ImportedRound) -> Result<State, String> {
         block: None,
         distance: None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn models_of_agents_become_one_name_of_bounded_length() {
+        assert_eq!(model(&json!(["a", "b", "a"])), Ok("a + b".to_owned()));
+        let long: Vec<String> =
+            (0..9).map(|number| format!("{number}{}", "é".repeat(59))).collect();
+        let name = model(&json!(long)).expect("a name");
+        assert!(name.starts_with(&format!("{} + ", long[0])) && name.ends_with("6 more"), "{name}");
+        let longest = "é".repeat(MODEL_CHARS_MAX);
+        assert_eq!(model(&json!([longest, "b"])), Ok("2 more".to_owned()));
+        assert!(model(&json!([longest + "é", "b"])).is_err());
+    }
 }

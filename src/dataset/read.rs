@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufRead as _, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::de::{DeserializeOwned, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -24,15 +24,29 @@ const NO_RUN_ID: &str = "is not one: it has 1 to 128 letters, digits, -, _, spac
 
 const BUFFER_BYTES: usize = 64 * 1024;
 
+/// A mark that some programs put at the begin of a text.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
+/// What is not imported because of a problem.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Skipped {
+    Game,
+    /// The acts of a game that is imported without them.
+    Acts,
+    /// A file, or the rest of an index: which games it has is not known.
+    File,
+}
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
+    pub skipped: Skipped,
     pub file: String,
     pub problem: String,
 }
 
 impl Problem {
-    fn new(file: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self { file: file.into(), problem: problem.into() }
+    fn new(skipped: Skipped, file: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self { skipped, file: file.into(), problem: problem.into() }
     }
 }
 
@@ -71,7 +85,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
             } else {
                 format!("{}/{}", folder.escape_debug(), problem.file)
             };
-            Problem { file, problem: problem.problem }
+            Problem { file, ..problem }
         };
         let mut runs = Vec::new();
         let read = match batch.index {
@@ -80,7 +94,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
         };
         if let Err(why) = read {
             let why = format!("{why}; it has {} runs", runs.len());
-            taker.problem(problem(Problem::new(META, why)));
+            taker.problem(problem(Problem::new(Skipped::File, META, why)));
         }
         let mut games = batch.games;
         for (run_id, meta) in runs {
@@ -99,7 +113,7 @@ pub fn read(path: &Path, bounds: &Bounds, taker: &mut dyn Taker) -> anyhow::Resu
             done += 1;
             let file = if logs.states.is_some() { format::game_file } else { format::agent_file };
             let why = format!("its run is not in {META}");
-            taker.problem(problem(Problem::new(file(&run_id), why)));
+            taker.problem(problem(Problem::new(Skipped::Game, file(&run_id), why)));
         }
         taker.progress(done, of);
     }
@@ -130,8 +144,8 @@ impl Batches {
                 // Attributes of files, which the packer of one system adds.
                 continue;
             }
-            let mut problem = |problem: &str| {
-                taker.problem(Problem::new(path.escape_debug().to_string(), problem));
+            let mut problem = |skipped, problem: &str| {
+                taker.problem(Problem::new(skipped, path.escape_debug().to_string(), problem));
             };
             let log = |start: &str| name.strip_prefix(start)?.strip_suffix(".json");
             if name == META {
@@ -140,7 +154,7 @@ impl Batches {
                 .or_else(|| log("agent_log_").map(|id| (false, id)))
             {
                 if !is_run_id(run_id) {
-                    problem(&format!("the run id in its name {NO_RUN_ID}"));
+                    problem(Skipped::Game, &format!("the run id in its name {NO_RUN_ID}"));
                     continue;
                 }
                 let logs = batches.entry(folder.to_owned()).or_default();
@@ -148,7 +162,8 @@ impl Batches {
                 *(if is_game { &mut logs.states } else { &mut logs.acts }) = Some(place);
             } else if Path::new(name).extension().is_some_and(|end| end.eq_ignore_ascii_case("zip"))
             {
-                problem("is a nested archive, and is not opened; import it by itself");
+                let why = "is a nested archive, and is not opened; import it by itself";
+                problem(Skipped::File, why);
             }
         }
         Self(batches)
@@ -169,7 +184,7 @@ impl Place {
             walk(path, "", bounds.folders_max, bounds, &mut found)?;
             found.files.sort();
             for (name, problem) in found.skipped {
-                taker.problem(Problem::new(name, &problem));
+                taker.problem(Problem::new(Skipped::File, name, problem));
             }
             return Ok(Self::Folder(found.files));
         }
@@ -298,21 +313,22 @@ impl Reading<'_> {
         meta: Result<Meta, String>,
         logs: Logs,
     ) -> (Option<ImportRow>, Vec<Problem>) {
+        let skip = |file: String, why| (None, vec![Problem::new(Skipped::Game, file, why)]);
         if !is_run_id(run_id) {
             let shown: String = run_id.chars().take(60).collect();
-            return (None, vec![Problem::new(META, format!("the run id {shown:?} {NO_RUN_ID}"))]);
+            return skip(META.to_owned(), format!("the run id {shown:?} {NO_RUN_ID}"));
         }
         let mut wrong = Vec::new();
         let mut builder = match meta.and_then(|meta| Builder::new(run_id, meta)) {
             Ok(builder) => builder,
-            Err(why) => return (None, vec![Problem::new(META, format!("run {run_id}: {why}"))]),
+            Err(why) => return skip(META.to_owned(), format!("run {run_id}: {why}")),
         };
         let read = match logs.states {
             Some(states) => self.list(place, states, &mut |row| builder.add_state(row)),
             None => Err("is missing".to_owned()),
         };
         if let Err(why) = read {
-            return (None, vec![Problem::new(format::game_file(run_id), why)]);
+            return skip(format::game_file(run_id), why);
         }
         let read = match logs.acts {
             Some(acts) => self.list(place, acts, &mut |row| builder.add_act(&row)),
@@ -321,11 +337,11 @@ impl Reading<'_> {
         if let Err(why) = read {
             builder.without_acts();
             let why = format!("{why}; the game is imported without its acts");
-            wrong.push(Problem::new(format::agent_file(run_id), why));
+            wrong.push(Problem::new(Skipped::Acts, format::agent_file(run_id), why));
         }
         match builder.finish() {
             Ok(row) => (Some(row), wrong),
-            Err(why) => (None, vec![Problem::new(format::game_file(run_id), why)]),
+            Err(why) => skip(format::game_file(run_id), why),
         }
     }
 
@@ -355,8 +371,12 @@ impl Reading<'_> {
     {
         let (file, packed) = place.file(number).map_err(|error| error.to_string())?;
         let file = Bounded::new(file, packed, self.bounds, &self.total);
-        let mut json =
-            serde_json::Deserializer::from_reader(BufReader::with_capacity(BUFFER_BYTES, file));
+        let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
+        let start = file.fill_buf().map_err(|error| error.to_string())?;
+        if start.starts_with(BYTE_ORDER_MARK) {
+            file.consume(BYTE_ORDER_MARK.len());
+        }
+        let mut json = serde_json::Deserializer::from_reader(file);
         let read = what.deserialize(&mut json).and_then(|()| json.end());
         read.map_err(|error| match error.classify() {
             serde_json::error::Category::Eof => format!("is truncated: {error}"),

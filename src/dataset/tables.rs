@@ -1,11 +1,18 @@
-//! Acts and rounds as rows of a table: one definition for JSON Lines and for Parquet.
+//! Episodes, acts and rounds as rows of tables: one definition for JSON Lines and for Parquet.
+//!
+//! No column has a name that is a reserved word of SQL.
+
+use std::sync::LazyLock;
 
 use jiff::Timestamp;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
+use swarmbench_engine::for_each_setting;
 
 use super::game::{Game, GameAct, Turn, grid};
-use swarmbench_journal::record::Source;
+use super::header::Header;
+use crate::store::port::StoredEpisode;
+use swarmbench_journal::record::{RecordedConfig, Source};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -29,10 +36,43 @@ pub enum Cell {
     Whole(i64),
     Real(f64),
     Flag(bool),
+    #[serde(serialize_with = "with_milliseconds")]
     Time(Timestamp),
 }
 
-pub const ACTS: &[Column] = &[
+/// Always with three digits: readers take the format of the first time for that of all.
+fn with_milliseconds<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&format_args!("{time:.3}"))
+}
+
+swarmbench_engine::named! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum TableName {
+        /// One row per episode.
+        Episodes = "episodes",
+        /// One row per act.
+        Acts = "acts",
+        /// One row per state.
+        Rounds = "rounds",
+    }
+}
+
+impl TableName {
+    pub fn columns(self) -> &'static [Column] {
+        static EPISODES: LazyLock<Vec<Column>> =
+            LazyLock::new(|| [HEAD, SETTINGS, OF_EPISODES].concat());
+        static ACTS: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_ACTS].concat());
+        static ROUNDS: LazyLock<Vec<Column>> =
+            LazyLock::new(|| [HEAD, SETTINGS, OF_ROUNDS].concat());
+        match self {
+            Self::Episodes => &EPISODES,
+            Self::Acts => &ACTS,
+            Self::Rounds => &ROUNDS,
+        }
+    }
+}
+
+const HEAD: &[Column] = &[
     ("episode", Kind::Text),
     ("run", Kind::Text),
     ("task", Kind::Text),
@@ -40,9 +80,39 @@ pub const ACTS: &[Column] = &[
     ("seed", Kind::Whole),
     ("rules", Kind::Text),
     ("control", Kind::Text),
+    ("mixed", Kind::Flag),
+];
+
+const OF_EPISODES: &[Column] = &[
+    ("models", Kind::Text),
+    ("round_deadline_s", Kind::Real),
+    ("bank_s", Kind::Real),
+    ("start_mode", Kind::Text),
+    ("idle_timeout_s", Kind::Real),
+    ("visibility", Kind::Text),
+    ("agent_meta", Kind::Text),
+    ("prompt_template", Kind::Text),
+    ("open_seats", Kind::Whole),
+    ("fill_after_s", Kind::Real),
+    ("fill_with", Kind::Text),
+    ("player", Kind::Text),
+    ("status", Kind::Text),
+    ("reason", Kind::Text),
+    ("score", Kind::Real),
+    ("rounds", Kind::Whole),
+    ("journal_head", Kind::Text),
+    ("created_at", Kind::Time),
+    ("started_at", Kind::Time),
+    ("ended_at", Kind::Time),
+    ("void_reason", Kind::Text),
+];
+
+const OF_ACTS: &[Column] = &[
     ("round", Kind::Whole),
     ("agent", Kind::Whole),
-    ("at", Kind::Time),
+    ("holder", Kind::Whole),
+    ("player", Kind::Text),
+    ("acted_at", Kind::Time),
     ("source", Kind::Text),
     ("i", Kind::Whole),
     ("j", Kind::Whole),
@@ -50,7 +120,7 @@ pub const ACTS: &[Column] = &[
     ("action_success", Kind::Flag),
     ("valid", Kind::Flag),
     ("message", Kind::Text),
-    ("to", Kind::Text),
+    ("receiver", Kind::Text),
     ("response", Kind::Text),
     ("reasoning", Kind::Text),
     ("prompt_tokens", Kind::Whole),
@@ -59,29 +129,41 @@ pub const ACTS: &[Column] = &[
     ("bank_spent_ms", Kind::Whole),
 ];
 
-pub const ROUNDS: &[Column] = &[
-    ("episode", Kind::Text),
-    ("run", Kind::Text),
-    ("task", Kind::Text),
-    ("model", Kind::Text),
-    ("seed", Kind::Whole),
-    ("rules", Kind::Text),
-    ("control", Kind::Text),
-    ("num_agents", Kind::Whole),
-    ("width", Kind::Whole),
-    ("height", Kind::Whole),
-    ("view_size", Kind::Whole),
-    ("max_round", Kind::Whole),
+const OF_ROUNDS: &[Column] = &[
     ("round", Kind::Whole),
-    ("at", Kind::Time),
+    ("resolved_at", Kind::Time),
     ("score", Kind::Real),
     ("alive", Kind::Whole),
     ("acts", Kind::Whole),
     ("invalid", Kind::Whole),
-    ("clock_outs", Kind::Whole),
+    ("timeouts", Kind::Whole),
     ("messages", Kind::Whole),
     ("grid", Kind::Text),
 ];
+
+macro_rules! kind_of {
+    (f64) => {
+        Kind::Real
+    };
+    ($whole:ident) => {
+        Kind::Whole
+    };
+}
+
+macro_rules! define_settings {
+    ({} $([$(
+        $(#[doc = $doc:literal])* $(#[serde $later:tt])?
+        $setting:ident: $asked:ident => $checked:ident = $usual:tt in $least:tt..=$most:tt;
+    )*] {})*) => {
+        const SETTINGS: &[Column] = &[$($((stringify!($setting), kind_of!($checked)),)*)*];
+
+        fn settings(config: &RecordedConfig) -> Vec<Cell> {
+            vec![$($(config.$setting.into(),)*)*]
+        }
+    };
+}
+
+for_each_setting! { define_settings, {}, {} }
 
 /// A row as a line of JSON, with the names of its columns.
 pub struct Named<'a>(pub &'a [Column], pub &'a [Cell]);
@@ -96,89 +178,157 @@ impl Serialize for Named<'_> {
     }
 }
 
-fn text(text: Option<&String>) -> Cell {
-    text.map_or(Cell::Missing, |text| Cell::Text(text.clone()))
+macro_rules! cells {
+    ($($kind:ident: $($type:ty),*;)*) => {$($(
+        impl From<$type> for Cell {
+            fn from(value: $type) -> Self {
+                Self::$kind(value.into())
+            }
+        }
+    )*)*};
 }
 
-fn whole(number: impl TryInto<i64>) -> Cell {
-    number.try_into().map_or(Cell::Missing, Cell::Whole)
+cells! {
+    Text: String, &String, &str;
+    Whole: i64, u32, u16, i32;
+    Real: f64;
+    Flag: bool;
+    Time: Timestamp;
 }
 
-fn optional(number: Option<u64>) -> Cell {
-    number.map_or(Cell::Missing, whole)
+impl From<u64> for Cell {
+    fn from(number: u64) -> Self {
+        number.try_into().map_or(Self::Missing, Self::Whole)
+    }
 }
 
-/// The cells that are the same in every row of an episode.
-fn head(game: &Game) -> Vec<Cell> {
-    let (opening, config) = (&game.opening, &game.opening.config);
-    let known = |text: &String| Cell::Text(text.clone());
+impl From<usize> for Cell {
+    fn from(number: usize) -> Self {
+        number.try_into().map_or(Self::Missing, Self::Whole)
+    }
+}
+
+impl<T: Into<Self>> From<Option<T>> for Cell {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Self::Missing, Into::into)
+    }
+}
+
+/// The cells with which every row begins.
+fn head(header: &Header, model: &str) -> Vec<Cell> {
+    let config = &header.opening.config;
     vec![
-        known(&opening.episode),
-        text(opening.run.as_ref()),
-        known(&config.task),
-        known(&config.model),
-        whole(config.seed.get()),
-        known(&config.rules),
-        known(&config.control),
+        (&header.opening.episode).into(),
+        header.opening.run.as_ref().into(),
+        (&config.task).into(),
+        model.into(),
+        config.seed.get().into(),
+        (&config.rules).into(),
+        (&config.control).into(),
+        header.is_mixed().into(),
     ]
+}
+
+#[expect(clippy::cast_precision_loss, reason = "at most a year")]
+fn seconds(millis: u64) -> f64 {
+    millis as f64 / 1000.0
+}
+
+fn json(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("string keys")
+}
+
+/// A row for an episode, of which no round is replayed.
+pub fn episode(
+    header: &Header,
+    stored: &StoredEpisode,
+    started_at: Option<Timestamp>,
+) -> Vec<Cell> {
+    let Header { opening, .. } = header;
+    let config = &opening.config;
+    let template = config.custom_template.then_some(&opening.prompt_template);
+    let mut cells = head(header, &config.model);
+    cells.extend(settings(config));
+    cells.extend([
+        json(&header.models()).into(),
+        config.round_deadline_ms.map(seconds).into(),
+        seconds(config.bank_ms).into(),
+        (&config.start).into(),
+        seconds(config.idle_timeout_ms).into(),
+        (&config.visibility).into(),
+        json(&opening.agent_meta).into(),
+        template.into(),
+        config.open_seats.len().into(),
+        config.fill_after_ms.map(seconds).into(),
+        config.fill_with.as_ref().into(),
+        config.player.as_ref().into(),
+        (&stored.status).into(),
+        stored.reason.as_ref().into(),
+        stored.score.into(),
+        stored.rounds.into(),
+        stored.reason.as_ref().map(|_| stored.head.to_string()).into(),
+        stored.created_at.into(),
+        started_at.into(),
+        stored.ended_at.into(),
+        stored.void_reason.as_ref().into(),
+    ]);
+    cells
 }
 
 /// A row for an act of the last round played.
 pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
     let record = &act.record;
+    let holder = game.header.holder(act.agent);
     let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
-    let place = |n: Option<i32>| n.map_or(Cell::Missing, whole);
     let usage = record.usage.unwrap_or_default();
     let source = match record.source {
         Source::Player => "player",
         Source::Clock => "clock",
     };
-    let mut cells = head(game);
+    let mut cells = head(&game.header, &holder.model);
     cells.extend([
-        whole(turn.round),
-        whole(act.agent.0),
-        Cell::Time(act.at),
-        Cell::Text(source.to_owned()),
-        place(at.map(|at| at.i)),
-        place(at.map(|at| at.j)),
-        text(record.action.as_ref()),
-        Cell::Flag(act.took_effect),
-        Cell::Flag(record.valid),
-        text(record.message.as_ref()),
-        text(record.to.as_ref()),
-        text(record.response.as_ref()),
-        text(record.reasoning.as_ref()),
-        optional(usage.prompt_tokens),
-        optional(usage.completion_tokens),
-        optional(usage.latency_ms),
-        whole(record.bank_spent_ms),
+        turn.round.into(),
+        act.agent.0.into(),
+        holder.holder.into(),
+        holder.player.as_ref().into(),
+        act.at.into(),
+        source.into(),
+        at.map(|at| at.i).into(),
+        at.map(|at| at.j).into(),
+        record.action.as_ref().into(),
+        act.took_effect.into(),
+        record.valid.into(),
+        record.message.as_ref().into(),
+        record.to.as_ref().into(),
+        record.response.as_ref().into(),
+        record.reasoning.as_ref().into(),
+        usage.prompt_tokens.into(),
+        usage.completion_tokens.into(),
+        usage.latency_ms.into(),
+        record.bank_spent_ms.into(),
     ]);
     cells
 }
 
 /// A row for the current state: `turn` is the round that led to it, or `None` for the layout.
-pub fn round(game: &Game, turn: Option<&Turn>, began_at: Timestamp) -> Vec<Cell> {
-    let (config, world) = (&game.opening.config, game.world());
+pub fn round(game: &Game, turn: Option<&Turn>, created_at: Timestamp) -> Vec<Cell> {
+    let (config, world) = (&game.header.opening.config, game.world());
     let count = |wanted: &dyn Fn(&GameAct) -> bool| {
-        turn.map_or(Cell::Missing, |turn| whole(turn.acts.iter().filter(|act| wanted(act)).count()))
+        turn.map(|turn| turn.acts.iter().filter(|act| wanted(act)).count()).into()
     };
     let grid: Vec<String> = grid(world).into_iter().map(|row| row.concat()).collect();
-    let mut cells = head(game);
+    let mut cells = head(&game.header, &config.model);
+    cells.extend(settings(config));
     cells.extend([
-        whole(config.num_agents),
-        whole(config.width),
-        whole(config.height),
-        whole(config.view_size),
-        whole(config.max_round),
-        whole(world.round()),
-        Cell::Time(turn.map_or(began_at, |turn| turn.at)),
-        Cell::Real(world.score()),
-        whole(world.agent_states().filter(|agent| agent.alive).count()),
+        world.round().into(),
+        turn.map_or(created_at, |turn| turn.at).into(),
+        world.score().into(),
+        world.agent_states().filter(|agent| agent.alive).count().into(),
         count(&|_| true),
         count(&|act| !act.record.valid),
         count(&|act| act.record.source == Source::Clock),
         count(&|act| act.record.message.is_some()),
-        Cell::Text(grid.join("\n")),
+        grid.join("\n").into(),
     ]);
     cells
 }

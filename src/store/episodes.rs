@@ -16,7 +16,12 @@ pub struct Filter {
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`.
     pub status: Option<String>,
     pub task: Option<String>,
+    /// The creator's.
     pub model: Option<String>,
+    /// A model that held a seat. Before an episode begins only its creator's counts.
+    pub played_by: Option<String>,
+    /// Whether the seats had several holders.
+    pub mixed: Option<bool>,
     pub run: Option<RunKey>,
     /// Which of them the caller may read.
     pub readable: Readable,
@@ -86,6 +91,13 @@ fn select(detail: Detail) -> QueryBuilder<Sqlite> {
 const CLAIMABLE: &str = "(e.status = 'waiting' AND e.visibility <> 'sealed'
                           AND json_extract(e.opening, '$.config.open_seats') IS NOT NULL)";
 
+/// The models that held seats: those of the record of seats, or else the creator's.
+const MODELS: &str = "
+    (SELECT e.model WHERE e.seating IS NULL
+     UNION ALL SELECT json_extract(h.value, '$.model') FROM json_each(e.seating, '$.holders') h)";
+
+const IS_MIXED: &str = "(coalesce(json_array_length(e.seating, '$.holders'), 0) > 1)";
+
 /// When the newest record came.
 const NEWEST_AT: &str = "
     max(e.created_at, coalesce(e.started_at, 0), coalesce(r.at, 0), coalesce(e.ended_at, 0),
@@ -135,6 +147,12 @@ impl Store {
             if let Some(value) = value {
                 query.push(" AND e.").push(column).push(" = ").push_bind(value);
             }
+        }
+        if let Some(model) = &filter.played_by {
+            query.push(" AND ").push_bind(model).push(" IN ").push(MODELS);
+        }
+        if let Some(mixed) = filter.mixed {
+            query.push(" AND ").push(IS_MIXED).push(" = ").push_bind(mixed);
         }
         if let Some(run) = filter.run {
             query.push(" AND e.run = ").push_bind(run.0);

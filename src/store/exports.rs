@@ -30,6 +30,21 @@ pub struct LoggedAct {
 }
 
 impl Store {
+    /// When an episode started, if it has: when it was created or started by hand, or when its last seat was taken.
+    pub async fn started_at(&self, episode: EpisodeKey) -> Result<Option<Timestamp>, StoreError> {
+        let query = sqlx::query(
+            "SELECT CASE WHEN (e.seating IS NOT NULL
+                               OR NOT EXISTS (SELECT 1 FROM claims c WHERE c.episode = e.key))
+                          AND (e.started_at IS NOT NULL
+                               OR json_extract(e.opening, '$.config.start') <> 'manual')
+                    THEN max(e.created_at, coalesce(e.started_at, 0), coalesce(
+                             (SELECT max(s.claimed_at) FROM seats s WHERE s.episode = e.key), 0)) END
+             FROM episodes e WHERE e.key = ?",
+        );
+        let found: Option<Option<Timestamp>> = self.fetch_optional(query.bind(episode.0)).await?;
+        Ok(found.flatten())
+    }
+
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
     /// the reasoning of language models, which may be large.
     pub async fn logged_rounds(

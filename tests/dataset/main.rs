@@ -1,5 +1,6 @@
 //! Reading data that others wrote: whole, with files missing and broken, and made to do harm.
 
+mod reserved;
 mod sample;
 
 use std::fs::File;
@@ -10,7 +11,8 @@ use std::process::{Command, Output, Stdio};
 use serde_json::{Value, json};
 use swarmbench::dataset::bounds::Bounds;
 use swarmbench::dataset::imported;
-use swarmbench::dataset::read::{Problem, ReadError, Taker, read};
+use swarmbench::dataset::read::{Problem, ReadError, Skipped, Taker, read};
+use swarmbench::dataset::tables::TableName;
 use swarmbench::store::Store;
 use swarmbench::store::entries::ImportRow;
 use swarmbench::store::imports::ImportFilter;
@@ -243,7 +245,7 @@ fn first_run_of(index: &str) -> String {
 #[test]
 fn what_cannot_be_is_told_and_skipped() {
     type Change = fn(&mut Value);
-    let in_states: [(Change, &str); 12] = [
+    let in_states: [(Change, &str); 14] = [
         (|rows| rows[1]["score"] = json!("high"), "invalid type"),
         (|rows| rows[2]["round"] = json!(7), "round 7 stands where round 2 was expected"),
         (|rows| rows[1]["grid"][3] = json!([".", "."]), "10 rows of 10 cells"),
@@ -252,7 +254,12 @@ fn what_cannot_be_is_told_and_skipped() {
         (|rows| rows[0]["agents"][2]["id"] = json!("Agent\n2"), "not the name of an agent"),
         (|rows| rows[3]["agents"][2]["id"] = json!("Agent_99"), "not those of the rounds before"),
         (|rows| rows[0]["agents"] = json!([]), "0 agents, not 12"),
-        (|rows| rows[1]["agents"][0]["x"] = json!(1_000_000), "too far away"),
+        (
+            |rows| rows[1]["agents"][3]["x"] = json!(11),
+            "round 1: Agent_3 is outside of the map of 10 × 10 cells, at x 11, y ",
+        ),
+        (|rows| rows[1]["agents"][3]["y"] = json!(-2), "round 1: Agent_3 is outside of the map"),
+        (|rows| rows[2]["score"] = json!(-0.5), "round 2: the score falls from 0 to -0.5"),
         (|rows| rows[1]["task"] = json!("Chess"), "its task is"),
         (|rows| *rows = json!({ "round": 0 }), "expected a list"),
         (|rows| *rows = json!([]), "no states"),
@@ -264,6 +271,7 @@ fn what_cannot_be_is_told_and_skipped() {
         let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!((taken.games.len(), taken.problems.len()), (3, 1), "{:?}", taken.problems);
         assert!(taken.problems[0].problem.contains(expected), "{:?}", taken.problems);
+        assert_eq!(taken.problems[0].skipped, Skipped::Game);
         assert_eq!(taken.problems[0].file, states.file_name().expect("a name").to_string_lossy());
     }
     let in_settings: [(Change, &str); 8] = [
@@ -290,9 +298,13 @@ fn what_cannot_be_is_told_and_skipped() {
         let said = taken.problem("meta_log.json");
         assert!(said.contains(expected) && said.contains(&run), "{said}");
     }
-    let in_acts: [(Change, &str); 4] = [
-        (|rows| rows[5]["round"] = json!(99), "round 99"),
+    let in_acts: [(Change, &str); 5] = [
+        (|rows| rows[5]["round"] = json!(99), "round 99, agent \"Agent_5\": there is no state"),
         (|rows| rows[5]["agent_id"] = json!("Agent_99"), "no agent of this run"),
+        (
+            |rows| rows[17]["action"] = json!("FLY"),
+            "round 1, agent \"Agent_5\": the action \"FLY\" is not known",
+        ),
         (|rows| rows[5]["view"] = json!("wall"), "invalid type"),
         (|rows| rows[5]["total_llm_tokens"] = json!("many"), "invalid type"),
     ];
@@ -303,7 +315,60 @@ fn what_cannot_be_is_told_and_skipped() {
         let taken = Collected::of(&batches[0], &Bounds::default());
         assert_eq!((taken.games.len(), taken.problems.len()), (4, 1), "{:?}", taken.problems);
         assert!(taken.problems[0].problem.contains(expected), "{:?}", taken.problems);
+        assert_eq!(taken.problems[0].skipped, Skipped::Acts);
         assert_eq!(taken.games.iter().filter(|game| game.acts == 0).count(), 1);
+    }
+}
+
+/// Agents leave the map in Transport alone, and stay on the cell to which they went.
+#[test]
+fn an_agent_that_has_escaped_is_on_the_next_cell_outside() {
+    for (batch, task, whole) in [(0, "Transport", 4), (1, "Pursuit", 3)] {
+        let (_folder, batches) = small();
+        let run = first_run(&batches[batch]);
+        assert_eq!(json_of(&batches[batch].join("meta_log.json"))[&run]["task"], task);
+        change(&file(&batches[batch], "game", &run), |rows| {
+            rows[4]["agents"][3] = json!({ "id": "Agent_3", "x": 10, "y": -1 });
+        });
+        let taken = Collected::of(&batches[batch], &Bounds::default());
+        assert_eq!(taken.games.len(), whole, "{:?}", taken.problems);
+    }
+}
+
+#[test]
+fn what_the_toolkit_writes_for_agents_that_have_escaped_is_read() {
+    let (_folder, batches) = small();
+    change(&file(&batches[0], "agent", &first_run(&batches[0])), |rows| {
+        rows[5]["action"] = json!("");
+        rows[6]["action"] = Value::Null;
+    });
+    assert_eq!(Collected::of(&batches[0], &Bounds::default()).problems, []);
+}
+
+#[test]
+fn a_byte_order_mark_is_skipped() {
+    let (folder, _) = small();
+    let before = Collected::of(folder.path(), &Bounds::default()).games;
+    for path in files(folder.path()) {
+        let text = std::fs::read(&path).expect("a file");
+        std::fs::write(&path, ["\u{feff}".as_bytes(), &text].concat()).expect("written");
+    }
+    let taken = Collected::of(folder.path(), &Bounds::default());
+    assert_eq!((taken.games, taken.problems), (before, Vec::new()));
+}
+
+#[test]
+fn no_column_has_a_reserved_word_for_its_name() {
+    let words: Vec<String> = reserved::WORDS.split_whitespace().map(str::to_lowercase).collect();
+    for word in ["to", "at", "end", "start", "value", "result"] {
+        assert!(words.iter().any(|reserved| reserved == word), "{word}");
+    }
+    for table in TableName::ALL {
+        for (number, (name, _)) in table.columns().iter().enumerate() {
+            assert!(!words.iter().any(|word| word == name), "{name} in {}", table.name());
+            let others = &table.columns()[..number];
+            assert!(others.iter().all(|(other, _)| other != name), "{name} is there twice");
+        }
     }
 }
 
@@ -485,7 +550,7 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     let said = text(&output.stdout);
     assert!(
         said.contains(
-            "0 games imported with 60 acts, 1 completed, 7 were there already; 0 problems"
+            "0 games imported with 60 acts, 1 completed, 7 were there already; 0 problems, 0 games skipped"
         ),
         "{said}"
     );
@@ -505,6 +570,26 @@ async fn the_same_data_again_changes_nothing_and_acts_that_were_missing_are_adde
     let taken = Collected::of(&out, &Bounds::default());
     assert_eq!(taken.problems, []);
     assert_eq!(taken.games, Collected::of(&batches[0], &Bounds::default()).games);
+
+    let states = file(&batches[1], "game", &first_run(&batches[1]));
+    std::fs::remove_file(&states).expect("removed");
+    let output = swarmbench(&["import", &from], &db);
+    assert_eq!(output.status.code(), Some(1), "a game is skipped");
+    let said = text(&output.stdout);
+    assert!(said.contains("7 were there already; 1 problems, 1 games skipped"), "{said}");
+
+    let out = place.path().join("out-3");
+    let args = ["export", "--imported", "--model", "modle-1", &out.display().to_string()];
+    let output = swarmbench(&args, &db);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said.contains(
+            "no game matches --imported --model modle-1; models that have games: \"model-1\", \"model-0\""
+        ),
+        "{said}"
+    );
+    assert!(!out.exists() && !out.with_extension("partial").exists());
 
     let empty = TempDir::new().expect("a folder");
     let output = swarmbench(&["import", &empty.path().display().to_string()], &db);

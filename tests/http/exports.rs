@@ -216,8 +216,11 @@ fn check_act(config: &Value, states: &[Value], row: &Value, seen: &Value, act: &
         "api_call_time",
         "action_success",
         "total_llm_tokens",
+        "model",
+        "holder",
     ];
     assert_eq!(keys(row), sorted(names));
+    assert_eq!((&row["model"], &row["holder"]), (&config["model"], &json!(0)));
     assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
     // The prompt is the very text that the server gave to the player.
     assert_eq!(row["prompt"], seen["prompt"]);
@@ -280,7 +283,7 @@ async fn an_export_holds_what_players_and_spectators_were_shown() {
     }
 }
 
-/// The rows of a table, from JSON Lines; `at` is checked to be a time.
+/// The rows of a table, from JSON Lines.
 async fn lines(app: &TestApp, path: &str) -> Vec<Map<String, Value>> {
     let answer = app.get(&format!("/api/v1/exports/{path}")).send().await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/x-ndjson"));
@@ -303,7 +306,8 @@ async fn rows(app: &TestApp, path: &str) -> Vec<Map<String, Value>> {
         Field::Double(number) => json!(number),
         Field::Bool(flag) => json!(flag),
         Field::TimestampMillis(at) => {
-            json!(jiff::Timestamp::from_millisecond(*at).expect("a time").to_string())
+            let at = jiff::Timestamp::from_millisecond(*at).expect("a time");
+            json!(format!("{at:.3}"))
         }
         other => panic!("{other}"),
     };
@@ -318,13 +322,18 @@ async fn tables_say_the_same_as_lines_and_as_parquet() {
     let app = TestApp::start().await;
     let played = play(&app, request("Synchronization")).await;
     play(&app, request("Foraging")).await;
-    for table in ["acts", "rounds"] {
+    for (table, length) in [("episodes", 2), ("acts", 2 * 36), ("rounds", 2 * 7)] {
         let (lines, rows) = (
             lines(&app, &format!("{table}.jsonl")).await,
             rows(&app, &format!("{table}.parquet")).await,
         );
         assert_eq!(lines, rows);
-        assert_eq!(lines.len(), if table == "acts" { 2 * 36 } else { 2 * 7 });
+        assert_eq!(lines.len(), length);
+        let times = lines.iter().flatten().filter(|(name, _)| name.ends_with("_at"));
+        for (name, at) in times {
+            let digits = at.as_str().and_then(|at| Some(at.strip_suffix('Z')?.rsplit_once('.')?.1));
+            assert_eq!(digits.map(str::len), Some(3), "{name} {at}");
+        }
     }
     let acts = lines(&app, "acts.jsonl?task=Synchronization").await;
     for (row, (seen, act)) in acts.iter().zip(played.turns.iter().flatten()) {
@@ -349,6 +358,205 @@ async fn tables_say_the_same_as_lines_and_as_parquet() {
         assert_eq!(row["alive"], 6);
     }
     assert_eq!(rounds.last().expect("a round")["score"], played.score);
+}
+
+/// What a summary has is in the row of the episode.
+fn check_row(row: &Map<String, Value>, summary: &Value) {
+    for (name, value) in summary.as_object().expect("an object") {
+        let column = match name.as_str() {
+            "config" | "result" if value.is_object() => {
+                check_row(row, value);
+                continue;
+            }
+            "id" => "episode",
+            "round" => "rounds",
+            "result" => "reason",
+            "start" => "start_mode",
+            other => other,
+        };
+        let cell = &row[column];
+        match value {
+            Value::Number(number) => assert_eq!(cell.as_f64(), number.as_f64(), "{name}"),
+            Value::Object(_) => assert_eq!(cell, &json!(value.to_string()), "{name}"),
+            Value::String(text) if name.ends_with("_at") => {
+                let time = |text: &str| text.parse::<jiff::Timestamp>().expect("a time");
+                assert_eq!(time(cell.as_str().expect("a text")), time(text), "{name}");
+            }
+            Value::Null | Value::Bool(_) | Value::String(_) | Value::Array(_) => {
+                assert_eq!(cell, value, "{name}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_row_of_an_episode_has_what_its_summary_has() {
+    let app = TestApp::start().await;
+    let mut settings = request("Pursuit");
+    for (name, value) in [
+        ("noise", json!(0.5)),
+        ("round_deadline_s", json!(99.5)),
+        ("agent_meta", json!({ "temperature": 0.5 })),
+        ("prompt_template", json!("Act.")),
+    ] {
+        settings[name] = value;
+    }
+    let all = [play(&app, settings).await, play(&app, request("Flocking")).await];
+    let rows = lines(&app, "episodes.jsonl").await;
+    for (row, played) in rows.iter().zip(&all) {
+        check_row(row, &app.show(&played.episode).await);
+        assert_eq!((&row["mixed"], &row["models"]), (&json!(false), &json!(r#"["exported"]"#)));
+        assert_eq!(row["started_at"], row["created_at"]);
+    }
+    assert_eq!(rows.len(), all.len());
+    // Neither started: one waits for that, the other was aborted while it waited for holders of seats.
+    let waiting = app.create(json!({ "task": "Pursuit", "start": "manual" })).await;
+    let aborted = app.create(json!({ "task": "Pursuit", "open_seats": 2 })).await;
+    app.delete(&aborted.path("")).token(&aborted.swarm).ok().await;
+    for (episode, status) in [(&waiting, "waiting"), (&aborted, "aborted")] {
+        let path = format!("/api/v1/exports/episodes.jsonl?status={status}");
+        let row = app.get(&path).token(&waiting.swarm).send().await.json();
+        let shown = app.get(&episode.path("")).token(&episode.swarm).ok().await;
+        check_row(row.as_object().expect("a row"), &shown);
+        assert_eq!(row["started_at"], Value::Null);
+        assert_eq!(row["journal_head"] == Value::Null, status == "waiting");
+    }
+}
+
+/// A game of three holders: the server plays the seat of the creator, `blue` has `Agent_2` and `green` the others.
+async fn play_mixed(app: &TestApp) -> String {
+    let request = json!({
+        "task": "Synchronization", "num_agents": 4, "max_round": 2, "model": "creator",
+        "player": "random", "open_seats": 3,
+    });
+    let created = app.post("/api/v1/episodes").json(&request).ok().await;
+    let id = created["id"].as_str().expect("an id").to_owned();
+    let mut tokens = Vec::new();
+    for claim in
+        [json!({ "agent": "Agent_2", "model": "blue" }), json!({ "seats": 2, "model": "green" })]
+    {
+        let path = format!("/api/v1/episodes/{id}/claims");
+        let claimed = app.post(&path).json(&claim).ok().await;
+        tokens.push(claimed["swarm_token"].as_str().expect("a token").to_owned());
+    }
+    for token in [&tokens[..], &tokens[..]].concat() {
+        let seen = app.get("/swarm/obs?wait=60").token(&token).ok().await;
+        let acts = list(&seen["observations"]).into_iter().map(|seen| {
+            json!({ "episode": id, "agent": seen["agent"], "round": seen["round"], "action": "STAY" })
+        });
+        let acts = json!({ "acts": acts.collect::<Vec<_>>() });
+        app.post("/swarm/act").token(&token).json(&acts).ok().await;
+    }
+    let end = app.get("/swarm/obs?wait=60").token(&tokens[0]).ok().await;
+    assert_eq!(end["finished"], true, "{end}");
+    id
+}
+
+#[tokio::test]
+async fn each_act_says_who_played_its_seat() {
+    let app = TestApp::start().await;
+    let mixed = play_mixed(&app).await;
+    let own = play(&app, request("Pursuit")).await.episode.id;
+    let holders = [
+        ("creator", 0, json!("random")),
+        ("green", 2, Value::Null),
+        ("blue", 1, Value::Null),
+        ("green", 2, Value::Null),
+    ];
+    let acts = lines(&app, &format!("acts.jsonl?episode={mixed}")).await;
+    assert_eq!(acts.len(), 2 * holders.len());
+    for (row, (model, holder, player)) in acts.iter().zip(holders.iter().cycle()) {
+        assert_eq!((&row["model"], &row["holder"]), (&json!(model), &json!(holder)));
+        assert_eq!((&row["player"], &row["mixed"]), (player, &json!(true)));
+    }
+    let episodes = lines(&app, "episodes.jsonl?mixed=true").await;
+    assert_eq!(episodes.len(), 1);
+    assert_eq!(episodes[0]["models"], r#"["blue","creator","green"]"#);
+    assert_eq!(episodes[0]["model"], "creator");
+    assert!(episodes[0]["started_at"].as_str() >= episodes[0]["created_at"].as_str());
+    let rounds = lines(&app, "rounds.jsonl?mixed=true").await;
+    assert!(rounds.iter().all(|row| row["mixed"] == true && row["model"] == "creator"));
+
+    let files = dataset(&app, "?mixed=true").await;
+    let meta = &files["meta_log.json"][&mixed];
+    assert_eq!(meta["model"], json!(["creator", "green", "blue", "green"]));
+    assert_eq!((&meta["mixed"], &meta["holders"]), (&json!(true), &json!([0, 2, 1, 2])));
+    let rows = list(&files[&format!("agent_log_{mixed}.json")]);
+    for (row, (model, holder, player)) in rows.iter().zip(holders.iter().cycle()) {
+        assert_eq!((&row["model"], &row["holder"]), (&json!(model), &json!(holder)));
+        assert_eq!(row.get("player"), Some(player).filter(|player| !player.is_null()));
+    }
+
+    // Filters.
+    for (query, expected, acts) in [
+        ("?mixed=false", vec![&own], 36),
+        ("?model=green", vec![&mixed], 4),
+        ("?model=creator", vec![&mixed], 2),
+        ("?model=exported", vec![&own], 36),
+        ("?model=blue&mixed=false", vec![], 0),
+    ] {
+        let ids: Vec<Value> = expected.into_iter().map(|id| json!(id)).collect();
+        let episodes = lines(&app, &format!("episodes.jsonl{query}")).await;
+        assert_eq!(episodes.iter().map(|row| row["episode"].clone()).collect::<Vec<_>>(), ids);
+        assert_eq!(lines(&app, &format!("acts.jsonl{query}")).await.len(), acts, "{query}");
+    }
+    let other = format!("/api/v1/exports/acts.jsonl?episode={own}&mixed=true");
+    app.get(&other).problem(404, "not_found").await;
+    app.get("/api/v1/exports/acts.jsonl?mixed=perhaps").problem(400, "malformed").await;
+
+    // What was exported is imported, and comes out again.
+    let place = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| place.path().join(name).display().to_string();
+    std::fs::write(
+        path("games.zip"),
+        app.get("/api/v1/exports/dataset.zip?mixed=true").send().await.body,
+    )
+    .expect("written");
+    for args in [
+        vec!["import".to_owned(), path("games.zip")],
+        vec!["export".to_owned(), path("again"), "--imported".to_owned()],
+    ] {
+        let output =
+            swarmbench(&[&args[..], &["--db".to_owned(), path("other.db")]].concat()).await;
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    assert_eq!(open(&place.path().join("again")), files);
+}
+
+#[tokio::test]
+async fn an_export_without_games_is_an_error_that_names_models() {
+    let app = TestApp::start().await;
+    play(&app, request("Pursuit")).await;
+    play_mixed(&app).await;
+    let place = tempfile::tempdir().expect("a folder");
+    let out = place.path().join("games.zip").display().to_string();
+    let tables = place.path().join("tables").display().to_string();
+    let db = app.database().display().to_string();
+    let (in_file, from_server) = (["--db", &db], ["--server", app.base()]);
+    let models = "models that have games: \"exported\", ";
+    for (to, source, filters, said) in [
+        (&out, &in_file, &["--model", "exprted"][..], models),
+        (&out, &from_server, &["--model", "exprted"], models),
+        (&tables, &in_file, &["--model", "exprted", "--format", "parquet"], models),
+        (&out, &in_file, &["--model", "blue", "--no-mixed"], "--model blue --no-mixed"),
+        (&out, &from_server, &["--model", "blue", "--no-mixed"], "--model blue --no-mixed"),
+        (&out, &in_file, &["--episode", "ep_0"], "no game matches --episode ep_0"),
+        (&out, &from_server, &["--episode", "ep_0"], "the episode is not known"),
+        (&out, &in_file, &["--status", "aborted"], "no game matches --status aborted"),
+    ] {
+        let output = swarmbench(&[&["export", to][..], source, filters].concat()).await;
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{filters:?}");
+        assert!(error.contains(said), "{filters:?}: {error}");
+        assert_eq!(std::fs::read_dir(place.path()).expect("a folder").count(), 0, "{filters:?}");
+    }
+    let output =
+        swarmbench(&["export", &tables, "--no-mixed", "--format", "jsonl", "--db", &db]).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for table in ["episodes", "acts", "rounds"] {
+        let lines = std::fs::read_to_string(format!("{tables}/{table}.jsonl")).expect("a table");
+        assert!(lines.lines().all(|line| line.contains(r#""mixed":false"#)) && !lines.is_empty());
+    }
 }
 
 #[tokio::test]

@@ -56,6 +56,7 @@ pub(in super::super) async fn list_episodes(
         model: params.model,
         run,
         readable: caller.readable(&app.access),
+        ..Filter::default()
     };
     let read =
         |before: Option<i64>, rows| app.store.list_episodes(&filter, before.map(EpisodeKey), rows);

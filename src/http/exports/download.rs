@@ -21,8 +21,9 @@ use super::super::extract::one_of;
 use super::super::prelude::*;
 use super::super::stream::{patiently, refused};
 use crate::budget::Reservation;
-use crate::dataset::export::{Export, ExportError, Exported, Selection, TableName};
+use crate::dataset::export::{Export, ExportError, Exported, Selection};
 use crate::dataset::files::Archive;
+use crate::dataset::tables::TableName;
 use crate::episode::Status;
 use crate::fair::{self, FairLimit, Party, Permit, Rank};
 use crate::ids::EpisodeId;
@@ -46,8 +47,10 @@ pub(in super::super) struct ExportParams {
     run: Option<String>,
     /// A task's name.
     task: Option<String>,
-    /// A model's name.
+    /// The name of a model that held a seat; of acts those of its seats alone are exported.
     model: Option<String>,
+    /// Whether the seats had several holders; all where it is left out.
+    mixed: Option<bool>,
     /// `waiting`, `running`, `finished`, `aborted` or `abandoned`; all that have ended where it is left out.
     status: Option<String>,
     /// An episode's id.
@@ -64,14 +67,16 @@ enum File {
 
 impl File {
     fn parse(name: &str) -> Option<Self> {
-        Some(match name {
-            "dataset.zip" => Self::Dataset,
-            "acts.jsonl" => Self::Lines(TableName::Acts),
-            "rounds.jsonl" => Self::Lines(TableName::Rounds),
-            "acts.parquet" => Self::Parquet(TableName::Acts),
-            "rounds.parquet" => Self::Parquet(TableName::Rounds),
-            _ => return None,
-        })
+        if name == "dataset.zip" {
+            return Some(Self::Dataset);
+        }
+        let (table, format) = name.split_once('.')?;
+        let table = TableName::parse(table)?;
+        match format {
+            "jsonl" => Some(Self::Lines(table)),
+            "parquet" => Some(Self::Parquet(table)),
+            _ => None,
+        }
     }
 
     const fn content_type(self) -> &'static str {
@@ -96,8 +101,8 @@ impl File {
 /// Export episodes that have ended.
 ///
 /// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and
-/// `agent_log_<run_id>.json`. `acts` and `rounds` are tables, one row an act or a state, as JSON Lines
-/// (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that
+/// `agent_log_<run_id>.json`. `episodes`, `acts` and `rounds` are tables, one row an episode, an act or a state, as JSON
+/// Lines (`.jsonl`) or Parquet (`.parquet`). Episodes that the caller may not read are left out. An answer that
 /// breaks off is not whole.
 #[utoipa::path(
     get,
@@ -105,7 +110,7 @@ impl File {
     operation_id = "download_export",
     tag = "data",
     params(
-        ("file" = String, Path, description = "`dataset.zip`, `acts.jsonl`, `rounds.jsonl`, `acts.parquet` or `rounds.parquet`", example = "acts.jsonl"),
+        ("file" = String, Path, description = "`dataset.zip`, or `episodes`, `acts` or `rounds` with `.jsonl` or `.parquet`", example = "acts.jsonl"),
         ExportParams,
     ),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),
@@ -196,8 +201,15 @@ async fn selection(
             None => readable = Readable::Nothing,
         }
     }
-    let filter =
-        Filter { status: params.status, task: params.task, model: params.model, run, readable };
+    let filter = Filter {
+        status: params.status,
+        task: params.task,
+        played_by: params.model,
+        mixed: params.mixed,
+        run,
+        readable,
+        ..Filter::default()
+    };
     Ok(Selection { filter, episode: params.episode.map(EpisodeId::from_text) })
 }
 

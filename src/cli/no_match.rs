@@ -1,0 +1,106 @@
+//! The error of an export without games, with the models that do have some.
+
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+
+use serde::Deserialize;
+
+/// Names that the error has at most.
+const SHOWN_MAX: usize = 10;
+
+/// Names that are compared at most.
+const NAMES_MAX: usize = 10_000;
+
+/// Bytes of a row at most: a server may send anything.
+const ROW_BYTES_MAX: usize = 4 * 1024 * 1024;
+
+/// The models of games. Rows of the table `episodes` are written to it, as JSON Lines.
+#[derive(Default)]
+pub(super) struct Models {
+    names: BTreeSet<String>,
+    row: Vec<u8>,
+}
+
+#[derive(Deserialize)]
+struct Row {
+    /// A list, as JSON.
+    models: String,
+}
+
+impl Models {
+    pub(super) fn add(&mut self, names: impl IntoIterator<Item = String>) {
+        let room = NAMES_MAX - self.names.len();
+        self.names.extend(names.into_iter().take(room));
+    }
+
+    fn add_row(&mut self) -> io::Result<()> {
+        let row: Row = serde_json::from_slice(&self.row)?;
+        self.add(serde_json::from_str::<Vec<String>>(&row.models)?);
+        self.row.clear();
+        Ok(())
+    }
+
+    /// The names that are most like this one, the nearest first.
+    fn nearest(&self, wanted: &str) -> Vec<&str> {
+        let wanted = wanted.to_lowercase();
+        let likeness = |name: &str| strsim::jaro_winkler(&wanted, &name.to_lowercase());
+        let mut names: Vec<(f64, &str)> =
+            self.names.iter().map(|name| (likeness(name), name.as_str())).collect();
+        names.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+        names.into_iter().take(SHOWN_MAX).map(|(_, name)| name).collect()
+    }
+
+    /// The error, where `filters` are those that no game matches and `model` is the one among them.
+    pub(super) fn no_match(&self, filters: &[String], model: Option<&str>) -> anyhow::Error {
+        let filters = filters.join(" ");
+        let names: Vec<String> = model
+            .into_iter()
+            .flat_map(|model| self.nearest(model))
+            .map(|name| format!("{name:?}"))
+            .collect();
+        if names.is_empty() {
+            return anyhow::anyhow!("no game matches {filters}");
+        }
+        anyhow::anyhow!("no game matches {filters}; models that have games: {}", names.join(", "))
+    }
+}
+
+impl Write for Models {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
+            if self.row.len() + piece.len() > ROW_BYTES_MAX {
+                return Err(io::Error::other(format!("a row has more than {ROW_BYTES_MAX} bytes")));
+            }
+            self.row.extend_from_slice(piece);
+            if piece.ends_with(b"\n") {
+                self.add_row()?;
+            }
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_names_come_first_and_there_are_few() {
+        let mut models = Models::default();
+        models.add((0..20).map(|number| format!("other-{number}")));
+        // Rows come in pieces of any size.
+        for piece in [r#"{"models":"[\"qwen\"]"}"#, "\n{\"models\":\"[\\\"GPT-", "4o\\\"]\"}\n"] {
+            models.write_all(piece.as_bytes()).expect("rows");
+        }
+        let filters = ["--model gtp-4o".to_owned()];
+        let error = models.no_match(&filters, Some("gtp-4o")).to_string();
+        let names = error.strip_prefix("no game matches --model gtp-4o; models that have games: ");
+        let names: Vec<&str> = names.expect("the filters").split(", ").collect();
+        assert_eq!((names[0], names.len()), ("\"GPT-4o\"", SHOWN_MAX));
+        assert!(models.write_all(&vec![b' '; ROW_BYTES_MAX + 1]).is_err());
+    }
+}

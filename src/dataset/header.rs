@@ -1,0 +1,75 @@
+//! What a stored episode tells without a replay: its settings, and who holds its seats.
+
+use std::collections::BTreeSet;
+
+use swarmbench_engine::AgentId;
+use swarmbench_journal::record::{HeldSeat, Opening, Record, SeatHolder, Seats};
+
+use crate::store::port::StoredEpisode;
+
+pub struct Header {
+    pub opening: Opening,
+    /// In order of their numbers.
+    holders: Vec<SeatHolder>,
+    /// By agent: the place of its holder in `holders`.
+    seats: Vec<usize>,
+}
+
+impl Header {
+    pub fn read(stored: &StoredEpisode) -> Result<Self, String> {
+        let Record::Opening(opening) = stored.opening.read().map_err(|error| error.to_string())?
+        else {
+            return Err("it has no opening".to_owned());
+        };
+        let seats = match &stored.seating {
+            Some(record) => match record.read().map_err(|error| error.to_string())? {
+                Record::Seats(seats) => seats,
+                Record::Opening(_) | Record::Round(_) | Record::End(_) => {
+                    return Err("its record of seats is another one".to_owned());
+                }
+            },
+            None => all_of_the_creator(&opening),
+        };
+        if seats.seats.len() != usize::from(opening.config.num_agents) {
+            return Err("its record of seats has another number of agents".to_owned());
+        }
+        let place = |number: u32| seats.holders.iter().position(|one| one.holder == number);
+        let places: Option<Vec<usize>> =
+            seats.seats.iter().map(|seat| place(seat.holder)).collect();
+        let places = places.ok_or("a seat has a holder that is not in its record of seats")?;
+        Ok(Self { opening: *opening, holders: seats.holders, seats: places })
+    }
+
+    /// Who holds the seat of an agent.
+    pub fn holder(&self, agent: AgentId) -> &SeatHolder {
+        &self.holders[self.seats[agent.index()]]
+    }
+
+    /// The holder of each seat, in order of the agents' numbers.
+    pub fn by_agent(&self) -> impl Iterator<Item = &SeatHolder> {
+        self.seats.iter().map(|place| &self.holders[*place])
+    }
+
+    /// Whether the seats had more than one holder.
+    pub fn is_mixed(&self) -> bool {
+        self.holders.len() > 1
+    }
+
+    /// All models that held seats.
+    pub fn models(&self) -> BTreeSet<&str> {
+        self.holders.iter().map(|holder| holder.model.as_str()).collect()
+    }
+}
+
+/// An episode without a record of seats: nobody else could hold one, or it never began.
+fn all_of_the_creator(opening: &Opening) -> Seats {
+    let creator = SeatHolder {
+        holder: 0,
+        model: opening.config.model.clone(),
+        agent_meta: opening.agent_meta.clone(),
+        key: None,
+        player: None,
+    };
+    let seat = |agent| HeldSeat { agent: AgentId(agent).to_string(), holder: 0 };
+    Seats { holders: vec![creator], seats: (0..opening.config.num_agents).map(seat).collect() }
+}
