@@ -4,8 +4,11 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use swarmbench::server::{Parts, Server};
+use swarmbench_boards::competition::export::Writer;
+use swarmbench_boards::competition::sealed::Sealed;
+use swarmbench_protocol::suite::SuiteSettings;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
@@ -74,6 +77,79 @@ fn errors_say_what_to_do_next() {
         let said = text(&output.stderr);
         assert!(!output.status.success(), "{args:?}");
         assert!(said.contains(expected), "{args:?} said {said}");
+    }
+}
+
+/// A competition that nobody entered.
+fn empty_competition() -> String {
+    let sealed = Sealed { salt: [1; 32], seeds: vec![[2; 16], [3; 16]] };
+    let hex = |bytes: &[u8]| data_encoding::HEXLOWER.encode(bytes);
+    let window = json!({ "opens_at": "2026-03-01T12:00:00Z", "closes_at": "2026-03-02T12:00:00Z" });
+    let definition = json!({
+        "name": "a cup", "description": "", "tasks": ["Foraging"], "seeds": 2, "rules": "paper",
+        "settings": SuiteSettings { round_deadline_ms: Some(1000), ..SuiteSettings::default() },
+        "idle_timeout_ms": 1000, "opens_at": window["opens_at"], "closes_at": window["closes_at"],
+        "entry": "anybody", "attempts": [window], "parallel": 1, "counts": "best", "board": "public",
+        "entries_per_key": 1,
+    });
+    let records = [
+        json!({
+            "kind": "competition", "format": 1, "id": "cmp_1", "definition": definition,
+            "created_at": "2026-03-01T11:00:00Z", "revealed_at": "2026-03-02T12:00:01Z",
+            "commitment": hex(&sealed.commitment()), "salt": hex(&sealed.salt),
+            "seeds": sealed.seeds.iter().map(|seed| hex(seed)).collect::<Vec<_>>(),
+        }),
+        json!({ "kind": "board", "rows": [] }),
+        json!({ "kind": "end", "episodes": 0 }),
+    ];
+    let mut writer = Writer::default();
+    let line = |record| writer.line(&serde_json::from_value(record).expect("a record"));
+    records.map(line).concat()
+}
+
+/// Runs `verify`, which has to succeed; returns what it says.
+fn verified(args: &[&str]) -> String {
+    let output = swarmbench(&[&["verify"], args].concat());
+    assert!(output.status.success(), "{args:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// The hash that `verify` shows in a row of its table.
+fn hash_in<'a>(said: &'a str, row: &str) -> &'a str {
+    let line = said.lines().find(|line| line.contains(row)).expect("the row");
+    line.split_whitespace().find(|word| word.len() == 64).expect("a hash")
+}
+
+#[test]
+fn verify_names_what_it_has_not_proven() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/1");
+    let heads = std::fs::read_to_string(folder.join("heads.tsv")).expect("heads");
+    let mut game = heads.lines().next().expect("a game").split('\t');
+    let mut field = || game.next().expect("a field");
+    let file = folder.join(format!("{}.jsonl", field())).display().to_string();
+    let head = field();
+    let said = verified(&[&file]);
+    for expected in ["not proven", "anybody can write", "What a head proves", "result.journal_head"]
+    {
+        assert!(said.contains(expected), "{expected:?} is missing in {said}");
+    }
+    assert!(!verified(&[&file, "--head", head]).contains("not proven"));
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cup.jsonl");
+    std::fs::write(&file, empty_competition()).expect("a file");
+    let file = file.display().to_string();
+    let said = verified(&["--competition", &file]);
+    let (head, commitment) = (hash_in(&said, "head of the file"), hash_in(&said, "commitment"));
+    for (args, unproven) in [
+        (vec![], vec!["the published file", "chosen afterwards"]),
+        (vec!["--commitment", commitment], vec!["the published file"]),
+        (vec!["--head", head], vec!["chosen afterwards"]),
+        (vec!["--head", head, "--commitment", commitment], vec![]),
+    ] {
+        let said = verified(&[&["--competition", &file], &args[..]].concat());
+        assert_eq!(said.matches("not proven").count(), unproven.len(), "{args:?}: {said}");
+        assert!(unproven.iter().all(|text| said.contains(text)), "{args:?}: {said}");
     }
 }
 

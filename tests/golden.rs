@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{RULES_REVISION, RuleSet, TaskName};
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{RawRecord, Record};
+use swarmbench_journal::record::{ActRecord, RawRecord, Record, Round, Source};
 use swarmbench_journal::replay::{Report, verify};
 
 /// A journal that was recorded once.
@@ -165,33 +165,68 @@ fn a_changed_byte_fails() {
     }
 }
 
+/// A journal with other rounds, whose hashes fit; none where `change` says that it changed nothing.
+fn forged(golden: &Golden, mut change: impl FnMut(&mut Round) -> bool) -> Option<String> {
+    let mut head = Head::START;
+    let mut forged = String::new();
+    let mut is_forged = false;
+    for line in std::str::from_utf8(&golden.bytes).expect("UTF-8").lines() {
+        // `{"hash":"<64 digits>","record":<the record>}`
+        let mut raw = RawRecord::from_stored(line[84..line.len() - 1].to_owned()).expect("JSON");
+        if let Record::Round(mut round) = raw.read().expect("a record")
+            && change(&mut round)
+        {
+            is_forged = true;
+            raw = RawRecord::write(&Record::Round(round));
+        }
+        head = head.link(raw.as_str().as_bytes());
+        forged.push_str(&raw.line(head));
+    }
+    is_forged.then_some(forged)
+}
+
+fn refused(golden: &Golden, forged: &str, says: &str) {
+    let result = verify(forged.as_bytes(), None, Solver::Flow, |_, _| ());
+    let said = result.err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(said.contains(says), "{}: {said:?}", golden.name);
+}
+
 /// A change of the rules shows even where somebody computes all hashes anew: the records hold digests
 /// and scores of states that a replay no longer reaches.
 #[test]
 fn a_score_that_was_not_played_fails_with_good_hashes_too() {
     for golden in (1..=RULES_REVISION).flat_map(golden) {
-        let mut head = Head::START;
-        let mut forged = String::new();
-        let mut is_forged = false;
-        for line in std::str::from_utf8(&golden.bytes).expect("UTF-8").lines() {
-            // `{"hash":"<64 digits>","record":<the record>}`
-            let raw = RawRecord::from_stored(line[84..line.len() - 1].to_owned()).expect("JSON");
-            let record = match raw.read().expect("a record") {
-                Record::Round(mut round) if round.round == 0 => {
-                    round.score += 1.0;
-                    is_forged = true;
-                    RawRecord::write(&Record::Round(round))
-                }
-                _ => raw,
-            };
-            head = head.link(record.as_str().as_bytes());
-            forged.push_str(&record.line(head));
-        }
+        let raise = |round: &mut Round| {
+            round.score += 1.0;
+            round.round == 0
+        };
         // One that was done at once has no rounds.
-        if is_forged {
-            let result = verify(forged.as_bytes(), None, Solver::Flow, |_, _| ());
-            let said = result.err().map(|error| error.to_string()).unwrap_or_default();
-            assert!(said.contains("the score differs"), "{}: {said:?}", golden.name);
+        if let Some(forged) = forged(&golden, raise) {
+            refused(&golden, &forged, "the score differs");
         }
     }
+}
+
+/// Boards count acts of the clock and not what they do, so a player's act must not pass for one.
+#[test]
+fn the_clock_does_nothing() {
+    let mut journals = 0;
+    for golden in (1..=RULES_REVISION).flat_map(golden) {
+        let changes: [fn(&mut ActRecord); 3] = [
+            |act| act.action = Some("STAY".to_owned()),
+            |act| act.message = Some("hello".to_owned()),
+            |act| act.valid = false,
+        ];
+        for change in changes {
+            let forged = forged(&golden, |round| {
+                let mut acts = round.acts.iter_mut();
+                acts.find(|act| act.source == Source::Clock).map(change).is_some()
+            });
+            if let Some(forged) = forged {
+                refused(&golden, &forged, "the clock of");
+                journals += 1;
+            }
+        }
+    }
+    assert!(journals > 3, "{journals} journals have acts of the clock");
 }

@@ -47,6 +47,23 @@ pub(super) struct Args {
     solver: SolverName,
 }
 
+/// What a journal without a head leaves open.
+const CONSISTENT_JOURNAL: &str = "\
+consistent: these acts lead to this score
+not proven: that a server kept this episode; anybody can write such a file (docs/journal.md, \"What a head proves\"). Pass \
+the head with --head HEAD: the server shows it as result.journal_head of GET /api/v1/episodes/EPISODE once the episode \
+has ended";
+
+/// What the file of a competition without a head leaves open.
+const UNPROVEN_FILE: &str = "\
+not proven: that this is the published file, with all entrants and games; pass the head of the file that the organizer \
+published with --head HEAD";
+
+/// What the file of a competition without a commitment leaves open.
+const UNPROVEN_SEEDS: &str = "\
+not proven: that the seeds were drawn before anybody played, and not chosen afterwards; pass the commitment that was \
+published when the competition was created with --commitment COMMITMENT";
+
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum SolverName {
     Flow,
@@ -127,7 +144,7 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
     println!("{}", fields(rows.into_iter().chain(holders)));
     match head {
         Some(_) => println!("verified: this is the journal with that head"),
-        None => println!("consistent: compare the head with the server's, or pass it with --head"),
+        None => println!("{CONSISTENT_JOURNAL}"),
     }
     Ok(())
 }
@@ -180,12 +197,13 @@ fn run_competition(
         ]);
     }
     println!("{board}");
+    match head {
+        Some(_) => println!("verified: this is the file with that head"),
+        None => println!("{UNPROVEN_FILE}"),
+    }
     match commitment {
         Some(_) => println!("verified: the seeds are those of the published commitment"),
-        None => println!(
-            "consistent: compare the commitment with the one that was published before anybody played, or pass it \
-             with --commitment"
-        ),
+        None => println!("{UNPROVEN_SEEDS}"),
     }
     Ok(())
 }

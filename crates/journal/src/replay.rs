@@ -421,6 +421,9 @@ fn short<T: std::fmt::Debug>(names: &[T]) -> String {
 fn checked_act(record: &ActRecord, config: &Config) -> Result<(AgentId, Act), String> {
     let agent = AgentId::parse(&record.agent).ok_or("an unknown agent")?;
     let act = record.act(config).ok_or_else(|| RoundFault::UnknownAct(agent).to_string())?;
+    if record.source == Source::Clock && (act != Act::default() || !record.valid) {
+        return Err(format!("the clock of {agent} ran out, and yet it did something"));
+    }
     if let Some(response) = record.response.as_ref().filter(|_| record.source == Source::Player) {
         let read = answer::parse(response, config, agent);
         if read.act != act || read.valid != record.valid {

@@ -140,6 +140,7 @@ async fn the_guide_is_done_as_it_is_written() {
     let commitment = shell.variable("COMMITMENT").await;
     assert_eq!((&shown["phase"], &shown["commitment"]), (&json!("closed"), &json!(commitment)));
     assert!(said.contains("verified: the seeds are those of the published commitment"), "{said}");
+    assert!(said.contains("the board follows from the scores"), "{said}");
     for expected in ["two entrants of one team", "the disk was full", "not vouched for", "declared"]
     {
         assert!(said.contains(expected), "{expected} is missing in {said}");

@@ -5,6 +5,7 @@
 //! What a file alone cannot show is that it is the one that was published: compare its commitment with the one of
 //! the day on which the competition was announced, and its head with that of others.
 
+use std::collections::HashSet;
 use std::io::{BufRead, Read};
 
 use jiff::Timestamp;
@@ -21,6 +22,7 @@ use crate::run::Definition as Run;
 use crate::{Game, Slot};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::{self, Report as Played, check_line};
+use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::Game as Planned;
 
 /// What is wrong with a file.
@@ -315,6 +317,7 @@ impl Checker {
         reader.place.clone_from(&place);
         let (window, run) = self.place(published).map_err(|what| reader.wrong(what))?;
         let plan = run.suite.plan();
+        self.status(published, plan.len()).map_err(|what| reader.wrong(what))?;
         let slots = plan.iter().map(|game| Slot {
             task: TaskName::parse(&game.task).expect("the definition was checked"),
             seed: game.seed,
@@ -371,6 +374,21 @@ impl Checker {
         }
         reader.place = place;
         self.attempts.push(attempt);
+        Ok(())
+    }
+
+    /// Checks that an attempt of `planned` games has as many as its status says.
+    fn status(&self, published: &export::Attempt, planned: usize) -> Result<(), String> {
+        let named = RunStatus::parse(&published.status);
+        let status =
+            named.ok_or_else(|| format!("its status {:?} is unknown", published.status))?;
+        if status == RunStatus::Running && self.competition.revealed_at.is_some() {
+            return Err("it is still running, but the competition is over".to_owned());
+        }
+        let slots: HashSet<u32> = published.games.iter().map(|game| game.slot).collect();
+        if status == RunStatus::Finished && published.voided.is_none() && slots.len() < planned {
+            return Err(format!("it is finished with {} of {planned} games", slots.len()));
+        }
         Ok(())
     }
 

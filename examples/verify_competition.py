@@ -1,0 +1,300 @@
+"""Checks the file of a competition, as docs/journal.md describes it under "The file of a competition".
+
+    python3 verify_competition.py cup.jsonl [COMMITMENT [HEAD]]
+
+It checks both chains, the commitment, seeds, plan, settings and times of all games, counts acts, and recomputes the
+board from the final scores. It does not play the rounds again, so it believes the scores of the journals: for that an
+engine is needed, as `swarmbench verify --competition` has one. Python 3.10 or newer, nothing else.
+"""
+
+import hashlib
+import json
+import math
+import struct
+import sys
+from collections import defaultdict
+
+TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"]
+# The fields of all objects; those that need not be there end in a question mark.
+FIELDS = {
+    "window": "opens_at closes_at", "board": "kind rows", "end of the file": "kind episodes",
+    "competition": "kind format id definition created_at revealed_at commitment salt seeds",
+    "definition": "name description tasks seeds rules settings idle_timeout_ms opens_at closes_at entry attempts"
+    " parallel counts board board_freezes_at? entries_per_key",
+    "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms",
+    "entrant": "kind id name model temperature? top_p? agent_meta? prompt_template? status reason? vouched"
+    " registered_at",
+    "attempt": "kind entrant attempt run status created_at ended_at voided? games",
+    "game": "slot episode voided?", "episode": "kind slot episode lines head",
+    "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?",
+    "act": "agent source action message? to? valid response? usage? reasoning? bank_spent_ms?",
+    "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
+}
+ENDINGS = ["finished task_done", "finished rounds_played", "aborted aborted", "aborted closed", "abandoned idle"]
+
+
+def check(holds, problem):
+    if not holds:
+        raise ValueError(problem)
+
+
+def same(what, found, expected):
+    check(found == expected, f"{what} is {found!r}, and should be {expected!r}")
+
+
+def has_fields(name, record):
+    fields = FIELDS[name].split()
+    wrong = record.keys() - {field.rstrip("?") for field in fields}
+    wrong |= {field for field in fields if not field.endswith("?")} - record.keys()
+    check(not wrong, f"{name}: these fields are missing, or unknown: {wrong}")
+
+
+def object_of(pairs):
+    check(len(dict(pairs)) == len(pairs), "a field stands twice")
+    return dict(pairs)
+
+
+def time(text):
+    """Times are in the order of their texts without the Z at the end."""
+    check(text.endswith("Z"), f"{text!r} is not a time in UTC")
+    return text[:-1]
+
+
+def in_time(what, at, earliest, end):
+    check(time(earliest) <= time(at) < time(end), f"{what} at {at}, not from {earliest} until {end}")
+
+
+class Reader:
+    def __init__(self, file):
+        self.file, self.number, self.head = file, 0, bytes(32)
+
+    def line(self, head):
+        """The next record of the chain with this head, and the head after it."""
+        line = self.file.readline()
+        self.number += 1
+        digits, record = line[9:73], line[84:-2]
+        check(line == b'{"hash":"' + digits + b'","record":' + record + b"}\n", "not a whole line of such a file")
+        head = hashlib.sha256(head + record).digest()
+        check(digits == head.hex().encode(), "the line was changed: its hash is another")
+        return json.loads(record, object_pairs_hook=object_of), head
+
+    def record(self, *kinds):
+        record, self.head = self.line(self.head)
+        check(record["kind"] in kinds, f"a record of the kind {record['kind']!r} is out of place")
+        has_fields("end of the file" if record["kind"] == "end" else record["kind"], record)
+        return record
+
+    def journal(self, lines):
+        head, records = bytes(32), []
+        for _ in range(lines):
+            record, head = self.line(head)
+            records.append(record)
+        return records, head.hex()
+
+
+def check_competition(competition):
+    """Returns the seeds of the rules, attempt by attempt."""
+    same("format", competition["format"], 1)
+    definition = competition["definition"]
+    has_fields("definition", definition)
+    has_fields("settings", definition["settings"])
+    same("the tasks, sorted", sorted(definition["tasks"]), sorted(set(definition["tasks"]) & set(TASKS)))
+    check(definition["counts"] in ("best", "last", "first"), "it does not say which attempt counts")
+    opens_at, closes_at = definition["opens_at"], definition["closes_at"]
+    check(max(time(opens_at), time(competition["created_at"])) < time(closes_at), "it closes too early")
+    for window in definition["attempts"]:
+        has_fields("window", window)
+        in_time("a window opens", window["opens_at"], opens_at, window["closes_at"])
+        check(time(window["closes_at"]) <= time(closes_at), "a window closes after the competition")
+    if competition["revealed_at"] is not None:
+        check(time(competition["revealed_at"]) >= time(closes_at), "it was revealed before it closed")
+    salt, *sealed = [bytes.fromhex(text) for text in [competition["salt"], *competition["seeds"]]]
+    check(len(salt) == 32 and all(len(seed) == 16 for seed in sealed), "salt or seeds have another length")
+    count = definition["seeds"]
+    same("the number of sealed seeds", len(sealed), count * len(definition["attempts"]))
+    same("the commitment", competition["commitment"], hashlib.sha256(salt + b"".join(sealed)).hexdigest())
+    seeds = [int.from_bytes(hashlib.sha256(seed).digest()[:8], "big") >> 11 for seed in sealed]
+    return [seeds[first : first + count] for first in range(0, len(seeds), count)]
+
+
+class Attempt:
+    def __init__(self, record, window, tasks, seeds):
+        self.record, self.window = record, window
+        self.plan = [(task, seed) for task in tasks for seed in seeds]
+        self.voided = "voided" in record
+        self.counts = record["status"] != "running" and not self.voided
+        self.void_slots = [game["slot"] for game in record["games"] if "voided" in game]
+        # Of games that count; scores are by slot.
+        self.scores, self.acts = {}, {"answers": 0, "invalid": 0, "timeouts": 0}
+
+    def add(self, slot, rounds, end):
+        self.scores[slot] = end["score"]
+        for act in [act for record in rounds for act in record["acts"]] + end["open_acts"]:
+            has_fields("act", act)
+            if act["source"] == "clock":
+                self.acts["timeouts"] += 1
+                check((act["action"], act["valid"]) == (None, True) and "message" not in act, "the clock does nothing")
+            else:
+                same("the source of an act", act["source"], "player")
+                self.acts["answers"] += 1
+                self.acts["invalid"] += not act["valid"]
+
+    def task(self, name):
+        slots = [slot for slot, (task, _) in enumerate(self.plan) if task == name]
+        planned = [slot for slot in slots if slot in self.scores or slot not in self.void_slots]
+        planned.sort(key=lambda slot: self.plan[slot][1])
+        scores = [self.scores.get(slot, 0.0) for slot in planned]
+        mean = added(scores) / len(scores) if scores else None
+        squares = added((score - mean) * (score - mean) for score in scores)
+        row = {"task": name, "mean": mean, "deviation": math.sqrt(squares / len(scores)) if scores else None}
+        games, voided = sum(slot in self.scores for slot in slots), sum(slot in slots for slot in self.void_slots)
+        return row | {"games": games, "planned": len(planned), "voided": voided}
+
+    def tasks(self):
+        return [self.task(name) for name in TASKS if any(task == name for task, _ in self.plan)]
+
+    def total(self):
+        means = [task["mean"] for task in self.tasks()]
+        return None if None in means else added(means)
+
+
+def added(numbers):
+    """The sum, rounded after each step: that of Python 3.12 is more exact."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
+
+
+def comparable(total):
+    """Equal for equal totals; null is lower than all others."""
+    if total is None:
+        return -math.inf
+    part, whole = math.modf(total * 1e9)
+    return whole + math.copysign(1, part) if abs(part) >= 0.5 else whole
+
+
+def check_journal(opening, rounds, end, definition, entrant, attempt, game):
+    """Checks that a journal is the one that belongs in its place."""
+    has_fields("opening", opening)
+    task, seed = attempt.plan[game["slot"]]
+    expected = definition["settings"] | {"task": task, "seed": seed, "start": "now", "visibility": "sealed"}
+    expected |= {name: definition[name] for name in ("rules", "idle_timeout_ms")} | {"model": entrant["model"]}
+    expected |= {"custom_template": "prompt_template" in entrant, "closes_at": attempt.window["closes_at"]}
+    for name in expected.keys() | opening["config"].keys():
+        same(f"the setting {name}", opening["config"].get(name, "missing"), expected.get(name, "missing"))
+    meta = entrant.get("agent_meta", {}) | {name: entrant[name] for name in ("temperature", "top_p") if name in entrant}
+    same("the kind and the format", (opening["kind"], opening["format"]), ("opening", 1))
+    same("the episode and its run", (opening["episode"], opening["run"]), (game["episode"], attempt.record["run"]))
+    same("agent_meta", opening["agent_meta"], meta)
+    same("the template", opening["prompt_template"], entrant.get("prompt_template", opening["prompt_template"]))
+    in_time("it was created", opening["created_at"], attempt.record["created_at"], attempt.window["closes_at"])
+    for number, record in enumerate(rounds):
+        has_fields("round", record)
+        same("a record", (record["kind"], record["round"]), ("round", number))
+    has_fields("end", end)
+    same("the last record and its rounds", (end["kind"], end["rounds"]), ("end", len(rounds)))
+    check(f"{end['status']} {end['reason']}" in ENDINGS, "it ends in a way that does not exist")
+    same("the final score", end["score"], rounds[-1]["score"] if rounds else end["score"])
+
+
+def read_attempt(reader, record, competition, seeds, entrants, attempts):
+    definition, number = competition["definition"], record["attempt"]
+    check(record["entrant"] in entrants and 1 <= number <= len(seeds), "there is no such entrant, or attempt")
+    entrant, window = entrants[record["entrant"]], definition["attempts"][number - 1]
+    attempt = Attempt(record, window, definition["tasks"], seeds[number - 1])
+    runs = [other.record["run"] for own in attempts.values() for other in own]
+    check(record["run"] not in runs, "a run is there twice")
+    counted = [other.record["attempt"] for other in attempts[entrant["id"]] if not other.voided]
+    check(attempt.voided or number not in counted, "an attempt was played twice")
+    check(competition["revealed_at"] is None or record["status"] != "running", "it is running after the end")
+    check(not (attempt.voided and record["games"]), "it was voided, and has games")
+    earliest = max(window["opens_at"], entrant["registered_at"], key=time)
+    in_time("it was started", record["created_at"], earliest, window["closes_at"])
+    for game in record["games"]:
+        has_fields("game", game)
+        check(0 <= game["slot"] < len(attempt.plan), "a game has no place in the plan")
+        if "voided" in game:
+            continue
+        check(game["slot"] not in attempt.scores, f"slot {game['slot']} was played twice")
+        header = reader.record("episode")
+        same("the game", (header["slot"], header["episode"]), (game["slot"], game["episode"]))
+        (opening, *rounds, end), head = reader.journal(header["lines"])
+        same("the head of the journal", header["head"], head)
+        check_journal(opening, rounds, end, definition, entrant, attempt, game)
+        attempt.add(game["slot"], rounds, end)
+    attempts[entrant["id"]].append(attempt)
+
+
+def name_of_row(entrant):
+    parts = [entrant["id"].encode(), entrant["model"].encode()]
+    parts += [struct.pack(">d", entrant[name] + 0.0) if name in entrant else b"" for name in ("temperature", "top_p")]
+    template = entrant.get("prompt_template", "").encode()
+    parts.append(hashlib.sha256(template).hexdigest()[:12].encode() if "prompt_template" in entrant else b"")
+    return hashlib.sha256(b"".join(len(part).to_bytes(8, "big") + part for part in parts)).digest()[:16]
+
+
+def row_of(entrant, own, definition):
+    over = [attempt for attempt in own if attempt.counts]
+    over.sort(key=lambda attempt: (time(attempt.record["created_at"]), attempt.record["run"].encode()))
+    if definition["counts"] == "best":
+        over.sort(key=lambda attempt: -comparable(attempt.total()))  # the first of equal ones stays the first
+    attempt = over[-1 if definition["counts"] == "last" else 0] if over else None
+    shown = attempt or Attempt({"status": None, "games": []}, None, [], [])
+    declared = "declared" if definition["settings"]["control"] == "decentralized" else None
+    row = {"rank": None, "entrant": entrant["id"], "decentralization": declared, "run_status": shown.record["status"]}
+    row |= {name: shown.record.get(name) for name in ("attempt", "run")}
+    row |= {"tasks": shown.tasks(), "total": attempt and attempt.total(), "voided_games": len(shown.void_slots)}
+    row |= {"attempts": sum(one.counts for one in own), "voided_attempts": sum(one.voided for one in own)}
+    return row | shown.acts
+
+
+def board(definition, entrants, attempts):
+    ranked, waiting, gone = [], [], []
+    for entrant in entrants.values():
+        row = row_of(entrant, attempts[entrant["id"]], definition)
+        part = gone if entrant["status"] != "active" else waiting if row["attempt"] is None else ranked
+        part.append((-comparable(row["total"]), entrant["model"].encode(), name_of_row(entrant), row))
+    ranked.sort(key=lambda row: row[:3])
+    values = [value for value, *_ in ranked]
+    for value, _, _, row in ranked:
+        row["rank"] = None if row["total"] is None else values.index(value) + 1
+    return [row for *_, row in ranked + waiting + gone]
+
+
+def verify(reader, commitment, head):
+    competition = reader.record("competition")
+    seeds = check_competition(competition)
+    check(commitment in (None, competition["commitment"]), "another commitment was published")
+    entrants, attempts = {}, defaultdict(list)
+    while (record := reader.record("entrant", "attempt", "board"))["kind"] != "board":
+        if record["kind"] == "attempt":
+            read_attempt(reader, record, competition, seeds, entrants, attempts)
+        else:
+            check(record["id"] not in entrants and not attempts, "an entrant is out of place")
+            check(record["status"] in ("active", "withdrawn", "disqualified"), "an entrant has no status")
+            entrants[record["id"]] = record
+    rows = board(competition["definition"], entrants, attempts)
+    same("the number of rows", len(record["rows"]), len(rows))
+    for place, (published, row) in enumerate(zip(record["rows"], rows, strict=True), 1):
+        for name in published.keys() | row.keys():
+            same(f"row {place}: {name}", published.get(name, "missing"), row.get(name, "missing"))
+    games = sum(len(attempt.scores) for own in attempts.values() for attempt in own)
+    same("the number of journals", reader.record("end")["episodes"], games)
+    check(not reader.file.readline(), "there is something after the end")
+    check(head in (None, reader.head.hex()), f"another file was published: the head of this one is {reader.head.hex()}")
+    for row in rows:
+        print(row["rank"] or "-", entrants[row["entrant"]]["name"], row["total"])
+    print("the board follows from the scores; the rounds were not played again. Head of the file:", reader.head.hex())
+    if commitment is None or head is None:
+        print("not proven: that this is what was published, without its commitment and its head")
+
+
+if __name__ == "__main__":
+    path, published_commitment, published_head = [*sys.argv[1:], None, None][:3]
+    with open(path, "rb") as opened:
+        read = Reader(opened)
+        try:
+            verify(read, published_commitment, published_head)
+        except (ValueError, KeyError, TypeError, AttributeError) as problem:
+            sys.exit(f"line {read.number}: {problem}")
