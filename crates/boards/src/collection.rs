@@ -239,9 +239,10 @@ impl Boards {
             models.entry((&game.model, rules)).or_default().push(game);
         }
         let result = |((model, rules), games): ((&str, &str), Vec<&Imported>)| {
-            let at_scale =
-                |game: &Imported| game.score * scale::factor(game.slot.task, rules, &id.rules);
-            let games = games.into_iter().map(|game| (game.slot, at_scale(game)));
+            let games = games.into_iter().map(|game| {
+                let factor = scale::factor(game.slot.task, rules, &id.rules);
+                (game.slot, game.score * factor.unwrap_or(1.0))
+            });
             let mut result = RunResult::imported(model, &board.suite.plan, games);
             if rules != id.rules {
                 result.row = RowId::of(&[b"imported", model.as_bytes(), rules.as_bytes()]);

@@ -112,7 +112,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
     let to = ranked.board.rules.as_str();
     BoardRow {
         rules: rules.to_owned(),
-        converted: of(&|task| scale::factor(task, rules, to) != 1.0),
+        converted: of(&|task| scale::factor(task, rules, to).is_some()),
         other_rules: of(&|task| scale::differs(task, rules, to)),
         ..shown_row
     }

@@ -83,7 +83,7 @@ pub static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(read);
 static CONVERTED: LazyLock<Vec<Reference>> = LazyLock::new(|| {
     let mut rows = REFERENCES.clone();
     for numbers in rows.iter_mut().flat_map(|row| &mut row.tasks) {
-        let factor = scale::factor(numbers.task, RULES, "reference");
+        let factor = scale::factor(numbers.task, RULES, "reference").unwrap_or(1.0);
         numbers.mean *= factor;
         numbers.deviation *= factor;
     }

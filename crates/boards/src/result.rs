@@ -153,7 +153,9 @@ impl RunResult {
 }
 
 impl TaskResult {
-    const fn empty(task: TaskName) -> Self {
+    /// No games.
+    #[must_use]
+    pub const fn empty(task: TaskName) -> Self {
         Self {
             task,
             scores: Vec::new(),

@@ -10,13 +10,14 @@ use swarmbench_engine::TaskName;
 /// The rule set of games that were played with the public toolkit, and do not say so.
 pub const OF_TOOLKIT: &str = "reference";
 
-/// By what a score of a task under the rules `from` is multiplied to be at the scale of the rules `to`.
+/// By what a score of a task under the rules `from` is multiplied to be at the scale of the rules `to`; `None` if it is the
+/// same scale.
 #[must_use]
-pub fn factor(task: TaskName, from: &str, to: &str) -> f64 {
+pub fn factor(task: TaskName, from: &str, to: &str) -> Option<f64> {
     match (task, from, to) {
-        (TaskName::Flocking, "reference", "paper") => 0.5,
-        (TaskName::Flocking, "paper", "reference") => 2.0,
-        _ => 1.0,
+        (TaskName::Flocking, "reference", "paper") => Some(0.5),
+        (TaskName::Flocking, "paper", "reference") => Some(2.0),
+        _ => None,
     }
 }
 
