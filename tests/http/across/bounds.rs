@@ -114,7 +114,7 @@ async fn boards_end_where_an_answer_is_full_and_go_on_by_their_cursor() {
             "/api/v1/leaderboard?format=csv".to_owned(),
             "/id",
             "row",
-            29,
+            13,
         ),
     ] {
         let (items, pages) = follow(&app, &path, bytes_max).await;

@@ -192,7 +192,7 @@ impl Report {
         let columns = names("experiment model")
             .chain(self.varied.iter().map(|&axis| axis.to_owned()))
             .chain(names(
-                "task mean std least most games planned seeds run status verified run_acts run_invalid \
+                "task mean deviation least most games planned seeds run status verified run_acts run_invalid \
                  run_prompt_tokens run_completion_tokens",
             ));
         let full =
