@@ -139,12 +139,12 @@ async fn unknown_values_are_refused_with_what_is_allowed() {
 async fn pages_are_parts_of_the_whole() {
     let app = played().await;
     let whole = list(&board(&app, "").await["items"]);
-    assert_eq!(whole.len(), 29, "nobody but the paper");
+    assert_eq!(whole.len(), 13, "nobody but the paper");
     let (mut found, mut cursor) = (Vec::new(), String::new());
     loop {
-        let query = format!("limit=7{cursor}");
+        let query = format!("limit=4{cursor}");
         let page = board(&app, &query).await;
-        assert!(list(&page["items"]).len() <= 7);
+        assert!(list(&page["items"]).len() <= 4);
         found.extend(list(&page["items"]));
         let Some(next) = page["next_cursor"].as_str() else { break };
         let answer = csv(&app, &query).await;
@@ -152,6 +152,24 @@ async fn pages_are_parts_of_the_whole() {
         cursor = format!("&cursor={next}");
     }
     assert_eq!(found, whole);
+}
+
+#[tokio::test]
+async fn rows_of_other_rules_are_converted_and_marked() {
+    let app = TestApp::start().await;
+    let people = async |rules: &str| {
+        let board = board(&app, &format!("suite=baselines&rules={rules}")).await;
+        assert_eq!(board["rows"], 16);
+        let mut rows = list(&board["items"]).into_iter();
+        let row = rows.find(|row| row["table"] == "humans").expect("they are there");
+        let flocking = &row["tasks"]["Flocking"];
+        assert_eq!(row["rules"], "paper");
+        let marks = [row["converted"].clone(), row["other_rules"].clone()];
+        (flocking["mean"].clone(), flocking["deviation"].clone(), marks)
+    };
+    assert_eq!(people("paper").await, (json!(11.7), json!(2.33), [json!([]), json!([])]));
+    let marks = [json!(["Flocking"]), json!(["Flocking"])];
+    assert_eq!(people("reference").await, (json!(23.4), json!(4.66), marks));
 }
 
 /// Games with other settings or rules have a board of their own, even if their suites share a name.
@@ -189,7 +207,7 @@ async fn the_papers_rows_are_marked_and_a_model_stands_between_them() {
     let mut app = TestApp::builder().manual_clock().start().await;
     let bare = board(&app, "").await;
     assert_eq!((&bare["suite"], &bare["rows"]), (&json!("standard"), &json!(13)));
-    assert_eq!(column(&bare, "/reference"), vec![true; 29]);
+    assert_eq!(column(&bare, "/reference"), vec![true; 13]);
     assert!(list(&bare["items"])[0]["note"].as_str().expect("a note").contains("public toolkit"));
     assert_eq!(board(&app, "reference=false").await["rows"], 0);
     assert_eq!(board(&app, "rules=reference").await["rows"], 13);
@@ -223,7 +241,7 @@ async fn the_papers_rows_are_marked_and_a_model_stands_between_them() {
     );
     assert_eq!(row["difference"], Value::Null, "the paper's games cannot be compared seed by seed");
     let one = board(&app, "task=Synchronization").await;
-    assert_eq!(column(&one, "/model")[..3], ["human players", "a model", "claude-3.7-sonnet"]);
+    assert_eq!(column(&one, "/model")[..2], ["a model", "claude-3.7-sonnet"]);
 }
 
 #[tokio::test]

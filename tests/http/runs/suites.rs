@@ -14,12 +14,13 @@ async fn a_built_in_suite_is_what_its_definition_says() {
     let names: Vec<_> =
         suites.iter().map(|suite| (text(suite, "name"), text(suite, "rules"))).collect();
     let pairs = |name| [(name, "paper"), (name, "reference")];
-    assert_eq!(names, [pairs("standard"), pairs("quick")].concat());
+    assert_eq!(names, [pairs("standard"), pairs("quick"), pairs("baselines")].concat());
     let digests: BTreeSet<_> = suites.iter().map(|suite| text(suite, "digest")).collect();
-    assert_eq!(digests.len(), 4);
+    assert_eq!(digests.len(), 6);
     assert_eq!(suites[0]["seeds"], json!([27, 42, 57, 72, 87]));
     assert_eq!((&suites[0]["games"], &suites[2]["games"]), (&json!(25), &json!(5)));
-    for (suite, rounds) in [(&suites[0], 100), (&suites[2], 20)] {
+    assert_eq!(suites[4]["seeds"], json!((0..20).collect::<Vec<_>>()));
+    for (suite, rounds) in [(&suites[0], 100), (&suites[2], 20), (&suites[4], 100)] {
         assert_eq!(suite["settings"]["max_round"], rounds);
         assert_eq!(list(&suite["tasks"]).len(), 5);
     }
