@@ -11,7 +11,7 @@ use crate::standings::Standings;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::cross_play::pairs;
 use swarmbench_boards::page;
-use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard};
+use swarmbench_protocol::board::{BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference};
 use swarmbench_protocol::table::Table as _;
 
 /// The width of a terminal from which rows also show confidence intervals and failures.
@@ -166,13 +166,7 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         cells.extend(board.tasks.iter().map(|task| score(row, task)));
         cells.push(total(row.total));
         if is_wide {
-            cells.push(row.difference.as_ref().map_or_else(String::new, |difference| {
-                let interval = match (difference.low, difference.high) {
-                    (Some(low), Some(high)) => format!("95 %: {low:.2} to {high:.2}"),
-                    _ => "too few seeds: no interval".to_owned(),
-                };
-                format!("{:.2}\n{interval}", difference.mean)
-            }));
+            cells.push(below(row.difference.as_ref()));
             cells.push(failures(row));
         }
         shown.add_row(cells);
@@ -183,6 +177,16 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         }
     }
     shown
+}
+
+/// How far a row is below another, with the interval of 95 %.
+pub(super) fn below(difference: Option<&RowDifference>) -> String {
+    let Some(difference) = difference else { return String::new() };
+    let interval = match (difference.low, difference.high) {
+        (Some(low), Some(high)) => format!("95 %: {low:.2} to {high:.2}"),
+        _ => "too few seeds: no interval".to_owned(),
+    };
+    format!("{:.2}\n{interval}", difference.mean)
 }
 
 /// Breaks lines in cells so that the table fits a terminal.

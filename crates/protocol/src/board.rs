@@ -154,7 +154,7 @@ impl Table for Leaderboard {
         );
         let last = names(
             "difference difference_low difference_high difference_pairs invalid_share timeout_share voided row \
-             difference_to",
+             difference_to row_rules converted other_rules",
         );
         columns.chain(self.tasks.iter().flat_map(task)).chain(last).collect()
     }
@@ -201,6 +201,9 @@ impl Table for Leaderboard {
             maybe(row.voided),
             text(&row.id),
             maybe(difference.map(|difference| text(&difference.to))),
+            text(&row.rules),
+            row.converted.join(" "),
+            row.other_rules.join(" "),
         ]);
         cells
     }

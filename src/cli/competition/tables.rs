@@ -1,12 +1,13 @@
 //! Competitions, their entrants, attempts and boards as tables.
 
 use comfy_table::Table;
-use jiff::Timestamp;
 
+use crate::cli::leaderboard::below;
 use crate::cli::output::{cell, mean, rank, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantSummary, InvitationCodes,
 };
+use swarmbench_protocol::time::Timestamp;
 
 pub(super) fn competitions(list: Vec<Competition>) -> Table {
     let mut table = table(&["competition", "name", "phase", "opens", "closes"]);
@@ -80,8 +81,7 @@ pub(super) fn competition(competition: &Competition) -> Table {
     row("clock", format!("{clock} s a round"));
     row("entry", competition.entry.clone());
     for (number, window) in (1..).zip(&competition.attempts) {
-        let (opens, closes) =
-            (time(window.opens_at.map(Into::into)), time(window.closes_at.map(Into::into)));
+        let (opens, closes) = (time(window.opens_at), time(window.closes_at));
         row(&format!("attempt {number}"), format!("from {opens} until {closes}"));
     }
     row("counts", format!("the {} attempt", competition.counts));
@@ -104,7 +104,15 @@ pub(super) fn print_board(board: &CompetitionBoard) {
         first.map_or(Vec::new(), |row| row.tasks.iter().map(|task| task.task.clone()).collect());
     let mut head = vec!["rank", "name", "model"];
     head.extend(tasks.iter().map(String::as_str));
-    head.extend(["total", "attempt", "invalid", "clock", "decentralization", "status"]);
+    head.extend([
+        "total",
+        "below the row above",
+        "attempt",
+        "invalid",
+        "clock",
+        "decentralization",
+        "status",
+    ]);
     let mut shown = table(&head);
     for row in &board.items {
         let mut cells = vec![
@@ -126,6 +134,7 @@ pub(super) fn print_board(board: &CompetitionBoard) {
         };
         cells.extend([
             total(row.total),
+            below(row.difference.as_ref()),
             cell(row.attempt),
             format!("{:.1} %", 100.0 * row.invalid_share),
             format!("{:.1} %", 100.0 * row.timeout_share),

@@ -607,6 +607,9 @@ class BoardRow(TypedDict):
     run: str | None
     started_at: str | None
     total: float | None
+    rules: str
+    converted: list[str]
+    other_rules: list[str]
     tasks: dict[str, TaskScore]
     difference: RowDifference | None
     invalid_share: float | None
