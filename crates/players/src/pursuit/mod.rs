@@ -83,6 +83,7 @@ mod net;
 mod news;
 mod quarry;
 mod scene;
+mod stance;
 mod track;
 
 use swarmbench_engine::TaskName;
