@@ -19,9 +19,6 @@ const FORESIGHT: f64 = 9.0;
 /// nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
 const LONG: u32 = 12;
 
-/// How many rounds a stance may take to catch the prey.
-const HORIZON: f64 = 6.0;
-
 /// How many rounds each turn takes where agents go after the prey: about one way across a standard map.
 const TURN: u32 = 8;
 
@@ -85,6 +82,11 @@ fn without_nets(seat: &Seat) -> Box<dyn Player> {
     } else {
         super::close_in::make(seat)
     }
+}
+
+/// How many rounds a stance may take to catch the prey: fewer in a large swarm, as each round takes longer to play.
+fn horizon(agents: usize) -> f64 {
+    u32::try_from(80 / agents.max(1)).map_or(2.0, |rounds| f64::from(rounds.clamp(2, 6)))
 }
 
 impl Player for CornerTraps {
@@ -291,7 +293,7 @@ impl CornerTraps {
             (_, Some(_)) => {}
         }
         let usual = &STANCES[1 - turn as usize % 2];
-        let mut best = (usual, HORIZON);
+        let mut best = (usual, horizon(self.news.agents.len()));
         for stance in &STANCES {
             let posts = |scene: &Scene| stance.posts(scene, &self.bare, closed);
             if let Some((rounds, _)) = scene.catch(&self.bare, posts, best.1) {

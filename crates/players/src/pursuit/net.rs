@@ -12,8 +12,8 @@
 //! the corners. With four of them that happens about once in three thousand rounds.
 //!
 //! On larger maps corners are more dangerous than the open ground in the middle, where no wall is near, so traps lie
-//! there and take four agents. A net that is closed and catches whatever runs free was found for 30 agents on 15 × 15
-//! cells alone. The other nets there catch, but only about every second new prey appears in a trap.
+//! there. A net that is closed and catches whatever runs free was found for 30 agents on 15 × 15 cells alone. For other
+//! games there is a closed net at most, and agents leave it to catch a prey that runs free (`stance.rs`).
 
 use swarmbench_engine::{Pos, RuleSet};
 
@@ -183,7 +183,8 @@ impl Nets {
     }
 }
 
-/// The nets that were found for a game, and none at all where the agents can do without; `None` where they are no use.
+/// The nets of a game. They may be empty where the agents are close enough to go after the prey without any; `None` if
+/// they are not.
 fn book(seat: &Seat) -> Option<Book> {
     let size = (seat.height, seat.width, seat.num_agents);
     Some(match size {
