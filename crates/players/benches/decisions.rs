@@ -35,7 +35,7 @@ struct Case {
     rounds: i64,
 }
 
-const CASES: [Case; 7] = [
+const CASES: [Case; 8] = [
     Case {
         what: "standard",
         size: 10,
@@ -48,6 +48,15 @@ const CASES: [Case; 7] = [
         what: "swarm that sees all",
         size: 15,
         num_agents: 30,
+        view_size: 5,
+        control: "centralized",
+        rounds: 100,
+    },
+    // A prey runs free nearly all the time.
+    Case {
+        what: "swarm after a prey",
+        size: 20,
+        num_agents: 29,
         view_size: 5,
         control: "centralized",
         rounds: 100,

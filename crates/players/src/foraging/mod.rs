@@ -49,10 +49,12 @@
 //!
 //! # Other settings
 //!
-//! Sixteen agents on 10 × 10 cells score 40.8, twenty 39.5, thirty 17.1 (seeds 0..20): from there on the loop is full,
-//! and with forty nothing is delivered. Where the gap is one cell wide (9 × 9) there is no loop, and the swarm scores
-//! 11.6, little more than `map-in-silence` (10.4, seeds 1000..1060). On 15 × 15 cells twenty agents score 23.9 and
-//! thirty 28.7, on 20 × 20 cells 9.5 and 13.7 (seeds 0..20).
+//! Sixteen agents on 10 × 10 cells score 40.8, twenty 39.1 (seeds 0..20): from there on the loop is full, and where it
+//! is full it stops. So in a crowd (more agents than a third of the cells inside the ring) only some walk the loop, and
+//! the others make room: 24 agents score 38.5 instead of 30.9, thirty 30.1 instead of 21.0, and 24 on 8 × 8 cells 32.1
+//! instead of 20.0 (seeds 1000..1040). Fewer or more carriers than two sevenths of the cells score less. Where the gap
+//! is one cell wide (9 × 9) there is no loop, and the swarm scores 11.6, little more than `map-in-silence` (10.4, seeds
+//! 1000..1060). On larger maps the way is longer: docs/evaluate/baselines.md has the scores.
 
 mod layout;
 mod map_and_carry;

@@ -88,19 +88,24 @@ impl OneWayLoop {
             self.roads.insert(known.unwrap_or_else(|| (*layout, Roads::new(layout, here))));
         let at = roads.cell(here)?;
         let loaded = observation.carrying_food == Some(true);
-        let mut walkers = vec![Walker { number: self.seat.agent.0, at, loaded }];
+        let carriers = carriers(&self.seat);
+        let walker = |number: u16, at, loaded| {
+            let idle = u32::from(number) >= carriers;
+            Walker { number, at, loaded, idle }
+        };
+        let mut walkers = vec![walker(self.seat.agent.0, at, loaded)];
         let is_loaded = |marked: bool| marked == (self.seat.rules == RuleSet::Paper);
         for (at, seen) in within(view, here, FORESIGHT) {
             if let Seen::Agent { number, marked } = seen
                 && let Some(at) = roads.cell(at)
                 && walkers[0].at != at
             {
-                walkers.push(Walker { number, at, loaded: is_loaded(marked) });
+                walkers.push(walker(number, at, is_loaded(marked)));
             }
         }
         let traffic = Traffic::new(roads, &walkers);
         self.standing = if self.before.replace(here) == Some(here) { self.standing + 1 } else { 0 };
-        if self.standing >= PATIENCE_ROUNDS && self.chance.one_in(2) {
+        if self.standing >= PATIENCE_ROUNDS && !walkers[0].idle && self.chance.one_in(2) {
             let is_free =
                 |side: &Direction| roads.toward(at, *side).is_some_and(|to| !traffic.is_taken(to));
             return self.chance.order().into_iter().find(is_free);
@@ -109,4 +114,13 @@ impl OneWayLoop {
         let turn = usize::try_from(observation.round).unwrap_or(0);
         traffic.decide(i32::try_from(left).unwrap_or(i32::MAX), turn)
     }
+}
+
+/// How many agents walk the loop: those with the lowest numbers. In a crowd the others only make room, as a full loop
+/// comes to a standstill.
+fn carriers(seat: &Seat) -> u32 {
+    let inside = |cells: u16| u32::from(cells.saturating_sub(2));
+    let (cells, agents) = (inside(seat.height) * inside(seat.width), u32::from(seat.num_agents));
+    // Up to a third of the cells all can walk; in a crowd two sevenths deliver most.
+    if agents <= cells / 3 { agents } else { cells * 2 / 7 }
 }

@@ -133,6 +133,8 @@ pub(super) struct Walker {
     pub(super) number: u16,
     pub(super) at: usize,
     pub(super) loaded: bool,
+    /// Whether it only makes room for others.
+    pub(super) idle: bool,
 }
 
 /// Agents on roads, and what they decide, one after another.
@@ -162,12 +164,12 @@ impl<'a> Traffic<'a> {
     }
 
     /// What the first walker does with `left` rounds left: those who carry go first, then those who are nearest to
-    /// where they want to be, and last who can deliver nothing more in time.
+    /// where they want to be, then who can deliver nothing more in time, and last who only makes room.
     pub(super) fn decide(mut self, left: i32, turn: usize) -> Option<Direction> {
         let priority = |&place: &usize| {
             let walker = &self.walkers[place];
             let steps = self.roads.steps[usize::from(walker.loaded)][walker.at];
-            (steps > left, !walker.loaded, steps, walker.number)
+            (walker.idle, steps > left, !walker.loaded, steps, walker.number)
         };
         let mut order: Vec<usize> = (0..self.walkers.len()).collect();
         order.sort_by_key(priority);
@@ -217,12 +219,16 @@ impl<'a> Traffic<'a> {
 
     /// The cells to which a walker can go, best first.
     fn options(&self, place: usize, turn: usize) -> Vec<usize> {
-        let Walker { at, loaded, .. } = self.walkers[place];
+        let Walker { at, loaded, idle, .. } = self.walkers[place];
         let mut sides = Direction::ALL;
         sides.rotate_left(turn % 4);
         let steps = sides.into_iter().filter_map(|side| self.roads.toward(at, side));
         let mut options: Vec<_> = steps.chain([at]).collect();
         options.sort_by_key(|&to| {
+            if idle {
+                // It stays, or goes where nobody is.
+                return i32::from(to != at) + i32::from(self.is_taken(to) && to != at);
+            }
             let more = match self.walkers.get(self.now[to]) {
                 _ if to == at => STAY,
                 Some(other) if other.loaded != loaded => ONCOMING,

@@ -39,10 +39,15 @@ pub(crate) fn make(seat: &Seat) -> Box<dyn Player> {
 
 /// The middle of the agent's share of the map, which is cut into about as many rows as columns.
 fn post(seat: &Seat) -> Pos {
+    post_of(i32::from(seat.agent.0), seat)
+}
+
+/// The middle of the share of the agent of that number.
+pub(super) fn post_of(number: i32, seat: &Seat) -> Pos {
     let agents = i32::from(seat.num_agents).max(1);
     let rows = agents.isqrt();
     let columns = (agents + rows - 1) / rows;
-    let number = i32::from(seat.agent.0) % agents;
+    let number = number % agents;
     let middle =
         |share: i32, of: i32, cells: u16| 1 + (2 * share + 1) * (i32::from(cells) - 2) / (2 * of);
     let (row, column) = (number / columns, number % columns);

@@ -8,6 +8,7 @@ use super::net::Nets;
 use super::news::{self, Fix, News};
 use super::quarry::{Quarry, Whereabouts, is_odd_cell};
 use super::scene::Scene;
+use super::stance::STANCES;
 use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
@@ -18,13 +19,16 @@ const FORESIGHT: f64 = 9.0;
 /// nets in turn: the score is a clock that all share. On larger maps it takes longer to get to a net.
 const LONG: u32 = 12;
 
+/// How many rounds each turn takes where agents go after the prey: about one way across a standard map.
+const TURN: u32 = 8;
+
 /// How often another must not have gone where it was expected to go before it counts as settled.
 const STUBBORN: u32 = 3;
 
 /// Every agent estimates what all agents know and do, and does its own part of that. So it has a belief of all places,
 /// which messages and its view correct, and computes the joint plan of the round from it: agents that can catch the
-/// prey at once do, all others go to the posts of a net. The nets close off some corners, where new preys then appear,
-/// and stand such that a prey outside runs into them by itself.
+/// prey at once do, all others go to their posts. The posts close off some cells, where new preys then appear. A prey
+/// outside runs into a net by itself, or some agents leave their posts and take a stance around it.
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,
@@ -80,6 +84,11 @@ fn without_nets(seat: &Seat) -> Box<dyn Player> {
     }
 }
 
+/// How many rounds a stance may take to catch the prey: fewer in a large swarm, as each round takes longer to play.
+fn horizon(agents: usize) -> f64 {
+    u32::try_from(80 / agents.max(1)).map_or(2.0, |rounds| f64::from(rounds.clamp(2, 6)))
+}
+
 impl Player for CornerTraps {
     fn decide(&mut self, observation: &Observation) -> Act {
         let Some((here, view)) = sight(observation).filter(|(here, _)| self.bare.is_inside(*here))
@@ -95,7 +104,8 @@ impl Player for CornerTraps {
         self.compare(observation.round, &before, &expected);
         let posts = self.posts(observation.round);
         let step = self.plan(&posts).get(self.agent).copied().flatten();
-        self.chosen = self.sees_all(observation.round).then_some(posts);
+        let is_chosen = self.nets.is_hunting || self.sees_all(observation.round);
+        self.chosen = is_chosen.then_some(posts);
         let message = news::write(&self.news, observation.round);
         Act { action: Some(step.map_or(Action::Stay, push)), message, to: None }
     }
@@ -253,6 +263,9 @@ impl CornerTraps {
     /// an agent that sees the whole map can compute which net catches this prey first; on news from others too many
     /// would choose differently.
     fn posts(&self, now: u32) -> Vec<Pos> {
+        if self.nets.is_hunting {
+            return self.hunting_posts(now);
+        }
         let nets = self.nets(now);
         let turn = now.saturating_sub(self.scored) / (2 * self.long);
         let mut best = (&nets[turn as usize % nets.len()], FORESIGHT);
@@ -265,6 +278,29 @@ impl CornerTraps {
             }
         }
         best.0.clone()
+    }
+
+    /// The posts of agents that go after the prey: the stance that catches it first. Where nothing is caught for long, no
+    /// agent sees the prey, or those who see it are not heard. So there are turns in which all look for it, and turns
+    /// in which all come to the closed net, where they hear each other.
+    fn hunting_posts(&self, now: u32) -> Vec<Pos> {
+        let closed = &self.nets.against(Whereabouts::Trapped)[0];
+        let turn = now.saturating_sub(self.scored) / TURN;
+        let scene = self.hunt();
+        match (turn % 3, scene.prey) {
+            (0, None) | (2, _) => return closed.clone(),
+            (_, None) => return self.nets.watch.clone(),
+            (_, Some(_)) => {}
+        }
+        let usual = &STANCES[1 - turn as usize % 2];
+        let mut best = (usual, horizon(self.news.agents.len()));
+        for stance in &STANCES {
+            let posts = |scene: &Scene| stance.posts(scene, &self.bare, closed);
+            if let Some((rounds, _)) = scene.catch(&self.bare, posts, best.1) {
+                best = (stance, f64::from(rounds));
+            }
+        }
+        best.0.posts(&scene, &self.bare, closed)
     }
 
     /// Whether it sees all agents and the prey.
@@ -314,7 +350,12 @@ mod tests {
 
     #[test]
     fn lies_in_due_form_are_survived() {
-        let mut player = make(&seat());
+        for rules in RuleSet::ALL {
+            survive_lies(&mut *make(&Seat { rules, ..seat() }));
+        }
+    }
+
+    fn survive_lies(player: &mut dyn Player) {
         for round in 0..40 {
             // All on one cell, on the wall, far outside: with valid check characters.
             let at = [Pos::new(5, 5), Pos::new(0, 3), Pos::new(93, 93)][round as usize % 3];

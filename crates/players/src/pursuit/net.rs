@@ -12,16 +12,23 @@
 //! the corners. With four of them that happens about once in three thousand rounds.
 //!
 //! On larger maps corners are more dangerous than the open ground in the middle, where no wall is near, so traps lie
-//! there and take four agents. A net that is closed and catches whatever runs free was found for 30 agents on 15 × 15
-//! cells alone. The other nets there catch, but only about every second new prey appears in a trap.
+//! there. A net that is closed and catches whatever runs free was found for 30 agents on 15 × 15 cells alone. For other
+//! games there is a closed net at most, and agents leave it to catch a prey that runs free (`stance.rs`).
 
 use swarmbench_engine::{Pos, RuleSet};
 
+use super::close_in::post_of;
 use super::quarry::Whereabouts;
 use crate::Seat;
 
 /// How many values a digit of a cell can have.
 const BASE: u32 = 36;
+
+/// How many cells an agent can watch, so that the swarm goes after the prey.
+const CELLS_OF_EACH: u32 = 14;
+
+/// How many agents can plan for each other in every round.
+const HUNTERS_MAX: u32 = 30;
 
 /// The nets for a number of agents on a map of some size. A cell is its row and its column, one digit each (`a` is 10,
 /// and so on). The first net of a kind is for agents that do not see the whole map.
@@ -30,18 +37,6 @@ struct Book {
     odd: &'static [&'static str],
     closed: &'static str,
 }
-
-const OF_8: Book = Book {
-    even: &["12 16 21 44 46 53 64 71", "12 21 44 45 46 71 75 82"],
-    odd: &["12 21 44 58 61 64 81 84", "12 21 47 58 64 71 81 83"],
-    closed: "12 17 21 28 55 71 77 82",
-};
-
-const OF_9: Book = Book {
-    even: &["12 16 21 44 46 54 64 71 81", "34 43 44 54 66 71 75 82 84"],
-    odd: &["12 21 45 46 47 55 67 71 82", "12 21 47 51 58 64 74 81 83"],
-    closed: "12 17 21 28 55 65 71 77 82",
-};
 
 const OF_10: Book = Book {
     even: &["12 17 21 44 46 54 71 75 82 83", "12 17 21 44 46 64 73 75 82 84"],
@@ -111,14 +106,6 @@ const OF_16: Book = Book {
     closed: "11 13 16 17 22 28 31 41 48 57 63 66 68 71 82 84",
 };
 
-const NET_OF_20: &str = "14 19 22 24 26 4b 66 75 77 7d 81 86 88 97 9b a1 a2 b9 d1 d7";
-
-const OF_20_ON_15: Book = Book {
-    even: &[NET_OF_20],
-    odd: &["21 23 27 29 32 38 49 61 67 76 78 82 87 8b 8d 92 a9 b8 c7 c9"],
-    closed: NET_OF_20,
-};
-
 const NET_OF_30: &str =
     "17 19 1b 1c 21 22 29 34 3d 41 52 53 59 61 6a 78 87 89 8d 92 98 ac b3 bc c7 c8 d3 d7 d9 da";
 
@@ -135,39 +122,55 @@ const OF_30_ON_20: Book = Book {
     closed: LARGE_NET_OF_30,
 };
 
+/// Closed nets alone, by rows, columns and agents. From them the agents go after a prey that runs free.
+const CLOSED: &[((u16, u16, u16), &str)] = &[
+    ((8, 8, 8), "12 15 21 26 51 56 62 65"),
+    ((8, 8, 12), "12 14 16 21 23 25 32 36 41 51 62 66"),
+    ((10, 10, 8), "12 17 21 28 55 71 77 82"),
+    ((10, 10, 9), "12 17 21 28 55 65 71 77 82"),
+    ((10, 10, 20), "12 17 21 23 28 32 35 36 41 46 57 61 68 72 73 75 78 81 83 87"),
+    ((10, 10, 24), "12 14 16 18 21 23 24 27 32 35 38 41 42 61 63 65 66 67 71 72 76 78 82 87"),
+    ((12, 12, 8), "12 21 57 66 68 75 77 86"),
+    ((12, 12, 12), "12 16 17 21 56 65 67 74 76 78 85 87"),
+    ((12, 12, 16), "13 19 2a 31 33 45 54 56 65 67 76 78 87 91 a2 a9"),
+    ((12, 12, 20), "12 19 21 25 2a 39 41 44 56 65 67 74 76 78 85 87 91 99 a2 aa"),
+    ((12, 12, 24), "12 15 17 19 21 22 26 2a 4a 51 55 57 5a 62 64 66 68 69 71 75 77 86 a1 a2"),
+    (
+        (12, 12, 30),
+        "11 13 19 22 24 28 2a 31 34 39 43 44 46 47 5a 66 67 68 69 77 81 83 84 87 89 92 94 98 a1 a3",
+    ),
+    ((15, 15, 8), "27 67 76 78 82 87 ac b7"),
+    ((15, 15, 12), "1c 36 46 55 57 66 7a 8c 96 a5 a7 b6"),
+    ((15, 15, 16), "3c 47 56 58 65 67 6d 76 78 81 87 8b b6 b9 d3 d7"),
+    ((15, 15, 20), "46 55 57 5a 64 66 69 6b 75 7a 85 93 9a a5 a9 ab b7 ba c3 c8"),
+    ((15, 15, 24), "13 17 1c 2b 2d 4d 57 5d 61 66 68 6c 75 77 79 81 86 88 91 97 a1 c8 d7 db"),
+];
+
 /// All nets for a game.
 pub(super) struct Nets {
     even: Vec<Vec<Pos>>,
     odd: Vec<Vec<Pos>>,
+    /// Beside the closed net, as it is a kind like the others.
     closed: Vec<Vec<Pos>>,
+    /// Posts that are spread evenly over the map.
+    pub(super) watch: Vec<Pos>,
+    /// Whether the agents go after a prey that runs free, and do not wait for it in a net.
+    pub(super) is_hunting: bool,
 }
 
 impl Nets {
     /// The nets for a seat's game, where there are some.
     pub(super) fn of(seat: &Seat) -> Option<Self> {
-        // These were made for the way in which a prey flees under the rules `paper`; under the others some do worse
-        // than to run after it.
-        let is_large = seat.height > 10 || seat.width > 10;
-        if seat.rules != RuleSet::Paper && (is_large || seat.num_agents == 8) {
-            return None;
-        }
-        let book = match (seat.height, seat.width, seat.num_agents) {
-            (10, 10, 8) => OF_8,
-            (10, 10, 9) => OF_9,
-            (10, 10, 10) => OF_10,
-            (10, 10, 11) => OF_11,
-            (10, 10, 12) => OF_12,
-            (10, 10, 13) => OF_13,
-            (10, 10, 14) => OF_14,
-            (10, 10, 15) => OF_15,
-            (10, 10, 16) => OF_16,
-            (15, 15, 20) => OF_20_ON_15,
-            (15, 15, 30) => OF_30_ON_15,
-            (20, 20, 30) => OF_30_ON_20,
-            _ => return None,
-        };
+        let book = book(seat)?;
+        let posts = 0..i32::from(seat.num_agents);
+        let watch: Vec<Pos> = posts.map(|number| post_of(number, seat)).collect();
         let all = |nets: &[&str]| nets.iter().copied().map(read).collect();
-        Some(Self { even: all(book.even), odd: all(book.odd), closed: all(&[book.closed]) })
+        let closed = if book.closed.is_empty() { watch.clone() } else { read(book.closed) };
+        // The nets were made for the way in which a prey flees under the rules `paper`. Under `reference` it often
+        // stays where it is, so somebody has to go there.
+        let is_hunting = seat.rules == RuleSet::Reference || book.even.is_empty();
+        let (even, odd) = (all(book.even), all(book.odd));
+        Some(Self { even, odd, closed: vec![closed], watch, is_hunting })
     }
 
     /// The nets for a prey, at least one.
@@ -178,6 +181,38 @@ impl Nets {
             Whereabouts::Trapped => &self.closed,
         }
     }
+}
+
+/// The nets of a game. They may be empty where the agents are close enough to go after the prey without any; `None` if
+/// they are not.
+fn book(seat: &Seat) -> Option<Book> {
+    let size = (seat.height, seat.width, seat.num_agents);
+    Some(match size {
+        (10, 10, 10) => OF_10,
+        (10, 10, 11) => OF_11,
+        (10, 10, 12) => OF_12,
+        (10, 10, 13) => OF_13,
+        (10, 10, 14) => OF_14,
+        (10, 10, 15) => OF_15,
+        (10, 10, 16) => OF_16,
+        (15, 15, 30) => OF_30_ON_15,
+        (20, 20, 30) => OF_30_ON_20,
+        _ => {
+            let found = CLOSED.iter().find(|(of, _)| *of == size);
+            let closed = found.map_or("", |(_, net)| *net);
+            if closed.is_empty() && !is_close(seat) {
+                return None;
+            }
+            Book { even: &[], odd: &[], closed }
+        }
+    })
+}
+
+/// Whether agents that are spread over the map nearly see all of it, and are not too many for plans in each round.
+fn is_close(seat: &Seat) -> bool {
+    let inside = |cells: u16| u32::from(cells.saturating_sub(2));
+    let (cells, agents) = (inside(seat.height) * inside(seat.width), u32::from(seat.num_agents));
+    agents <= HUNTERS_MAX && cells <= CELLS_OF_EACH * agents
 }
 
 fn read(net: &str) -> Vec<Pos> {
@@ -203,13 +238,19 @@ mod tests {
         Nets::of(&Seat::of(&Config::check(&settings).unwrap(), AgentId(0), 1))
     }
 
-    /// Sizes of maps and swarms beside the standard map.
-    const LARGE: [(i32, i64); 3] = [(15, 20), (15, 30), (20, 30)];
+    /// The square maps and the swarms for which there are nets, and how often a new prey appears in a trap at least.
+    fn sizes() -> impl Iterator<Item = (i32, i64, f64)> {
+        let catching = (10..=16).map(|agents| (10, agents, 0.995));
+        let closed = CLOSED.iter().map(|((height, _, agents), _)| {
+            let is_standard = *height == 10;
+            (i32::from(*height), i64::from(*agents), if is_standard { 0.995 } else { 0.7 })
+        });
+        catching.chain([(15, 30, 0.7), (20, 30, 0.7)]).chain(closed)
+    }
 
     #[test]
     fn every_net_has_a_post_for_everybody() {
-        let sizes = (8..=16).map(|agents| (10, agents)).chain(LARGE);
-        for (size, num_agents) in sizes {
+        for (size, num_agents, _) in sizes() {
             let nets = nets(size.into(), num_agents).expect("there are nets");
             let field = Field::new(size, size);
             for net in nets.even.iter().chain(&nets.odd).chain(&nets.closed) {
@@ -223,10 +264,7 @@ mod tests {
 
     #[test]
     fn a_new_prey_appears_in_a_trap() {
-        let sizes = (8..=16).map(|agents| (10, agents, 0.995));
-        for (size, num_agents, least) in
-            sizes.chain(LARGE.map(|(size, agents)| (size, agents, 0.7)))
-        {
+        for (size, num_agents, least) in sizes() {
             let nets = nets(size.into(), num_agents).expect("there are nets");
             let mut field = Field::new(size, size);
             for &post in &nets.closed[0] {

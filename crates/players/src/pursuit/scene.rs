@@ -58,20 +58,32 @@ impl Scene {
 
     /// How many rounds these posts cost until every round catches a prey, if less than `limit`.
     pub(super) fn cost(&self, bare: &Field, posts: &[Pos], limit: f64) -> Option<f64> {
+        let (rounds, then) = self.catch(bare, |_| posts.to_vec(), limit)?;
+        let field = then.field(bare);
+        let cost = f64::from(rounds) + ESCAPE * (1.0 - Quarry::new(&field).share_trapped(&field));
+        (cost < limit).then_some(cost)
+    }
+
+    /// In how many rounds the prey is caught, if less than `limit`, and the moment after that. The posts are those of
+    /// each moment.
+    pub(super) fn catch(
+        &self,
+        bare: &Field,
+        posts: impl Fn(&Self) -> Vec<Pos>,
+        limit: f64,
+    ) -> Option<(u32, Self)> {
         let mut scene = self.clone();
-        let mut cost = 0.0;
-        while cost < limit {
+        let mut rounds = 0;
+        while f64::from(rounds) < limit {
             let prey = scene.prey?;
             let field = scene.field(bare);
             let is_caught = scene.closing(&field, prey).is_some();
-            let steps = scene.steps(&field, posts);
+            let steps = scene.steps(&field, &posts(&scene));
             scene.advance(bare, &steps);
             if is_caught {
-                let field = scene.field(bare);
-                let cost = cost + ESCAPE * (1.0 - Quarry::new(&field).share_trapped(&field));
-                return (cost < limit).then_some(cost);
+                return Some((rounds, scene));
             }
-            cost += 1.0;
+            rounds += 1;
         }
         None
     }
