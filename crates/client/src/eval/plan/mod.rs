@@ -1,9 +1,9 @@
 //! An experiment as a list of runs, in the order in which they are played.
 //!
-//! - [`run`]: a run, its identity and the request that creates it.
-//! - [`settings`]: the combinations of settings.
-//! - [`suite`]: suites and their names.
-//! - [`problems`]: everything that is wrong with an experiment.
+//! - `run`: a run, its identity and the request that creates it.
+//! - `settings`: the combinations of settings.
+//! - `suite`: suites and their names.
+//! - `problems`: everything that is wrong with an experiment.
 
 mod problems;
 mod run;
