@@ -188,7 +188,7 @@ def check_journal(opening, rounds, end, definition, entrant, attempt, game):
     same("the episode and its run", (opening["episode"], opening["run"]), (game["episode"], attempt.record["run"]))
     same("agent_meta", opening["agent_meta"], meta)
     same("the template", opening["prompt_template"], entrant.get("prompt_template", opening["prompt_template"]))
-    in_time("it was created", opening["created_at"], attempt.record["created_at"], attempt.window["closes_at"])
+    in_time("it was created", opening["created_at"], attempt.window["opens_at"], attempt.window["closes_at"])
     for number, record in enumerate(rounds):
         has_fields("round", record)
         same("a record", (record["kind"], record["round"]), ("round", number))
@@ -209,8 +209,7 @@ def read_attempt(reader, record, competition, seeds, entrants, attempts):
     check(attempt.voided or number not in counted, "an attempt was played twice")
     check(competition["revealed_at"] is None or record["status"] != "running", "it is running after the end")
     check(not (attempt.voided and record["games"]), "it was voided, and has games")
-    earliest = max(window["opens_at"], entrant["registered_at"], key=time)
-    in_time("it was started", record["created_at"], earliest, window["closes_at"])
+    in_time("it was started", record["created_at"], window["opens_at"], window["closes_at"])
     for game in record["games"]:
         has_fields("game", game)
         check(0 <= game["slot"] < len(attempt.plan), "a game has no place in the plan")
