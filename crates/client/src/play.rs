@@ -240,7 +240,7 @@ impl Game {
     /// Replays all earlier observations to the players, the open round included: some may have acted in it.
     fn remember(&mut self, journal: &[u8]) {
         // A broken journal is reported by `verify`; the part that was read was seen.
-        drop(verify_seen(journal, None, Solver::Flow, |world| {
+        drop(verify_seen(journal, None, Solver::Flow, |world, _| {
             for agent in world.agents().filter(|&agent| world.is_alive(agent)) {
                 if let Some(player) = self.player(agent) {
                     let act = player.decide(&world.observe(agent));

@@ -73,6 +73,12 @@ impl World {
         &self.config
     }
 
+    /// All bodies, and the cells on which they lie.
+    #[must_use]
+    pub const fn board(&self) -> &Board {
+        &self.board
+    }
+
     /// How many rounds were resolved; also the number of the round that is to be decided now.
     #[must_use]
     pub const fn round(&self) -> u32 {

@@ -164,12 +164,13 @@ pub fn verify(
     solver: Solver,
     mut progress: impl FnMut(u32, u32),
 ) -> Result<Report, Fault> {
-    verify_seen(journal, expected, solver, |world| {
+    verify_seen(journal, expected, solver, |world, _| {
         progress(world.round(), world.config().max_round());
     })
 }
 
-/// The same; `see` gets every state: that of the layout, and that after each round.
+/// The same; `see` gets every state with the acts that led to it: the layout without acts, then the state after each
+/// round, with an act of each agent that was on the map.
 ///
 /// # Errors
 /// The first fault, with its line.
@@ -177,7 +178,7 @@ pub fn verify_seen(
     mut journal: impl BufRead,
     expected: Option<Head>,
     solver: Solver,
-    mut see: impl FnMut(&World),
+    mut see: impl FnMut(&World, &[ActRecord]),
 ) -> Result<Report, Fault> {
     let mut head = Head::START;
     let mut played: Option<Player> = None;
@@ -189,7 +190,7 @@ pub fn verify_seen(
         let mut at = String::new();
         let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
-                see(played.insert(Player::new(*opening, solver)?).world());
+                see(played.insert(Player::new(*opening, solver)?).world(), &[]);
                 Ok(())
             }
             Record::Opening(_) => Err("a second opening".to_owned()),
@@ -201,7 +202,7 @@ pub fn verify_seen(
                 at = format!(" (round {})", round.round);
                 let player = played.as_mut().ok_or("the first record is not an opening")?;
                 player.play(&round)?;
-                see(player.world());
+                see(player.world(), &round.acts);
                 Ok(())
             }
             Record::End(end) => {
