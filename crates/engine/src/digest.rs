@@ -59,8 +59,8 @@ impl World {
         }
         for inbox in &self.mail.inbox {
             bytes.length(inbox.len());
-            for message in inbox {
-                bytes.text(message);
+            for received in inbox {
+                bytes.text(&received.text);
             }
         }
         bytes.length(self.mail.pending.len());

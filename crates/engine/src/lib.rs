@@ -74,6 +74,7 @@ pub use check::{SettingError, SettingErrors, limits};
 pub use config::Config;
 pub use digest::Digest;
 pub use grid::{BodyId, Direction, Grid, Pos};
+pub use mail::Delivery;
 pub use message::Message;
 pub use names::{Control, RuleSet, TaskName};
 pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};

@@ -29,12 +29,34 @@ pub(crate) enum Audience {
     Open { to: Option<AgentId> },
 }
 
+/// A message that was delivered, as its receiver reads it. The order is that in which it sees them: by text.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Received {
+    pub(crate) text: Message,
+    /// The round in which it was sent.
+    pub(crate) sent: u32,
+    pub(crate) sender: AgentId,
+}
+
+/// A message that was delivered with the current observations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delivery<'a> {
+    /// Who reads it.
+    pub receiver: AgentId,
+    /// Who sent it; may be the receiver itself (rules `reference`). The receiver does not see this.
+    pub sender: AgentId,
+    /// The round in which it was sent.
+    pub sent: u32,
+    /// The text as the receiver reads it: noise may have changed it.
+    pub text: &'a Message,
+}
+
 /// All messages on their way, and what was delivered with the current observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Mail {
     pub(crate) pending: Vec<PendingMessage>,
-    /// By agent; sorted by text.
-    pub(crate) inbox: Vec<Vec<Message>>,
+    /// By agent; sorted.
+    pub(crate) inbox: Vec<Vec<Received>>,
 }
 
 impl Mail {
@@ -42,7 +64,19 @@ impl Mail {
         Self { pending: Vec::new(), inbox: vec![Vec::new(); agents] }
     }
 
-    /// Messages that were delivered with the current observations, each as often as it is read.
+    /// Messages that were delivered with the current observations, by receiver.
+    pub(crate) fn deliveries(&self) -> impl Iterator<Item = Delivery<'_>> {
+        (0..).map(AgentId).zip(&self.inbox).flat_map(|(receiver, inbox)| {
+            inbox.iter().map(move |received| Delivery {
+                receiver,
+                sender: received.sender,
+                sent: received.sent,
+                text: &received.text,
+            })
+        })
+    }
+
+    /// How many they are, each as often as it is read.
     pub(crate) fn delivered(&self) -> usize {
         self.inbox.iter().map(Vec::len).sum()
     }
@@ -69,7 +103,7 @@ impl Mail {
         let texts = if config.noise > 0.0 { received } else { received.min(self.inbox.len()) };
         pending.sum::<usize>()
             + size_of_val(&*self.inbox)
-            + received * size_of::<Message>()
+            + received * size_of::<Received>()
             + texts * 2 * Message::CHARS_MAX
     }
 
@@ -126,7 +160,11 @@ impl Mail {
             };
             for &receiver in receivers {
                 if !silenced && !board.agents()[receiver.index()].gone {
-                    inbox[receiver.index()].push(corrupt(config, message, receiver));
+                    inbox[receiver.index()].push(Received {
+                        text: corrupt(config, message, receiver),
+                        sent: message.sent,
+                        sender: message.sender,
+                    });
                 }
             }
             false

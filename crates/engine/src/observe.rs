@@ -212,7 +212,7 @@ impl World {
             view: position.map(|_| view(config, &self.board, flags, agent)),
             light_on,
             carrying_food,
-            messages: self.mail.inbox[own].clone(),
+            messages: (self.mail.inbox[own].iter()).map(|received| received.text.clone()).collect(),
             history: lived()
                 .map(|moment| Remembered { round: moment.round, act: moment.acts[own].clone() })
                 .collect(),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::act::{Act, AgentId};
 use crate::body::Board;
 use crate::config::Config;
-use crate::mail::Mail;
+use crate::mail::{Delivery, Mail};
 use crate::message::Message;
 use crate::tasks::{self, Task};
 
@@ -118,6 +118,11 @@ impl World {
         let past: usize = self.past.iter().map(|moment| moment.bytes).sum();
         let layout = 4096;
         layout + size_of::<Self>() + self.board.bytes() + self.mail.bytes(&self.config) + past
+    }
+
+    /// The messages that were delivered with the current observations, by receiver, then by text.
+    pub fn heard(&self) -> impl Iterator<Item = Delivery<'_>> {
+        self.mail.deliveries()
     }
 
     /// How many messages were delivered with the current observations, each as often as it is read.
