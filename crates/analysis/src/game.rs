@@ -1,6 +1,8 @@
 //! A game, as far as its metrics need it: also games that were imported have all of this.
 
-use swarmbench_engine::{Action, AgentId, Control, Pos, TaskName, World};
+use swarmbench_engine::{
+    Action, AgentId, AgentState, Body, Control, Delivery, Direction, Kind, Pos, TaskName, World,
+};
 
 /// What is the same in all rounds of a game.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +30,7 @@ pub struct State {
     pub score: f64,
     /// All agents in order of their numbers.
     pub agents: Vec<Agent>,
-    /// Cells of the block (Transport); empty elsewhere.
+    /// Cells of the block (Transport), also those outside the map; empty elsewhere.
     pub block: Vec<Pos>,
     /// Free neighbours of the prey, 0 to 4 (Pursuit).
     pub prey_freedom: Option<u32>,
@@ -77,8 +79,30 @@ impl Setup {
     /// The setup of a game at its layout.
     #[must_use]
     pub fn of(layout: &World) -> Self {
-        let _ = layout;
-        todo!("filled in by the metrics part")
+        let (config, board) = (layout.config(), layout.board());
+        let view_size = config.settings().view_size;
+        let (height, width) = (board.grid().height(), board.grid().width());
+        let cells = (0..height).flat_map(|i| (0..width).map(move |j| Pos::new(i, j)));
+        let is_fixed = |kind| matches!(kind, Kind::Wall | Kind::Nest | Kind::Food);
+        Self {
+            task: config.task(),
+            control: config.control(),
+            height,
+            width,
+            view_size: i32::try_from(view_size).expect("a checked setting is small"),
+            memory: Some(u32::try_from(config.memory()).expect("a memory is short")),
+            open_cells: cells.filter(|&cell| !board.kind_at(cell).is_some_and(is_fixed)).count(),
+        }
+    }
+
+    /// How many rows and columns an agent sees on each side.
+    pub(crate) const fn reach(&self) -> i32 {
+        self.view_size / 2
+    }
+
+    /// Whether a cell lies on the map.
+    pub(crate) const fn contains(&self, cell: Pos) -> bool {
+        0 <= cell.i && cell.i < self.height && 0 <= cell.j && cell.j < self.width
     }
 }
 
@@ -86,7 +110,54 @@ impl State {
     /// The state of a game that is played or replayed.
     #[must_use]
     pub fn of(world: &World) -> Self {
-        let _ = world;
-        todo!("filled in by the metrics part")
+        let board = world.board();
+        let body_of = |kind| board.bodies().iter().find(|body| body.kind() == kind);
+        let agent = |state: AgentState| Agent {
+            at: state.at,
+            alive: state.alive,
+            light_on: state.light_on,
+        };
+        let is_free = |cell: &Pos| board.grid().is_free(*cell);
+        let freedom = |prey: &Body| {
+            Direction::ALL.map(|d| prey.at().toward(d)).iter().filter(|c| is_free(c)).count()
+        };
+        Self {
+            score: world.score(),
+            agents: world.agent_states().map(agent).collect(),
+            block: body_of(Kind::Block).into_iter().flat_map(Body::cells).collect(),
+            prey_freedom: body_of(Kind::Prey)
+                .map(|prey| u32::try_from(freedom(prey)).expect("at most 4")),
+        }
+    }
+
+    /// The agents on the map, with their places in the list.
+    pub(crate) fn living(&self) -> impl Iterator<Item = (usize, &Agent)> {
+        self.agents.iter().enumerate().filter(|(_, agent)| agent.alive)
+    }
+}
+
+impl Heard {
+    /// All messages that were delivered with a state.
+    #[must_use]
+    pub fn all(world: &World) -> Vec<Self> {
+        let own = |delivery: Delivery<'_>| Self {
+            receiver: delivery.receiver,
+            sender: delivery.sender,
+            sent: delivery.sent,
+            text: delivery.text.to_string(),
+        };
+        world.heard().map(own).collect()
+    }
+
+    /// Whether the receiver is the sender itself.
+    pub(crate) fn is_own(&self) -> bool {
+        self.receiver == self.sender
+    }
+}
+
+impl Decision {
+    /// The direction of a move action.
+    pub(crate) fn direction(&self) -> Option<Direction> {
+        self.action.and_then(Action::direction)
     }
 }

@@ -7,11 +7,15 @@
 //! made without a server.
 
 pub mod game;
+pub mod journal;
 pub mod metric;
 
+mod characters;
+mod embed;
 mod meter;
 
-pub use meter::{Counts, Embedder, Meter, Metrics, Options};
+pub use embed::{Embedder, Hash1};
+pub use meter::{Counts, Meter, Metrics, Options};
 pub use metric::{Definition, Metric, RunValue};
 
 /// The revision of all definitions; it is written beside every value. Any change of a value is a new revision.

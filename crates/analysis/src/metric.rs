@@ -138,7 +138,8 @@ pub enum Block {
 pub struct About {
     /// Its name as the paper or this project writes it, for headings.
     pub title: &'static str,
-    /// The panel that shows it in the paper's figures; `None` for a metric that they do not draw.
+    /// The panel that shows it in the paper's figures; `None` for a metric that they do not draw. Where
+    /// [`Metric::StepLength`] belongs they draw its sum since the layout, [`Metric::PathLength`].
     pub panel: Option<Panel>,
     /// By what it is divided where it is drawn.
     pub divisor: f64,
@@ -164,7 +165,115 @@ pub struct RunValue {
 impl Metric {
     /// What is known of it.
     #[must_use]
-    pub fn about(self) -> About {
-        todo!("filled in by the metrics part")
+    pub const fn about(self) -> About {
+        use Block::{Communication, Physical};
+        use Panel::{Choices, Messages, Positions};
+        match self {
+            Self::QuestionShare => {
+                About::drawn("Proportion of question sentences", Messages, 1.0, Communication)
+            }
+            Self::DigitShare => {
+                About::drawn("Proportion of digit characters", Messages, 1.0, Communication)
+            }
+            Self::MessageLength => {
+                About::drawn("Mean message length", Messages, 200.0, Communication)
+            }
+            Self::MessageLengthStd => {
+                About { of_paper: true, ..About::by_round("Standard deviation of message length") }
+            }
+            Self::Homogeneity => {
+                About::drawn("Information homogeneity", Messages, 2.0, Communication).of_vectors()
+            }
+            Self::DirectionEntropy => About::drawn("Directional entropy", Choices, 2.0, Physical),
+            Self::Stillness => About::drawn("Stillness proportion", Choices, 1.0, Physical),
+            Self::DominantAction => {
+                About::drawn("Dominant action proportion", Choices, 1.0, Physical)
+            }
+            Self::Polarization => About::drawn("Polarization index", Choices, 1.0, Physical),
+            Self::StepLength => About::drawn("Average moving distance", Positions, 50.0, Physical),
+            Self::Explored => About::drawn("Exploration rate", Positions, 100.0, Physical),
+            Self::KeptPairs => {
+                About::drawn("Local structure preservation count", Positions, 10.0, Physical)
+            }
+            Self::Pushes => About::drawn("Agent push events", Positions, 4.0, Physical),
+
+            Self::PathLength => About { divisor: 50.0, ..About::by_round("Path length") },
+            Self::PushesStrict => About::by_round("Agent push events, strict"),
+            Self::ExploredShare => About::by_round("Explored share"),
+            Self::ExploredFinal => About::of_game("Explored cells at the end"),
+            Self::NoActionShare => About::by_round("Share without an action"),
+            Self::HomogeneityAll => {
+                About::by_round("Information homogeneity, with repeats").of_vectors()
+            }
+            Self::EditConsistency => About::by_round("Edit consistency"),
+            Self::SelfRepeat => About::by_round("Self-repetition"),
+
+            Self::DirectionImbalance => About::of_game("Action direction imbalance"),
+            Self::DirectionImbalanceNorm => {
+                About::of_game("Action direction imbalance, normalised")
+            }
+            Self::DirectionImbalancePooled => About::of_game("Action direction imbalance, pooled"),
+            Self::Components => About::by_round("Connected components"),
+            Self::ComponentsNorm => About::by_round("Connected components, normalised"),
+            Self::Separation => About::by_round("Separation force"),
+            Self::Crowding => About::by_round("Crowding"),
+            Self::RevisitShare => About::of_game("Share of forgotten revisits"),
+
+            Self::HomogeneityIncrease => {
+                About::of_game("Increase of information homogeneity").of_vectors()
+            }
+            Self::HomogeneitySlope => {
+                About::of_game("Slope of information homogeneity").of_vectors()
+            }
+            Self::EditConsistencyIncrease => About::of_game("Increase of edit consistency"),
+            Self::EditConsistencySlope => About::of_game("Slope of edit consistency"),
+
+            Self::BlockedShare => About::by_round("Share of blocked moves"),
+            Self::Delivered => About::of_game("Receivers of a message"),
+            Self::UnheardShare => About::of_game("Share of unheard messages"),
+            Self::SayDo => About::of_game("Share of announced moves that were made"),
+            Self::Echo => About::by_round("Share of echoed messages"),
+            Self::PushAlignment => About::by_round("Push alignment"),
+            Self::ForcePeak => About::by_round("Peak force"),
+            Self::LightAgreement => About::by_round("Light agreement"),
+            Self::PreyFreedom => About::by_round("Free neighbours of the prey"),
+            Self::TimeToFirstScore => About::of_game("Rounds to the first score"),
+            Self::TokensPerPoint => About::of_game("Tokens per point"),
+        }
+    }
+}
+
+impl About {
+    /// One of the twelve that the paper's figures show.
+    const fn drawn(title: &'static str, panel: Panel, divisor: f64, block: Block) -> Self {
+        Self {
+            panel: Some(panel),
+            divisor,
+            block: Some(block),
+            of_paper: true,
+            ..Self::by_round(title)
+        }
+    }
+
+    /// A metric of rounds that is not drawn.
+    const fn by_round(title: &'static str) -> Self {
+        Self { by_round: true, ..Self::of_game(title) }
+    }
+
+    /// A metric of a whole game.
+    const fn of_game(title: &'static str) -> Self {
+        Self {
+            title,
+            panel: None,
+            divisor: 1.0,
+            block: None,
+            of_paper: false,
+            by_round: false,
+            of_vectors: false,
+        }
+    }
+
+    const fn of_vectors(self) -> Self {
+        Self { of_vectors: true, ..self }
     }
 }

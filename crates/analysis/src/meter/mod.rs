@@ -1,49 +1,46 @@
 //! Measures a game round by round.
 
+mod block;
+mod cells;
+mod column;
+mod convergence;
+mod counts;
+mod places;
+mod row;
+mod says;
+mod texts;
+mod toolkit;
+mod totals;
+
 use std::collections::BTreeMap;
 
+pub use counts::Counts;
+
+use crate::embed::Embedder;
 use crate::game::{Decision, Heard, Setup, State};
 use crate::metric::{Definition, Metric, RunValue};
+use block::Pushed;
+use cells::Sight;
+use column::Table;
+use convergence::Trend;
+use counts::{Said, small};
+use places::Explored;
+use row::{Row, SoFar};
+use says::Promises;
+use texts::Cosines;
+use toolkit::Toolkit;
+use totals::Totals;
 
-/// What to compute beside what is always computed.
+/// What to compute beside what is always computed. What is left out has no value, from 0 rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Whether the values of all rounds are wanted, not those of the game alone.
     pub series: bool,
     /// Whether text vectors are compared ([`Metric::Homogeneity`] and what follows from it).
     pub vectors: bool,
-    /// Whether texts are compared character by character ([`Metric::EditConsistency`], [`Metric::SelfRepeat`], [`Metric::Echo`]).
+    /// Whether texts are compared character by character ([`Metric::EditConsistency`] and what follows from it,
+    /// [`Metric::SelfRepeat`], [`Metric::Echo`]).
     pub edits: bool,
-}
-
-/// The whole numbers of a state and the round that led to it. All but `explored` are 0 for the layout, where they
-/// are not defined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[expect(missing_docs, reason = "defined in docs/evaluate/metrics.md")]
-pub struct Counts {
-    pub alive: u32,
-    pub moves_up: u32,
-    pub moves_down: u32,
-    pub moves_left: u32,
-    pub moves_right: u32,
-    pub stays: u32,
-    pub switches: u32,
-    pub no_actions: u32,
-    pub invalid: u32,
-    pub timeouts: u32,
-    pub messages: u32,
-    pub distinct_messages: u32,
-    pub questions: u32,
-    pub message_chars: u64,
-    pub message_digits: u64,
-    pub message_chars_squared: u64,
-    pub distance: u32,
-    pub explored: u32,
-    pub kept_pairs: u32,
-    pub pushes: u32,
-    pub pushes_strict: u32,
-    pub blocked: u32,
-    pub components: u32,
 }
 
 /// All that was measured of a game.
@@ -57,17 +54,17 @@ pub struct Metrics {
     pub values: BTreeMap<(Definition, Metric), RunValue>,
     /// The whole numbers of each state, `0..=rounds`; empty unless [`Options::series`].
     pub counts: Vec<Counts>,
-    /// The values of each state (`paper`) or frame (`toolkit`), `0..=rounds`; empty unless [`Options::series`].
+    /// The values of each state (`paper`) or frame (`toolkit`), `0..=rounds`, of the metrics that have one in each round;
+    /// empty unless [`Options::series`].
     pub series: BTreeMap<(Definition, Metric), Vec<Option<f64>>>,
 }
 
-/// Turns texts into vectors of length 1. Values of two embedders never meet.
-pub trait Embedder {
-    /// Its id, which is part of every value that depends on it.
-    fn id(&self) -> &str;
-
-    /// The vector of a text, of Euclidean length 1; `None` if it has none, then values of its round are undefined.
-    fn vector(&self, text: &str) -> Option<std::sync::Arc<[f64]>>;
+impl Metrics {
+    /// The value of the game; none for a metric that the definition does not have.
+    #[must_use]
+    pub fn value(&self, definition: Definition, metric: Metric) -> RunValue {
+        self.values.get(&(definition, metric)).copied().unwrap_or_default()
+    }
 }
 
 /// A game that is being measured.
@@ -76,29 +73,222 @@ pub struct Meter<'a> {
     state: State,
     options: Options,
     embedder: &'a dyn Embedder,
+    rounds: u32,
+    counts: Vec<Counts>,
+    table: Table,
+    toolkit: Toolkit,
+    totals: Totals,
+    promises: Promises,
+    explored: Explored,
+    walked: u64,
+    homogeneity: Trend,
+    edit_consistency: Trend,
+    /// By agent: its last message. Empty unless texts are compared.
+    said: Vec<Option<String>>,
+    /// What was delivered with the state, in order of receivers; `None` for the layout and where it is not known. Only
+    /// where texts are compared.
+    heard: Option<Vec<Heard>>,
+    sampled: bool,
 }
 
 impl<'a> Meter<'a> {
     /// Begins with the layout.
     #[must_use]
     pub fn new(setup: Setup, layout: State, options: Options, embedder: &'a dyn Embedder) -> Self {
-        Self { setup, state: layout, options, embedder }
+        let agents = layout.agents.len();
+        let mut meter = Self {
+            toolkit: Toolkit::new(&setup, &layout, options.series),
+            totals: Totals::new(&setup, &layout),
+            promises: Promises::new(agents),
+            table: Table::new(options.series),
+            explored: Explored::default(),
+            rounds: 0,
+            counts: Vec::new(),
+            walked: 0,
+            homogeneity: Trend::default(),
+            edit_consistency: Trend::default(),
+            said: if options.edits { vec![None; agents] } else { Vec::new() },
+            heard: None,
+            sampled: false,
+            setup,
+            state: layout,
+            options,
+            embedder,
+        };
+        meter.explore();
+        let counts = Counts { explored: meter.explored.cells, ..Counts::default() };
+        let row = Row { counts, so_far: meter.so_far(), ..Row::default() };
+        for metric in Metric::ALL {
+            let value = row.value_of_layout(&meter.state, metric);
+            meter.table.add_to_series(metric, value);
+        }
+        meter.keep(counts);
+        meter
     }
 
     /// Adds a round: what each agent decided, in order of their numbers, the state after it, and the messages that were
     /// delivered with that state; `None` where an imported game does not tell them.
     ///
     /// # Panics
-    /// Where there is not one decision for each agent.
+    /// Where there is not one decision for each agent, or the number of agents changes.
     pub fn round(&mut self, decisions: &[Decision], after: State, heard: Option<&[Heard]>) {
-        let _ = (decisions, heard, &self.setup, self.options, self.embedder.id());
+        assert_eq!(decisions.len(), self.state.agents.len(), "one decision for each agent");
+        assert_eq!(after.agents.len(), self.state.agents.len(), "agents stay in the list");
+        let said = Said::of(&self.state, decisions);
+        let mut row = self.row(decisions, &said);
+        self.toolkit.decided(&self.state, row.counts, &said, row.cosines);
+        let kept = cells::compare(&self.state, &after, decisions, &mut row.counts);
+        self.totals.acts(&self.state, decisions, &row.counts);
+        self.totals.heard(heard);
+        self.totals.moved(&self.setup, self.rounds, &self.state, &after);
+        self.promises.round(decisions, &said);
+        self.walked += u64::from(row.counts.distance);
+        self.toolkit.moved(&self.setup, &after, self.walked, kept, row.counts.pushes);
         self.state = after;
-        todo!("filled in by the metrics part")
+        self.explore();
+        row.counts.explored = self.explored.cells;
+        row.so_far = self.so_far();
+        for metric in Metric::ALL {
+            self.table.add(metric, row.value(&self.state, metric));
+        }
+        self.homogeneity.add(self.rounds, row.cosines.distinct);
+        self.edit_consistency.add(self.rounds, row.edit_consistency);
+        self.keep(row.counts);
+        self.heard = heard.filter(|_| self.options.edits).map(|heard| {
+            let mut heard = heard.to_vec();
+            heard.sort_by_key(|heard| heard.receiver);
+            heard
+        });
+        self.rounds += 1;
     }
 
     /// The counts and values so far, as if the game ended now.
     #[must_use]
     pub fn metrics(&self) -> Metrics {
-        todo!("filled in by the metrics part")
+        let paper = Metric::ALL.map(|metric| (Definition::Paper, metric));
+        let toolkit = toolkit::metrics().map(|metric| (Definition::Toolkit, metric));
+        let keys: Vec<_> = paper.into_iter().chain(toolkit).collect();
+        let with_series = keys.iter().filter(|(_, metric)| metric.about().by_round);
+        let with_series = with_series.filter(|_| self.options.series);
+        Metrics {
+            rounds: self.rounds,
+            sampled: self.sampled,
+            series: with_series.map(|&key| (key, self.series(key))).collect(),
+            values: keys.into_iter().map(|key| (key, self.value(key))).collect(),
+            counts: self.counts.clone(),
+        }
+    }
+
+    /// What follows from what was decided in the state now.
+    fn row(&mut self, decisions: &[Decision], said: &Said<'_>) -> Row {
+        let mut row = Row {
+            counts: Counts::of_acts(&self.state, decisions, said),
+            sight: Sight::of(&self.setup, &self.state),
+            pushed: Pushed::of(&self.setup, &self.state, decisions),
+            ..Row::default()
+        };
+        row.counts.components = row.sight.components;
+        if self.options.vectors {
+            row.cosines = Cosines::of(said, self.embedder);
+        }
+        if self.options.edits {
+            let edits = texts::edit_consistency(said);
+            let echo = self.heard.as_ref().map(|heard| texts::echo(said, heard));
+            let echo = echo.unwrap_or_default();
+            self.sampled |= edits.sampled || echo.sampled;
+            row.edit_consistency = edits.value;
+            row.echo = echo.value;
+            row.self_repeat = texts::self_repeat(said, &mut self.said);
+        }
+        row
+    }
+
+    fn explore(&mut self) {
+        for (_, agent) in self.state.living() {
+            if self.setup.contains(agent.at) {
+                self.explored.visit(&self.setup, agent.at);
+            }
+        }
+    }
+
+    fn so_far(&self) -> SoFar {
+        SoFar {
+            agents: small(self.state.agents.len()),
+            open_cells: self.setup.open_cells as u64,
+            explored: self.explored.cells,
+            walked: self.walked,
+        }
+    }
+
+    fn keep(&mut self, counts: Counts) {
+        if self.options.series {
+            self.counts.push(counts);
+        }
+    }
+
+    fn series(&self, (definition, metric): (Definition, Metric)) -> Vec<Option<f64>> {
+        match definition {
+            Definition::Paper => self.table.series(metric).to_vec(),
+            Definition::Toolkit => self.toolkit.series(&self.state, metric),
+        }
+    }
+
+    fn value(&self, (definition, metric): (Definition, Metric)) -> RunValue {
+        match definition {
+            Definition::Paper => self.paper_value(metric),
+            Definition::Toolkit => self.toolkit.value_of_game(metric, self.rounds),
+        }
+    }
+
+    fn paper_value(&self, metric: Metric) -> RunValue {
+        match metric {
+            Metric::QuestionShare
+            | Metric::DigitShare
+            | Metric::MessageLength
+            | Metric::MessageLengthStd
+            | Metric::Homogeneity
+            | Metric::DirectionEntropy
+            | Metric::Stillness
+            | Metric::DominantAction
+            | Metric::Polarization
+            | Metric::StepLength
+            | Metric::Explored
+            | Metric::KeptPairs
+            | Metric::Pushes
+            | Metric::PushesStrict
+            | Metric::ExploredShare
+            | Metric::NoActionShare
+            | Metric::HomogeneityAll
+            | Metric::EditConsistency
+            | Metric::SelfRepeat
+            | Metric::Components
+            | Metric::ComponentsNorm
+            | Metric::Separation
+            | Metric::Crowding
+            | Metric::BlockedShare
+            | Metric::Echo
+            | Metric::PushAlignment
+            | Metric::LightAgreement
+            | Metric::PreyFreedom => self.table.mean(metric),
+            Metric::ForcePeak => self.table.most(metric),
+            Metric::PathLength => self.table.last(metric),
+            Metric::ExploredFinal => self.table.last(Metric::Explored),
+            Metric::DirectionImbalance => self.totals.imbalance(),
+            Metric::DirectionImbalanceNorm => {
+                let RunValue { value, rounds } = self.totals.imbalance();
+                RunValue { value: value.map(|value| value * 4.0 / 3.0), rounds }
+            }
+            Metric::DirectionImbalancePooled => self.totals.imbalance_pooled(),
+            Metric::RevisitShare => self.totals.revisit_share(),
+            Metric::HomogeneityIncrease => self.homogeneity.increase(),
+            Metric::HomogeneitySlope => self.homogeneity.slope(self.rounds),
+            Metric::EditConsistencyIncrease => self.edit_consistency.increase(),
+            Metric::EditConsistencySlope => self.edit_consistency.slope(self.rounds),
+            Metric::Delivered => self.totals.delivered(),
+            Metric::UnheardShare => self.totals.unheard_share(),
+            Metric::SayDo => self.promises.value(),
+            Metric::TimeToFirstScore => self.totals.time_to_first_score(),
+            Metric::TokensPerPoint => self.totals.tokens_per_point(self.state.score, self.rounds),
+        }
     }
 }

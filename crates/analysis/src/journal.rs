@@ -1,0 +1,64 @@
+//! Measures games from their journals.
+
+use std::io::BufRead;
+
+use swarmbench_engine::physics::Solver;
+use swarmbench_engine::{Action, AgentId, Config};
+use swarmbench_journal::record::{ActRecord, Source};
+use swarmbench_journal::replay::{Fault, Report, verify_seen};
+
+use crate::embed::Embedder;
+use crate::game::{Decision, Heard, Setup, State};
+use crate::meter::{Meter, Metrics, Options};
+
+/// Replays and checks a journal, and measures its game.
+///
+/// # Errors
+/// The first fault of the journal.
+pub fn measure(
+    journal: impl BufRead,
+    options: Options,
+    embedder: &dyn Embedder,
+) -> Result<(Report, Metrics), Fault> {
+    let mut meter: Option<Meter<'_>> = None;
+    let report = verify_seen(journal, None, Solver::Flow, |world, acts| {
+        let state = State::of(world);
+        match &mut meter {
+            None => meter = Some(Meter::new(Setup::of(world), state, options, embedder)),
+            Some(meter) => {
+                let decisions = decisions(world.config(), acts);
+                meter.round(&decisions, state, Some(&Heard::all(world)));
+            }
+        }
+    })?;
+    let metrics = meter.as_ref().map(Meter::metrics).expect("a whole journal has a layout");
+    Ok((report, metrics))
+}
+
+/// What the agents of a round decided, in order of their numbers: the default for those without a record.
+///
+/// The records are of a journal that was checked: agents and actions that the game does not have are left out.
+#[must_use]
+pub fn decisions(config: &Config, acts: &[ActRecord]) -> Vec<Decision> {
+    let mut decisions = vec![Decision::default(); config.num_agents().into()];
+    for act in acts {
+        let agent = AgentId::parse(&act.agent);
+        if let Some(decision) = agent.and_then(|agent| decisions.get_mut(agent.index())) {
+            *decision = self::decision(config, act);
+        }
+    }
+    decisions
+}
+
+fn decision(config: &Config, act: &ActRecord) -> Decision {
+    let usage = act.usage.unwrap_or_default();
+    let tokens = [usage.prompt_tokens, usage.completion_tokens];
+    Decision {
+        action: act.action.as_deref().and_then(|name| Action::parse(config.task(), name)),
+        message: act.message.clone(),
+        invalid: !act.valid,
+        timeout: act.source == Source::Clock,
+        // Players may report any numbers; a sum that overflows saturates.
+        tokens: tokens.into_iter().flatten().reduce(u64::saturating_add),
+    }
+}

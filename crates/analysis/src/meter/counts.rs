@@ -1,0 +1,181 @@
+//! The whole numbers of a round, and what follows from them.
+
+use swarmbench_engine::{Action, Direction};
+
+use crate::characters::{is_digit, is_toolkit_digit};
+use crate::game::{Decision, State};
+
+/// The whole numbers of a state and the round that led to it. All but `explored` are 0 for the layout, where they
+/// are not defined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "defined in docs/evaluate/metrics.md")]
+pub struct Counts {
+    pub alive: u32,
+    pub moves_up: u32,
+    pub moves_down: u32,
+    pub moves_left: u32,
+    pub moves_right: u32,
+    pub stays: u32,
+    pub switches: u32,
+    pub no_actions: u32,
+    pub invalid: u32,
+    pub timeouts: u32,
+    pub messages: u32,
+    pub distinct_messages: u32,
+    pub questions: u32,
+    pub message_chars: u64,
+    pub message_digits: u64,
+    pub message_chars_squared: u64,
+    pub distance: u32,
+    pub explored: u32,
+    pub kept_pairs: u32,
+    pub pushes: u32,
+    pub pushes_strict: u32,
+    pub blocked: u32,
+    pub components: u32,
+}
+
+impl Counts {
+    /// What the agents on the map chose and said; the rest is 0.
+    pub(super) fn of_acts(state: &State, decisions: &[Decision], said: &Said<'_>) -> Self {
+        let mut counts = Self::default();
+        for decision in state.living().map(|(agent, _)| &decisions[agent]) {
+            counts.alive += 1;
+            counts.invalid += u32::from(decision.invalid);
+            counts.timeouts += u32::from(decision.timeout);
+            *match decision.action {
+                Some(Action::Up) => &mut counts.moves_up,
+                Some(Action::Down) => &mut counts.moves_down,
+                Some(Action::Left) => &mut counts.moves_left,
+                Some(Action::Right) => &mut counts.moves_right,
+                Some(Action::Stay) => &mut counts.stays,
+                Some(Action::Switch) => &mut counts.switches,
+                None => &mut counts.no_actions,
+            } += 1;
+        }
+        for &(_, text) in &said.all {
+            let chars = text.chars().count() as u64;
+            counts.messages += 1;
+            counts.questions += u32::from(text.contains('?'));
+            counts.message_chars += chars;
+            counts.message_chars_squared += chars * chars;
+        }
+        counts.message_digits = said.chars_that(is_digit);
+        counts.distinct_messages = small(said.distinct.len());
+        counts
+    }
+
+    /// The toolkit's counts of what was chosen and said: an agent that has escaped is logged as one that stays, and more
+    /// characters are digits.
+    pub(super) fn of_toolkit(self, state: &State, said: &Said<'_>) -> Self {
+        let agents = small(state.agents.len());
+        Self {
+            alive: agents,
+            no_actions: self.no_actions + (agents - self.alive),
+            message_digits: said.chars_that(is_toolkit_digit),
+            ..self
+        }
+    }
+
+    /// Move actions, in order of [`Direction::ALL`].
+    const fn moves(&self) -> [u32; 4] {
+        [self.moves_up, self.moves_down, self.moves_left, self.moves_right]
+    }
+
+    /// How many chose to move.
+    pub(super) fn movers(&self) -> u32 {
+        self.moves().iter().sum()
+    }
+
+    /// How many chose not to move, and not to switch.
+    const fn still(&self) -> u32 {
+        self.stays + self.no_actions
+    }
+
+    /// How many chose anything but to switch.
+    fn coordinated(&self) -> u32 {
+        self.movers() + self.still()
+    }
+
+    pub(super) fn direction_entropy(&self) -> Option<f64> {
+        let movers = f64::from(self.movers());
+        let chosen = self.moves().into_iter().filter(|&count| count > 0).map(f64::from);
+        (movers > 0.0).then(|| chosen.map(|count| count / movers * (movers / count).log2()).sum())
+    }
+
+    pub(super) fn stillness(&self) -> Option<f64> {
+        ratio(self.still(), self.alive)
+    }
+
+    pub(super) fn dominant_action(&self) -> Option<f64> {
+        let most = self.moves().into_iter().fold(self.still(), u32::max);
+        ratio(most, self.coordinated())
+    }
+
+    pub(super) fn polarization(&self) -> Option<f64> {
+        let across = f64::from(self.moves_right) - f64::from(self.moves_left);
+        let down = f64::from(self.moves_down) - f64::from(self.moves_up);
+        let coordinated = f64::from(self.coordinated());
+        (coordinated > 0.0).then(|| (across * across + down * down).sqrt() / coordinated)
+    }
+
+    pub(super) fn message_length_std(&self) -> Option<f64> {
+        let messages = u64::from(self.messages);
+        let spread =
+            messages * self.message_chars_squared - self.message_chars * self.message_chars;
+        (messages > 0).then(|| real(spread).sqrt() / real(messages))
+    }
+}
+
+/// The messages of a round.
+pub(super) struct Said<'a> {
+    /// Each with the place of its sender in the list of agents.
+    pub(super) all: Vec<(usize, &'a str)>,
+    /// The distinct texts in order, and how many messages have each.
+    pub(super) distinct: Vec<(&'a str, u32)>,
+}
+
+impl<'a> Said<'a> {
+    /// What the agents on the map said.
+    pub(super) fn of(state: &State, decisions: &'a [Decision]) -> Self {
+        let of = |agent: usize| decisions[agent].message.as_deref().filter(|text| !text.is_empty());
+        let all: Vec<_> =
+            state.living().filter_map(|(agent, _)| Some((agent, of(agent)?))).collect();
+        let mut texts: Vec<&str> = all.iter().map(|&(_, text)| text).collect();
+        texts.sort_unstable();
+        let distinct = texts.chunk_by(|a, b| a == b).map(|same| (same[0], small(same.len())));
+        Self { distinct: distinct.collect(), all }
+    }
+
+    fn chars_that(&self, are: fn(char) -> bool) -> u64 {
+        let of = |text: &str| text.chars().filter(|&c| are(c)).count() as u64;
+        self.all.iter().map(|(_, text)| of(text)).sum()
+    }
+}
+
+/// The place of a direction in [`Direction::ALL`].
+pub(super) const fn place(direction: Direction) -> usize {
+    match direction {
+        Direction::Up => 0,
+        Direction::Down => 1,
+        Direction::Left => 2,
+        Direction::Right => 3,
+    }
+}
+
+/// `part / whole`; `None` if the whole is nothing.
+pub(super) fn ratio(part: impl Into<u64>, whole: impl Into<u64>) -> Option<f64> {
+    let whole = whole.into();
+    (whole > 0).then(|| real(part.into()) / real(whole))
+}
+
+/// A count as a real number.
+#[expect(clippy::cast_precision_loss, reason = "counts of a game are far below 2^53")]
+pub(super) const fn real(count: u64) -> f64 {
+    count as f64
+}
+
+/// How many agents, messages or cells there are.
+pub(super) fn small(count: usize) -> u32 {
+    u32::try_from(count).expect("a game has few agents and cells")
+}
