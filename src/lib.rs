@@ -31,6 +31,7 @@ pub mod hosted;
 pub mod http;
 pub mod ids;
 pub mod keys;
+pub mod measure;
 mod migrations;
 pub mod run;
 pub mod server;

@@ -5,13 +5,14 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations`.
-const FILES: [(i64, &str, &str); 6] = [
+const FILES: [(i64, &str, &str); 7] = [
     (1, "journal", include_str!("../migrations/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/0003_runs.sql")),
     (4, "imports", include_str!("../migrations/0004_imports.sql")),
     (5, "boards", include_str!("../migrations/0005_boards.sql")),
     (6, "shares", include_str!("../migrations/0006_shares.sql")),
+    (7, "metrics", include_str!("../migrations/0007_metrics.sql")),
 ];
 
 /// All migrations, oldest first.

@@ -22,6 +22,7 @@ use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
 use crate::http::{Access, App, Foundation, router, serve::serve};
+use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Runs};
 use crate::store::port::EpisodeStore;
@@ -207,6 +208,7 @@ impl Server {
         services.spawn(recover_with_retries(app.clone()));
         services.spawn(advance_runs(app.clone()));
         services.spawn(close_competitions(app.clone()));
+        services.spawn(measure_games(app.clone()));
         services.spawn(sweep(app.clone()));
         let trusted_proxies = app.access.trusted_proxies.clone();
         let serving =
@@ -276,6 +278,10 @@ async fn advance_runs(app: App) {
 
 async fn close_competitions(app: App) {
     closing::run(&app.store, &app.runs, &*app.clock).await;
+}
+
+async fn measure_games(app: App) {
+    measure::run(&app.store, app.registry.host(), &*app.clock).await;
 }
 
 /// Advances episodes that are not in memory and runs that wait for a permit, and evicts what is

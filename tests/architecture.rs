@@ -18,6 +18,7 @@ const ORDER: &[&str] = &[
     "budget",
     "store",
     "episode",
+    "measure",
     "hosted",
     "run",
     "competitions",

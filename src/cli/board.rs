@@ -7,15 +7,16 @@ use indicatif::HumanCount;
 
 use super::output::{progress_bar, set};
 use crate::store::OpenError;
-use crate::store::rebuild::{RebuildError, Rebuilt, rebuild};
+use crate::store::rebuild::{RebuildError, Rebuilt, rebuild, rebuild_metrics};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Drop the results that boards show, and rebuild them from the journals.
+    /// Drop the results that boards show, and rebuild them from the journals; measure all games again.
     #[command(
         after_help = "The server has to be stopped. Either all results are rebuilt or none is changed. With --replay \
         every episode of the boards is also replayed, and every hash, digest, act and score is compared, which \
-        takes longer."
+        takes longer. Then every game that has ended is replayed and measured (docs/evaluate/metrics.md); Ctrl-C \
+        ends this early, and the metrics of the other games stay as they are."
     )]
     Rebuild {
         /// The database file, while no server uses it.
@@ -24,11 +25,14 @@ pub(super) enum Command {
         /// Also replay every episode.
         #[arg(long)]
         replay: bool,
+        /// Leave metrics as they are.
+        #[arg(long)]
+        no_metrics: bool,
     },
 }
 
 pub(super) async fn run(command: Command) -> anyhow::Result<()> {
-    let Command::Rebuild { db, replay } = command;
+    let Command::Rebuild { db, replay, no_metrics } = command;
     let bar = progress_bar("{bar:30} episode {pos} of {len}, {eta} left");
     let rebuilt = rebuild(&db, replay, |done, of| set(&bar, done, of)).await;
     bar.finish_and_clear();
@@ -43,6 +47,12 @@ pub(super) async fn run(command: Command) -> anyhow::Result<()> {
     match differing {
         0 => println!("None has changed."),
         _ => println!("{} have changed: boards may show other numbers.", HumanCount(differing)),
+    }
+    if !no_metrics {
+        let bar = progress_bar("{bar:30} game {pos} of {len} measured, {eta} left");
+        let measured = rebuild_metrics(&db, |done, of| set(&bar, done, of)).await;
+        bar.finish_and_clear();
+        println!("{} games were measured.", HumanCount(measured?));
     }
     Ok(())
 }

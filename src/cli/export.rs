@@ -24,11 +24,13 @@ use crate::store::episodes::{Filter, Readable};
 #[command(
     after_help = "The database is only read; its server may keep running. An incomplete export has a name that ends in \
     .partial.\n\nThe format `dataset` is that of the public toolkit (docs/evaluate/dataset.md): its scripts read the folder. \
-    `jsonl` and `parquet` write the tables episodes, acts and rounds into it.\n\nExamples:\n  \
+    `jsonl` and `parquet` write the tables episodes, acts and rounds into a folder.\n\nExamples:\n  \
     swarmbench export games --db swarmbench.db\n  \
     swarmbench export games.zip --task Transport --model my-model\n  \
     swarmbench export tables --format parquet\n  \
-    swarmbench export games.zip --server http://127.0.0.1:8080"
+    swarmbench export tables --format jsonl --with heard,views\n  \
+    swarmbench export games.zip --server http://127.0.0.1:8080\n  \
+    swarmbench export tables --format parquet --server http://127.0.0.1:8080"
 )]
 pub(super) struct Args {
     /// The folder to create, or the archive if the name ends in .zip; it must not exist.
@@ -36,8 +38,8 @@ pub(super) struct Args {
     /// The database of the server.
     #[arg(long, env = "SWARMBENCH_DB", default_value = "swarmbench.db")]
     db: PathBuf,
-    /// Download an archive from this server instead, of all episodes that your key may read.
-    #[arg(long, conflicts_with_all = ["imported", "format"])]
+    /// Download from this server instead: all episodes that your key may read.
+    #[arg(long, conflicts_with = "imported")]
     server: Option<String>,
     /// Your key, for `--server`.
     #[arg(long, env = "SWARMBENCH_KEY", hide_env_values = true)]
@@ -45,6 +47,10 @@ pub(super) struct Args {
     /// The format.
     #[arg(long, value_enum, default_value = "dataset")]
     format: Format,
+    /// With jsonl or parquet, also the messages that agents received (heard), and their windows (views), which take
+    /// much room.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "TABLES")]
+    with: Vec<MoreTable>,
     /// Only episodes of this run.
     #[arg(long)]
     run: Option<String>,
@@ -79,7 +85,42 @@ enum Format {
     Parquet,
 }
 
+impl Format {
+    /// How the names of tables end; none for files of the toolkit.
+    const fn end(self) -> Option<&'static str> {
+        match self {
+            Self::Dataset => None,
+            Self::Jsonl => Some("jsonl"),
+            Self::Parquet => Some("parquet"),
+        }
+    }
+}
+
+/// A table that is written only when it is named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum MoreTable {
+    /// Messages as they were received.
+    Heard,
+    /// What each agent saw.
+    Views,
+}
+
 impl Args {
+    fn more_tables(&self) -> Vec<TableName> {
+        let table = |more: &MoreTable| match more {
+            MoreTable::Heard => TableName::Heard,
+            MoreTable::Views => TableName::Views,
+        };
+        self.with.iter().map(table).collect()
+    }
+
+    /// The names of the files of tables.
+    fn table_files(&self, end: &str) -> Vec<String> {
+        let tables = [TableName::Episodes, TableName::Acts, TableName::Rounds];
+        let all = tables.into_iter().chain(self.more_tables());
+        all.map(|table| format!("{}.{end}", table.name())).collect()
+    }
+
     /// The filters, as the query of a server has them.
     fn query(&self) -> Vec<(&'static str, String)> {
         let filters = [
@@ -137,11 +178,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     if is_archive && args.format != Format::Dataset {
         bail!("{} is an archive; name a folder for --format jsonl or parquet", to.display());
     }
+    let tables = args.format.end().map(|end| args.table_files(end).join(", "));
     let exported = if let Some(server) = args.server.clone() {
-        if !is_archive {
-            bail!("a server sends an archive: name a file that ends in .zip");
+        match args.format.end() {
+            Some(end) => download_tables(&args, &server, &partial, end).await?,
+            None if is_archive => download(&args, &server, &partial).await?,
+            None => bail!(
+                "a server sends an archive: name a file that ends in .zip, or ask for tables with --format"
+            ),
         }
-        download(&args, &server, &partial).await?;
         None
     } else {
         let partial = partial.clone();
@@ -164,6 +209,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         if !broken.is_empty() {
             bail!("{} episodes are left out; the others are written", broken.len());
         }
+    } else if let Some(tables) = tables {
+        println!("{}: {tables}", to.display());
     } else {
         println!("{}: {}", to.display(), HumanBytes(std::fs::metadata(&to)?.len()));
     }
@@ -226,10 +273,8 @@ fn write_episodes(
         }
         Err(error) => return Err(error.into()),
     };
-    let end = match args.format {
-        Format::Dataset => return Ok(export.dataset(&mut *files(partial, is_archive)?)?),
-        Format::Jsonl => "jsonl",
-        Format::Parquet => "parquet",
+    let Some(end) = args.format.end() else {
+        return Ok(export.dataset(&mut *files(partial, is_archive)?)?);
     };
     std::fs::create_dir(partial).with_context(|| not_created(partial))?;
     let table = |table: TableName| -> anyhow::Result<Exported> {
@@ -242,7 +287,11 @@ fn write_episodes(
     };
     table(TableName::Episodes)?;
     let acts = table(TableName::Acts)?.acts;
-    Ok(Exported { acts, ..table(TableName::Rounds)? })
+    let rounds = table(TableName::Rounds)?;
+    for more in args.more_tables() {
+        table(more)?;
+    }
+    Ok(Exported { acts, ..rounds })
 }
 
 fn selection(args: &Args, store: &Store) -> anyhow::Result<Selection> {
@@ -280,6 +329,29 @@ fn not_created(path: &Path) -> String {
 
 fn create(path: &Path) -> anyhow::Result<File> {
     File::create_new(path).with_context(|| not_created(path))
+}
+
+/// Downloads each table into a folder.
+async fn download_tables(
+    args: &Args,
+    server: &str,
+    partial: &Path,
+    end: &str,
+) -> anyhow::Result<()> {
+    let client = client(server, args.key.clone())?;
+    let query = args.query();
+    let query: Vec<(&str, &String)> = query.iter().map(|(name, value)| (*name, value)).collect();
+    std::fs::create_dir(partial).with_context(|| not_created(partial))?;
+    for name in args.table_files(end) {
+        let bar = progress_bar("{spinner} {msg} {bytes} {elapsed}").with_message(name.clone());
+        let mut file = create(&partial.join(&name))?;
+        let path = format!("/api/v1/exports/{name}");
+        let sent = client.download(&path, &query, &mut bar.wrap_write(&mut file)).await;
+        bar.finish_and_clear();
+        sent.with_context(|| format!("{name} is not whole; remove {}", partial.display()))?;
+        file.sync_all()?;
+    }
+    Ok(())
 }
 
 async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<()> {

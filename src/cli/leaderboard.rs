@@ -340,6 +340,7 @@ mod tests {
             timeout_share: Some(0.0),
             clock_out_share: Some(0.0),
             voided: Some(1),
+            metrics: std::collections::BTreeMap::new(),
         }
     }
 
@@ -353,6 +354,8 @@ mod tests {
             sort: "total".to_owned(),
             pick: "best".to_owned(),
             rows: 1,
+            metrics: Vec::new(),
+            metrics_method: None,
             items: vec![row("a-model-of-26-characters-x")],
             next_cursor: None,
         };

@@ -13,6 +13,7 @@ mod import;
 mod key;
 mod leaderboard;
 mod loadtest;
+mod metrics;
 mod no_match;
 mod openapi;
 mod options;
@@ -69,6 +70,8 @@ enum Command {
     /// Rebuild the results that boards show from the journals.
     #[command(subcommand)]
     Board(board::Command),
+    /// Show what the swarm did: metrics of an episode, a run, an imported game or a journal file.
+    Metrics(Box<metrics::Args>),
     /// Copy the database of a server, also while the server runs.
     Backup(backup::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
@@ -99,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
         Command::Board(command) => with_runtime(board::run(command)),
+        Command::Metrics(args) => with_runtime(metrics::run(*args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
         Command::Import(args) => with_runtime(import::run(args)),

@@ -6,8 +6,11 @@
 
 use std::collections::{BTreeSet, HashSet};
 use std::io::{self, Write};
+use std::sync::Arc;
 
 use serde::Serialize;
+use swarmbench_analysis::game::Heard;
+use swarmbench_analysis::{Embedder, Hash1, METRICS_REVISION};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -17,11 +20,14 @@ use super::format::{self, META};
 use super::game::{Game, GameAct, Turn};
 use super::header::Header;
 use super::imported;
-use super::tables::{self, Cell, Named, TableName};
+use super::measure;
+use super::tables::{self, Cell, Named, Outcome, TableName};
 use crate::ids::{EpisodeId, EpisodeKey, ImportKey};
+use crate::run::definition;
 use crate::store::entries::ImportedRound;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::imports::{ImportFilter, StoredImport};
+use crate::store::metrics::Measured;
 use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
@@ -218,10 +224,32 @@ impl<'a> Export<'a> {
                 TableName::Rounds => {
                     let Some((stored, mut game)) = self.sound(key)? else { continue };
                     let created_at = stored.created_at;
-                    add(tables::round(&game, None, created_at))?;
+                    let mut meter = measure::meter(game.world(), false, self.embedder(&stored)?);
+                    add(tables::round(&game, None, created_at, meter.now()))?;
                     self.play(&stored, &mut game, |game, turn| {
                         rounds += 1;
-                        add(tables::round(game, Some(turn), created_at))
+                        measure::add(&mut meter, game, turn);
+                        add(tables::round(game, Some(turn), created_at, meter.now()))
+                    })?;
+                }
+                TableName::Heard => {
+                    let Some((stored, mut game)) = self.sound(key)? else { continue };
+                    self.play(&stored, &mut game, |game, _| {
+                        let heard = Heard::all(game.world());
+                        heard.iter().try_for_each(|heard| add(tables::heard(game, heard)))
+                    })?;
+                }
+                TableName::Views => {
+                    let Some((stored, mut game)) = self.sound(key)? else { continue };
+                    let mut views = |game: &Game| {
+                        let views =
+                            game.world().agents().filter_map(|agent| tables::view(game, agent));
+                        views.into_iter().try_for_each(&mut add)
+                    };
+                    views(&game)?;
+                    self.play(&stored, &mut game, |game, _| {
+                        // Nobody decides in the last state.
+                        if game.world().is_over() { Ok(()) } else { views(game) }
                     })?;
                 }
             }
@@ -229,7 +257,7 @@ impl<'a> Export<'a> {
         Ok(self.finish(rounds, acts))
     }
 
-    /// The row of an episode, which is not replayed for it.
+    /// The row of an episode; it is replayed where it was not measured yet.
     fn episode(&mut self, key: EpisodeKey) -> Result<Option<Vec<Cell>>, ExportError> {
         let Some(stored) = self.stored(key)? else { return Ok(None) };
         let header = match Header::read(&stored) {
@@ -239,9 +267,54 @@ impl<'a> Export<'a> {
                 return Ok(None);
             }
         };
+        let embedder = self.embedder(&stored)?;
+        let measured = match self.measured(&stored, &embedder) {
+            Ok(measured) => measured,
+            Err(Fault::Broken(problem)) => {
+                self.leave_out(&stored, problem);
+                return Ok(None);
+            }
+            Err(Fault::Error(error)) => return Err(error),
+        };
         self.exported.episodes += 1;
-        let started_at = self.runtime.block_on(self.store.started_at(key))?;
-        Ok(Some(tables::episode(&header, &stored, started_at)))
+        let run = match stored.run {
+            Some(run) => self.runtime.block_on(self.store.run(run))?,
+            None => None,
+        };
+        let suite = run.and_then(|run| Some((definition::read(&run).ok()?.suite.name, run.digest)));
+        let outcome = Outcome {
+            started_at: self.runtime.block_on(self.store.started_at(key))?,
+            tally: self.runtime.block_on(self.store.tally_of(key))?,
+            suite,
+            measured,
+            embedder: embedder.id().to_owned(),
+        };
+        Ok(Some(tables::episode(&header, &stored, &outcome)))
+    }
+
+    /// What turns the texts of an episode into vectors.
+    fn embedder(&self, _: &StoredEpisode) -> Result<Arc<dyn Embedder>, ExportError> {
+        Ok(Arc::new(Hash1::default()))
+    }
+
+    /// The metrics of an episode: those that are stored, or else it is replayed.
+    fn measured(
+        &self,
+        stored: &StoredEpisode,
+        embedder: &Arc<dyn Embedder>,
+    ) -> Result<Measured, Fault> {
+        let found = self.store.metrics_of(stored.episode, (embedder.id(), METRICS_REVISION));
+        let found = self.runtime.block_on(found).map_err(ExportError::from)?;
+        if let Some(found) = found {
+            return Ok(Measured::read(&found).map_err(ExportError::from)?);
+        }
+        let mut game = Game::new(stored).map_err(Fault::Broken)?;
+        let mut meter = measure::meter(game.world(), false, Arc::clone(embedder));
+        self.try_play(stored, &mut game, |game, turn| {
+            measure::add(&mut meter, game, turn);
+            Ok(())
+        })?;
+        Ok(Measured::of(&meter.metrics()))
     }
 
     fn leave_out(&mut self, stored: &StoredEpisode, problem: String) {

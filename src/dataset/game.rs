@@ -105,6 +105,11 @@ impl Game {
         Ok(Turn { round: round.round, acts: acts.collect(), before, at: round.at })
     }
 
+    /// The window of an agent; `None` once it has escaped.
+    pub fn view(&self, agent: AgentId) -> Option<Vec<Vec<String>>> {
+        view(&self.world().observe(agent), self.config.rules())
+    }
+
     /// The settings, as the index has them.
     pub fn meta(&self, status: &str) -> Meta {
         let Header { opening, .. } = &self.header;

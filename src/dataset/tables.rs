@@ -7,11 +7,15 @@ use std::sync::LazyLock;
 use jiff::Timestamp;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
-use swarmbench_engine::for_each_setting;
+use swarmbench_analysis::game::Heard;
+use swarmbench_analysis::{Counts, Definition, METRICS_REVISION, Metric};
+use swarmbench_engine::{AgentId, for_each_setting};
 
 use super::game::{Game, GameAct, Turn, grid};
 use super::header::Header;
+use crate::store::metrics::Measured;
 use crate::store::port::StoredEpisode;
+use swarmbench_journal::Tally;
 use swarmbench_journal::record::{RecordedConfig, Source};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,22 +58,65 @@ swarmbench_engine::named! {
         Acts = "acts",
         /// One row per state.
         Rounds = "rounds",
+        /// One row per message that an agent received.
+        Heard = "heard",
+        /// One row per agent and state in which it decided: its window.
+        Views = "views",
     }
 }
 
 impl TableName {
     pub fn columns(self) -> &'static [Column] {
         static EPISODES: LazyLock<Vec<Column>> =
-            LazyLock::new(|| [HEAD, SETTINGS, OF_EPISODES].concat());
+            LazyLock::new(|| [HEAD, SETTINGS, OF_EPISODES, &metrics_of_episodes()].concat());
         static ACTS: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_ACTS].concat());
         static ROUNDS: LazyLock<Vec<Column>> =
-            LazyLock::new(|| [HEAD, SETTINGS, OF_ROUNDS].concat());
+            LazyLock::new(|| [HEAD, SETTINGS, OF_ROUNDS, &metrics_of_rounds()].concat());
+        static HEARD: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_HEARD].concat());
+        static VIEWS: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_VIEWS].concat());
         match self {
             Self::Episodes => &EPISODES,
             Self::Acts => &ACTS,
             Self::Rounds => &ROUNDS,
+            Self::Heard => &HEARD,
+            Self::Views => &VIEWS,
         }
     }
+}
+
+/// The metrics that the toolkit computes, too.
+fn of_toolkit() -> impl Iterator<Item = Metric> {
+    Metric::ALL.into_iter().filter(|metric| metric.about().of_paper)
+}
+
+/// Whether a metric is a column of rounds: a state has it, and it is no count.
+fn is_column(metric: Metric) -> bool {
+    metric.about().by_round && !Counts::NAMES.contains(&metric.name())
+}
+
+/// Names of columns are made once.
+fn name(text: String) -> &'static str {
+    Box::leak(text.into_boxed_str())
+}
+
+fn metrics_of_episodes() -> Vec<Column> {
+    let own = Metric::ALL.into_iter().flat_map(|metric| {
+        let rounds = name(format!("{}_rounds", metric.name()));
+        [(metric.name(), Kind::Real), (rounds, Kind::Whole)]
+    });
+    let toolkit =
+        of_toolkit().map(|metric| (name(format!("toolkit_{}", metric.name())), Kind::Real));
+    own.chain(toolkit).collect()
+}
+
+fn metrics_of_rounds() -> Vec<Column> {
+    let has = |column: &str| OF_ROUNDS.iter().any(|(name, _)| *name == column);
+    let counts = Counts::NAMES.into_iter().filter(|name| !has(name));
+    let values = Metric::ALL
+        .into_iter()
+        .filter(|metric| is_column(*metric))
+        .map(|metric| (metric.name(), Kind::Real));
+    counts.map(|name| (name, Kind::Whole)).chain(values).collect()
 }
 
 const HEAD: &[Column] = &[
@@ -105,6 +152,15 @@ const OF_EPISODES: &[Column] = &[
     ("started_at", Kind::Time),
     ("ended_at", Kind::Time),
     ("void_reason", Kind::Text),
+    ("suite", Kind::Text),
+    ("suite_digest", Kind::Text),
+    ("acts", Kind::Whole),
+    ("invalid", Kind::Whole),
+    ("timeouts", Kind::Whole),
+    ("prompt_tokens", Kind::Whole),
+    ("completion_tokens", Kind::Whole),
+    ("metrics_revision", Kind::Whole),
+    ("embedder", Kind::Text),
 ];
 
 const OF_ACTS: &[Column] = &[
@@ -140,6 +196,17 @@ const OF_ROUNDS: &[Column] = &[
     ("messages", Kind::Whole),
     ("grid", Kind::Text),
 ];
+
+const OF_HEARD: &[Column] = &[
+    ("round", Kind::Whole),
+    ("receiver", Kind::Whole),
+    ("sender", Kind::Whole),
+    ("sent_round", Kind::Whole),
+    ("message", Kind::Text),
+    ("own", Kind::Flag),
+];
+
+const OF_VIEWS: &[Column] = &[("round", Kind::Whole), ("agent", Kind::Whole), ("view", Kind::Text)];
 
 macro_rules! kind_of {
     (f64) => {
@@ -238,12 +305,20 @@ fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("string keys")
 }
 
-/// A row for an episode, of which no round is replayed.
-pub fn episode(
-    header: &Header,
-    stored: &StoredEpisode,
-    started_at: Option<Timestamp>,
-) -> Vec<Cell> {
+/// What is known of an episode beside its header.
+pub struct Outcome {
+    pub started_at: Option<Timestamp>,
+    pub tally: Tally,
+    /// The name and the digest of the suite of its run.
+    pub suite: Option<(String, String)>,
+    pub measured: Measured,
+    /// What turned texts into vectors.
+    pub embedder: String,
+}
+
+/// A row for an episode.
+pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Vec<Cell> {
+    let Outcome { started_at, tally, suite, measured, embedder } = outcome;
     let Header { opening, .. } = header;
     let config = &opening.config;
     let template = config.custom_template.then_some(&opening.prompt_template);
@@ -268,11 +343,49 @@ pub fn episode(
         stored.rounds.into(),
         stored.reason.as_ref().map(|_| stored.head.to_string()).into(),
         stored.created_at.into(),
-        started_at.into(),
+        (*started_at).into(),
         stored.ended_at.into(),
         stored.void_reason.as_ref().into(),
+        suite.as_ref().map(|(name, _)| name).into(),
+        suite.as_ref().map(|(_, digest)| digest).into(),
+        tally.acts.into(),
+        tally.invalid.into(),
+        tally.timeouts.into(),
+        tally.prompt_tokens.into(),
+        tally.completion_tokens.into(),
+        METRICS_REVISION.into(),
+        embedder.into(),
+    ]);
+    for metric in Metric::ALL {
+        let (value, rounds) = measured.value(Definition::Paper, metric);
+        cells.extend([value.into(), rounds.into()]);
+    }
+    cells.extend(of_toolkit().map(|metric| measured.value(Definition::Toolkit, metric).0.into()));
+    cells
+}
+
+/// A row for a message that was delivered with the current state.
+pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
+    let sender = &game.header.holder(heard.sender).model;
+    let mut cells = head(&game.header, sender);
+    cells.extend([
+        game.world().round().into(),
+        heard.receiver.0.into(),
+        heard.sender.0.into(),
+        heard.sent.into(),
+        (&heard.text).into(),
+        (heard.receiver == heard.sender).into(),
     ]);
     cells
+}
+
+/// A row for the window of an agent on the map; `None` once it has escaped.
+pub fn view(game: &Game, agent: AgentId) -> Option<Vec<Cell>> {
+    let rows = game.view(agent)?;
+    let rows: Vec<String> = rows.into_iter().map(|row| row.join(" ")).collect();
+    let mut cells = head(&game.header, &game.header.holder(agent).model);
+    cells.extend([game.world().round().into(), agent.0.into(), rows.join("\n").into()]);
+    Some(cells)
 }
 
 /// A row for an act of the last round played.
@@ -311,7 +424,12 @@ pub fn act(game: &Game, turn: &Turn, act: &GameAct) -> Vec<Cell> {
 }
 
 /// A row for the current state: `turn` is the round that led to it, or `None` for the layout.
-pub fn round(game: &Game, turn: Option<&Turn>, created_at: Timestamp) -> Vec<Cell> {
+pub fn round(
+    game: &Game,
+    turn: Option<&Turn>,
+    created_at: Timestamp,
+    (counts, values): (&Counts, &[Option<f64>; Metric::ALL.len()]),
+) -> Vec<Cell> {
     let (config, world) = (&game.header.opening.config, game.world());
     let count = |wanted: &dyn Fn(&GameAct) -> bool| {
         turn.map(|turn| turn.acts.iter().filter(|act| wanted(act)).count()).into()
@@ -330,5 +448,10 @@ pub fn round(game: &Game, turn: Option<&Turn>, created_at: Timestamp) -> Vec<Cel
         count(&|act| act.record.message.is_some()),
         grid.join("\n").into(),
     ]);
+    let has = |column: &str| OF_ROUNDS.iter().any(|(name, _)| *name == column);
+    let counts = counts.columns(turn.is_none()).into_iter();
+    cells.extend(counts.filter(|(name, _)| !has(name)).map(|(_, count)| count.into()));
+    let values = Metric::ALL.into_iter().zip(values);
+    cells.extend(values.filter(|(metric, _)| is_column(*metric)).map(|(_, value)| (*value).into()));
     cells
 }

@@ -18,7 +18,7 @@ pub mod quota;
 pub mod recovery;
 pub mod registry;
 pub mod replay;
-mod replays;
+pub mod replays;
 pub mod seating;
 mod slot;
 mod snapshot;

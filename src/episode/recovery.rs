@@ -50,6 +50,7 @@ pub(super) async fn recover(
         to: stored.rounds,
         checked: true,
         work: ("recovery", recovered_for),
+        see_micros: 0,
     };
     let (world, mut history) = rounds.play(host, layout, history, History::see).await?;
     let open = journal.round_acts(stored.episode, stored.rounds).await?;

@@ -39,29 +39,32 @@ fn acts_bytes(config: &swarmbench_engine::Config, rounds: u32) -> usize {
 }
 
 /// Stored rounds that are to be played again.
-pub(super) struct Rounds<'a> {
-    pub(super) id: &'a EpisodeId,
-    pub(super) key: EpisodeKey,
+pub struct Rounds<'a> {
+    pub id: &'a EpisodeId,
+    pub key: EpisodeKey,
     /// The round up to which they are played.
-    pub(super) to: u32,
+    pub to: u32,
     /// Whether every state is compared with its stored digest.
-    pub(super) checked: bool,
+    pub checked: bool,
     /// The kind of work, as it is counted, and the party for which it is done.
-    pub(super) work: (&'static str, Party),
+    pub work: (&'static str, Party),
+    /// About how long `see` takes for a round, in microseconds.
+    pub see_micros: u64,
 }
 
 impl Rounds<'_> {
     /// Plays the rounds from `world` on, piece by piece, and yields in between. `see` gets the acts of each
     /// round and the state after it.
-    pub(super) async fn play<S: Send + 'static>(
+    pub async fn play<S: Send + 'static>(
         self,
         host: &Host,
         world: Arc<World>,
         mut seen: S,
         see: fn(&mut S, &RoundActs, &Arc<World>),
     ) -> Result<(Arc<World>, S), RecoveryError> {
-        let Self { id, key, to: end, checked, work: (kind, party) } = self;
-        let (at_once, micros) = (rounds_at_once(world.config()), step_micros(world.config()));
+        let Self { id, key, to: end, checked, work: (kind, party), see_micros } = self;
+        let at_once = rounds_at_once(world.config());
+        let micros = step_micros(world.config()) + see_micros;
         let mut replayer = Replayer::new(world);
         while replayer.world().round() < end {
             let from = replayer.world().round();
@@ -147,8 +150,8 @@ pub async fn state_at(
         let (host, handle, from) = (host.clone(), handle.clone(), Arc::clone(from));
         Box::pin(async move {
             let work = ("replay", Party::current());
-            let rounds =
-                Rounds { id: &handle.id, key: handle.key, to: round, checked: false, work };
+            let (id, checked) = (&handle.id, false);
+            let rounds = Rounds { id, key: handle.key, to: round, checked, work, see_micros: 0 };
             let (world, ()) = rounds.play(&host, from, (), |(), _, _| {}).await?;
             host.replays.keep(key, &world);
             Ok(world)

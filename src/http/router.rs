@@ -39,12 +39,14 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::state::show_state))
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
+        .routes(routes!(episodes::metrics::show_episode_metrics))
         .routes(routes!(claims::create::create_claim, claims::list::list_claims))
         .routes(routes!(episodes::void::void_episode))
         .routes(routes!(runs::create::create_run, runs::list::list_runs))
         .routes(routes!(runs::show::show_run, runs::abort::abort_run))
         .routes(routes!(runs::token::replace_run_token))
         .routes(routes!(runs::events::stream_run_events))
+        .routes(routes!(runs::metrics::show_run_metrics))
         .routes(routes!(runs::suites::list_suites))
         .routes(routes!(
             competitions::create::create_competition,
@@ -66,6 +68,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(imports::list::list_imports))
         .routes(routes!(imports::show::show_import))
         .routes(routes!(imports::state::show_imported_state))
+        .routes(routes!(imports::metrics::show_import_metrics))
         .routes(routes!(keys::create::create_key, keys::list::list_keys))
         .routes(routes!(keys::revoke::revoke_key))
         .routes(routes!(boards::leaderboard::show_leaderboard))

@@ -1,7 +1,7 @@
 //! Replays an episode of the database: its lines are read as they are needed, so that memory does not grow with
 //! the journal.
 
-use std::io::Read;
+use std::io::{BufReader, Read};
 
 use sqlx::sqlite::SqliteConnection;
 use swarmbench_engine::physics::Solver;
@@ -30,11 +30,22 @@ pub(super) async fn play_again(
     database: &mut SqliteConnection,
     stored: &StoredJournal,
 ) -> Result<Result<Report, String>, sqlx::Error> {
-    let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
     let head = stored.ending.as_ref().map(|(_, head)| *head);
-    let played = tokio::task::spawn_blocking(move || {
-        let journal = std::io::BufReader::new(Lines { receive, line: Vec::new(), read: 0 });
+    read_journal(database, stored, move |journal| {
         verify(journal, head, Solver::Flow, |_, _| ()).map_err(|fault| fault.to_string())
+    })
+    .await
+}
+
+/// Reads the journal of an episode, line by line, on a thread of its own.
+pub(super) async fn read_journal<T: Send + 'static>(
+    database: &mut SqliteConnection,
+    stored: &StoredJournal,
+    read: impl FnOnce(BufReader<Lines>) -> Result<T, String> + Send + 'static,
+) -> Result<Result<T, String>, sqlx::Error> {
+    let (send, receive) = tokio::sync::mpsc::channel(AHEAD);
+    let played = tokio::task::spawn_blocking(move || {
+        read(BufReader::new(Lines { receive, line: Vec::new(), read: 0 }))
     });
     // The receiver is dropped at the first fault.
     let sent = send_lines(database, stored, &send).await;
@@ -80,7 +91,7 @@ async fn round_line(
 }
 
 /// Lines that come from somewhere else, as a file.
-struct Lines {
+pub(super) struct Lines {
     receive: tokio::sync::mpsc::Receiver<Vec<u8>>,
     line: Vec<u8>,
     read: usize,

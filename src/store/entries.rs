@@ -5,6 +5,7 @@ use swarmbench_engine::AgentId;
 
 use crate::ids::{CompetitionKey, EntryKey, EpisodeId, EpisodeKey, RunKey, TokenHash};
 use crate::keys::{KeyRow, OwnerKey};
+use crate::store::metrics::MetricsRow;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
@@ -92,6 +93,12 @@ pub enum Entry {
         competition: CompetitionKey,
         at: Timestamp,
     },
+    /// A game that has ended was measured, or cannot be.
+    Measured {
+        /// Its number in the queue, if it was taken from there.
+        number: Option<i64>,
+        metrics: Option<Box<MetricsRow>>,
+    },
     /// What an organizer did.
     Audit(Box<AuditRow>),
 }
@@ -126,6 +133,7 @@ impl Entry {
                 .iter()
                 .map(|round| round.state.len() + round.acts.as_ref().map_or(0, Vec::len))
                 .sum(),
+            Self::Measured { metrics: Some(row), .. } => row.measured.len(),
             Self::AddInvitations { codes, .. } => codes.len() * size_of::<(TokenHash, String)>(),
             _ => 0,
         };

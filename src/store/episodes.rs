@@ -122,6 +122,13 @@ impl Store {
         self.find(id, Detail::Summary).await
     }
 
+    /// What is shown of the episode with this key.
+    pub async fn summary_of(&self, key: EpisodeKey) -> Result<Option<StoredEpisode>, StoreError> {
+        let mut query = select(Detail::Summary);
+        query.push("e.key = ").push_bind(key.0);
+        self.fetch_optional(query.build()).await
+    }
+
     async fn find(
         &self,
         id: &EpisodeId,

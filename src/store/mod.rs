@@ -16,6 +16,7 @@ pub mod exports;
 mod files;
 pub mod imports;
 pub mod keys;
+pub mod metrics;
 pub mod port;
 mod readers;
 pub mod rebuild;

@@ -1,12 +1,16 @@
 //! Rebuilds the table `results` from the journals.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row as _};
+use swarmbench_analysis::journal::measure;
+use swarmbench_analysis::{Hash1, Options};
 
-use super::again::{StoredJournal, play_again};
+use super::again::{StoredJournal, play_again, read_journal};
+use super::metrics::{self, Measured, MetricsRow};
 use super::rows::get;
 use super::{OpenError, OpenedDatabase, open_exclusively, results};
 use crate::ids::EpisodeKey;
@@ -103,6 +107,71 @@ async fn all(
     .await?;
     run(database, "DROP TABLE earlier").await?;
     Ok(Rebuilt { rows, differing })
+}
+
+/// Measures all games that have ended again, and stores their metrics; some at a time, so that what was done stays done
+/// where it is interrupted. `progress` is called with how many games of how many are done.
+pub async fn rebuild_metrics(
+    path: &Path,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<u64, RebuildError> {
+    let OpenedDatabase { mut connection, lock, .. } = open_exclusively(path, false).await?;
+    let of = count(
+        &mut connection,
+        "SELECT count(*) FROM episodes e WHERE ended_at IS NOT NULL AND EXISTS (
+             SELECT 1 FROM rounds WHERE episode = e.key)",
+    )
+    .await?;
+    let (mut last, mut done) = (i64::MIN, 0);
+    loop {
+        let ended = sqlx::query(
+            "SELECT key, id FROM episodes e WHERE key > ? AND ended_at IS NOT NULL AND EXISTS (
+                 SELECT 1 FROM rounds WHERE episode = e.key) ORDER BY key LIMIT ?",
+        )
+        .bind(last)
+        .bind(CHUNK)
+        .fetch_all(&mut connection)
+        .await?;
+        if ended.is_empty() {
+            break;
+        }
+        let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
+        for row in ended {
+            last = row.try_get("key")?;
+            let row = measured(&mut transaction, EpisodeKey(last), row.try_get("id")?).await?;
+            metrics::add(&mut transaction, &row).await?;
+            done += 1;
+            progress(done, of);
+        }
+        transaction.commit().await?;
+    }
+    run(&mut connection, "DELETE FROM unmeasured").await?;
+    connection.close().await?;
+    drop(lock);
+    Ok(done)
+}
+
+/// The metrics of a game, from its journal.
+async fn measured(
+    database: &mut SqliteConnection,
+    episode: EpisodeKey,
+    id: String,
+) -> Result<MetricsRow, RebuildError> {
+    let row = sqlx::query("SELECT opening, seating FROM episodes WHERE key = ?")
+        .bind(episode.0)
+        .fetch_one(&mut *database)
+        .await?;
+    let (opening, seating) = (get(&row, "opening")?, get(&row, "seating")?);
+    let (rounds, _) = standing(database, episode).await?.unwrap_or_default();
+    let stored = StoredJournal { episode, opening, seating, rounds, ending: None };
+    let read = |journal| {
+        let options = Options { series: false, vectors: true, edits: true };
+        let measured = measure(journal, options, Arc::new(Hash1::default()), |_, _| ());
+        measured.map(|(_, metrics)| Measured::of(&metrics)).map_err(|fault| fault.to_string())
+    };
+    let measured = read_journal(database, &stored, read).await?;
+    let measured = measured.map_err(|problem| RebuildError::Journal { episode: id, problem })?;
+    Ok(MetricsRow::new(episode, &measured))
 }
 
 async fn run(database: &mut SqliteConnection, statement: &'static str) -> Result<(), sqlx::Error> {

@@ -66,11 +66,17 @@ pub struct Changes {
     pending: Mutex<Option<Vec<Change>>>,
     /// How often something was committed that a board, or a list of a competition, may show.
     revision: AtomicU64,
+    /// How many games were measured.
+    measured: AtomicU64,
 }
 
 impl Default for Changes {
     fn default() -> Self {
-        Self { pending: Mutex::new(Some(Vec::new())), revision: AtomicU64::new(0) }
+        Self {
+            pending: Mutex::new(Some(Vec::new())),
+            revision: AtomicU64::new(0),
+            measured: AtomicU64::new(0),
+        }
     }
 }
 
@@ -85,6 +91,11 @@ impl Changes {
         self.revision.load(Ordering::Acquire)
     }
 
+    /// Another number than before, once the metrics of a game were stored.
+    pub fn measured(&self) -> u64 {
+        self.measured.load(Ordering::Acquire)
+    }
+
     /// Notes what is durable now.
     pub(super) fn note(&self, entries: &[Entry]) {
         for entry in entries {
@@ -97,6 +108,10 @@ impl Changes {
                 // The entry does not name the runs.
                 Entry::SetEntrant { .. } | Entry::Reveal { .. } => self.add_all(),
                 Entry::Import { .. } => self.add(Change::Imports),
+                Entry::Measured { .. } => {
+                    self.measured.fetch_add(1, Ordering::AcqRel);
+                    continue;
+                }
                 // Boards show what is over; lists of a competition show more.
                 Entry::Open(_)
                 | Entry::OpenRun(_)
@@ -234,6 +249,30 @@ impl Store {
         Ok(Some(found).filter(|found| found.is_over))
     }
 
+    /// What the acts of an episode were.
+    pub async fn tally_of(&self, episode: EpisodeKey) -> Result<Tally, StoreError> {
+        let query = sqlx::query(
+            "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens
+             FROM results WHERE episode = ?",
+        );
+        if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
+            return Ok(tally);
+        }
+        // A game that boards do not count has no row of its own.
+        let query = sqlx::query(
+            "SELECT count(*) FILTER (WHERE source = 'player') AS acts,
+                    count(*) FILTER (WHERE source = 'player' AND NOT valid) AS invalid,
+                    count(*) FILTER (WHERE source = 'clock') AS clock_outs,
+                    CAST(total(prompt_tokens) AS INTEGER) AS prompt_tokens,
+                    CAST(total(completion_tokens) AS INTEGER) AS completion_tokens
+             FROM (SELECT record ->> 'source' AS source, record ->> 'valid' AS valid,
+                          record ->> '$.usage.prompt_tokens' AS prompt_tokens,
+                          record ->> '$.usage.completion_tokens' AS completion_tokens
+                   FROM acts WHERE episode = ?)",
+        );
+        self.fetch_one(query.bind(episode.0)).await
+    }
+
     /// The run of an episode, if it belongs to one.
     pub async fn run_of(&self, episode: EpisodeKey) -> Result<Option<RunKey>, StoreError> {
         let query = sqlx::query("SELECT run FROM episodes WHERE key = ?");
@@ -306,6 +345,18 @@ fn select_runs() -> QueryBuilder<Sqlite> {
     );
     query.push(ON_BOARDS);
     query
+}
+
+impl FromRow for Tally {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            acts: get(row, "acts")?,
+            invalid: get(row, "invalid")?,
+            timeouts: get(row, "clock_outs")?,
+            prompt_tokens: get(row, "prompt_tokens")?,
+            completion_tokens: get(row, "completion_tokens")?,
+        })
+    }
 }
 
 impl FromRow for BoardRun {

@@ -493,6 +493,14 @@ async fn write(
             Entry::Reveal { competition, at } => {
                 super::competitions::reveal(connection, *competition, *at).await?;
             }
+            Entry::Measured { number, metrics } => {
+                if let Some(row) = metrics {
+                    super::metrics::add(connection, row).await?;
+                }
+                if let Some(number) = number {
+                    super::metrics::dequeue(connection, *number).await?;
+                }
+            }
             Entry::Audit(row) => super::audit::add(connection, row).await?,
         }
     }
@@ -553,6 +561,9 @@ async fn end(connection: &mut SqliteConnection, row: &EndRow) -> Result<(), sqlx
     .bind(row.episode.0)
     .execute(&mut *connection)
     .await?;
+    if row.rounds > 0 {
+        super::metrics::queue(connection, row.episode).await?;
+    }
     if row.counts {
         super::results::add(connection, row.episode, row.score, row.rounds, row.tally).await?;
     }

@@ -45,8 +45,33 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
     }
     let tables = swarmbench(&["export", &path("tables"), "--db", &db, "--format", "jsonl"]).await;
     assert!(tables.status.success(), "{}", text(&tables.stderr));
-    let acts = std::fs::read_to_string(place.path().join("tables/acts.jsonl")).expect("a table");
-    assert_eq!(acts, app.get("/api/v1/exports/acts.jsonl").send().await.text());
+    let tables = place.path().join("tables");
+    let read = |name: &str| std::fs::read_to_string(tables.join(name)).expect("a table");
+    assert_eq!(read("acts.jsonl"), app.get("/api/v1/exports/acts.jsonl").send().await.text());
+    assert!(!tables.join("heard.jsonl").exists() && !tables.join("views.jsonl").exists());
+    // The server sends the same tables, and more where they are named.
+    let sent = place.path().join("sent");
+    let args = [
+        "export",
+        &path("sent"),
+        "--server",
+        app.base(),
+        "--format",
+        "jsonl",
+        "--with",
+        "heard,views",
+    ];
+    let output = swarmbench(&args).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for name in ["episodes.jsonl", "acts.jsonl", "rounds.jsonl"] {
+        assert_eq!(std::fs::read_to_string(sent.join(name)).expect("a table"), read(name));
+    }
+    for name in ["heard", "views"] {
+        let here = std::fs::read_to_string(sent.join(format!("{name}.jsonl"))).expect("a table");
+        let there = app.get(&format!("/api/v1/exports/{name}.jsonl")).send().await.text();
+        assert_eq!(here, there);
+        assert!(here.lines().count() > 100, "{name}: {}", here.lines().count());
+    }
 
     // A server on the database of another organizer.
     let mut there = TestApp::start().await;
@@ -89,6 +114,32 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
                 here.as_object_mut().expect("an object").remove(name);
             }
             assert_eq!(there, here);
+        }
+        // What files do not tell has no value: who heard whom, and tokens.
+        let untold = ["delivered", "unheard_share", "echo", "tokens_per_point"];
+        for query in ["?series=true", "?definition=toolkit"] {
+            let mut here = app.get(&played.episode.path(&format!("/metrics{query}"))).ok().await;
+            let path = format!("/api/v1/imports/{id}/metrics{query}");
+            let mut there = there.get(&path).ok().await;
+            for metric in untold {
+                assert_eq!(there["values"][metric]["value"], json!(null), "{metric}");
+                for values in [&mut here["values"], &mut there["values"]] {
+                    values.as_object_mut().expect("values").remove(metric);
+                }
+            }
+            // An agent without an action is written as one that stays, and an invalid answer as any other.
+            for list in ["no_actions", "stays", "invalid", "timeouts"] {
+                for series in [&mut here["series"]["counts"], &mut there["series"]["counts"]] {
+                    series.as_object_mut().map(|counts| counts.remove(list));
+                }
+            }
+            for name in ["echo", "no_action_share"] {
+                for all in [&mut here, &mut there] {
+                    all["values"].as_object_mut().map(|values| values.remove(name));
+                    all["series"]["values"].as_object_mut().map(|values| values.remove(name));
+                }
+            }
+            assert_eq!((&here["values"], &here["series"]), (&there["values"], &there["series"]));
         }
         there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
         let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;

@@ -1,6 +1,7 @@
 //! Measures games from their journals.
 
 use std::io::BufRead;
+use std::sync::Arc;
 
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Action, AgentId, Config};
@@ -11,20 +12,25 @@ use crate::embed::Embedder;
 use crate::game::{Decision, Heard, Setup, State};
 use crate::meter::{Meter, Metrics, Options};
 
-/// Replays and checks a journal, and measures its game.
+/// Replays and checks a journal, and measures its game. `progress` is called with how many rounds of how many were
+/// played.
 ///
 /// # Errors
 /// The first fault of the journal.
 pub fn measure(
     journal: impl BufRead,
     options: Options,
-    embedder: &dyn Embedder,
+    embedder: Arc<dyn Embedder>,
+    mut progress: impl FnMut(u32, u32),
 ) -> Result<(Report, Metrics), Fault> {
-    let mut meter: Option<Meter<'_>> = None;
+    let mut meter: Option<Meter> = None;
     let report = verify_seen(journal, None, Solver::Flow, |world, acts| {
+        progress(world.round(), world.config().max_round());
         let state = State::of(world);
         match &mut meter {
-            None => meter = Some(Meter::new(Setup::of(world), state, options, embedder)),
+            None => {
+                meter = Some(Meter::new(Setup::of(world), state, options, Arc::clone(&embedder)))
+            }
             Some(meter) => {
                 let decisions = decisions(world.config(), acts);
                 meter.round(&decisions, state, Some(&Heard::all(world)));
@@ -39,7 +45,10 @@ pub fn measure(
 ///
 /// The records are of a journal that was checked: agents and actions that the game does not have are left out.
 #[must_use]
-pub fn decisions(config: &Config, acts: &[ActRecord]) -> Vec<Decision> {
+pub fn decisions<'a>(
+    config: &Config,
+    acts: impl IntoIterator<Item = &'a ActRecord>,
+) -> Vec<Decision> {
     let mut decisions = vec![Decision::default(); config.num_agents().into()];
     for act in acts {
         let agent = AgentId::parse(&act.agent);

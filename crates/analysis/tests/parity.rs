@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs::{File, read_to_string};
 use std::io::BufReader;
 use std::path::Path;
+use std::sync::Arc;
 
 use swarmbench_analysis::journal::measure;
 use swarmbench_analysis::{Definition, Hash1, Metric, Options};
@@ -36,7 +37,8 @@ fn every_frame_of_every_metric_is_that_of_the_toolkit() {
         let journal = File::open(folder.join(format!("game-{game}.jsonl"))).expect("a journal");
         let options = Options { series: true, vectors: true, edits: false };
         let (_, metrics) =
-            measure(BufReader::new(journal), options, &Hash1::new()).expect("it verifies");
+            measure(BufReader::new(journal), options, Arc::new(Hash1::new()), |_, _| ())
+                .expect("it verifies");
         let published = read_to_string(folder.join(format!("toolkit-{game}.json")));
         let published: Published =
             serde_json::from_str(&published.expect("its values")).expect("they are JSON");

@@ -33,6 +33,8 @@ pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize) -> Leaderboard {
         sort: ranked.view.sort.as_ref().map_or_else(|| "total".to_owned(), name),
         pick: ranked.view.pick.name().to_owned(),
         rows: whole(ranked.rows.len()),
+        metrics: Vec::new(),
+        metrics_method: None,
         items,
         next_cursor: last.map(|row| write_cursor(row.id(), end)),
     }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use super::metrics::MetricsMethod;
 use super::table::{Table, maybe, names, text};
 use crate::time::Timestamp;
 
@@ -28,6 +29,12 @@ pub struct Leaderboard {
     pub pick: String,
     /// How many rows the whole board has.
     pub rows: u32,
+    /// The metrics that were asked for, in that order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub metrics: Vec<String>,
+    /// How their values were computed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metrics_method: Option<MetricsMethod>,
     /// Rows, the highest first.
     pub items: Vec<BoardRow>,
     /// Where the next page begins; null on the last.
@@ -99,6 +106,10 @@ pub struct BoardRow {
     pub clock_out_share: Option<f64>,
     /// Voided games, which do not count.
     pub voided: Option<u32>,
+    /// Of each task the metrics that were asked for: means over the games of the run that is named in `run`. Null where
+    /// no game has a value, or none was measured yet; empty for rows without a run.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, BTreeMap<String, Option<f64>>>,
 }
 
 /// The games of one task.
@@ -156,7 +167,10 @@ impl Table for Leaderboard {
             "difference difference_low difference_high difference_pairs invalid_share timeout_share voided row \
              difference_to row_rules converted other_rules",
         );
-        columns.chain(self.tasks.iter().flat_map(task)).chain(last).collect()
+        let metrics = self.tasks.iter().flat_map(|task| {
+            self.metrics.iter().map(move |metric| format!("{}_{metric}", task.to_lowercase()))
+        });
+        columns.chain(self.tasks.iter().flat_map(task)).chain(last).chain(metrics).collect()
     }
 
     fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
@@ -205,6 +219,12 @@ impl Table for Leaderboard {
             row.converted.join(" "),
             row.other_rules.join(" "),
         ]);
+        for task in &self.tasks {
+            let of = row.metrics.get(task);
+            cells.extend(
+                self.metrics.iter().map(|metric| maybe(of.and_then(|of| *of.get(metric)?))),
+            );
+        }
         cells
     }
 }

@@ -28,6 +28,7 @@ pub mod episode;
 pub mod import;
 pub mod key;
 pub mod loopback;
+pub mod metrics;
 pub mod names;
 pub mod observation;
 pub mod problem;

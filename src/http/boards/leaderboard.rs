@@ -1,12 +1,17 @@
 //! `GET /api/v1/leaderboard`.
 
+use std::collections::BTreeMap;
+
 use axum::http::HeaderMap;
 use serde::Deserialize;
+use swarmbench_analysis::{Definition, Metric};
 use utoipa::IntoParams;
 
 use super::super::page::cursor_by;
 use super::super::prelude::*;
 use super::{Format, by_accept};
+use crate::measure::method;
+use crate::store::metrics::{RunTask, stored_method};
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::page::{self, read_cursor};
 use swarmbench_protocol::board::Leaderboard;
@@ -29,6 +34,8 @@ pub(in super::super) struct BoardParams {
     reference: Option<bool>,
     /// Whether games that were read from files are shown, too; they are not where it is left out.
     imported: Option<bool>,
+    /// Metrics that are shown for each task, by their names and with commas between them; 16 at most.
+    metrics: Option<String>,
     /// `json` or `csv`; where it is left out, the header `Accept` decides.
     format: Option<String>,
     /// How many rows at most, up to 1,000; where it is left out 50, and of CSV 1,000.
@@ -69,6 +76,7 @@ pub(in super::super) async fn show_leaderboard(
     let format = Format::wanted(params.format.as_deref(), &headers)?;
     let limit = format.page_limit(&app, params.limit)?;
     let after = cursor_by(params.cursor.as_deref(), read_cursor)?;
+    let metrics = params.metrics.as_deref().map_or(Ok(Vec::new()), wanted_metrics)?;
     let question = Question {
         suite: params.suite,
         rules: params.rules,
@@ -78,17 +86,82 @@ pub(in super::super) async fn show_leaderboard(
         no_reference: params.reference == Some(false),
         imported: params.imported == Some(true),
     };
-    let asked = format!("leaderboard {question:?} {after:?} {limit} {format:?}");
+    // Games are measured after their results are known.
+    let measured = (!metrics.is_empty()).then(|| app.store.writer().changes().measured());
+    let asked =
+        format!("leaderboard {question:?} {metrics:?} {measured:?} {after:?} {limit} {format:?}");
     let make = async {
         let boards = app.standings.boards().await?;
+        let means = if metrics.is_empty() {
+            Means::new()
+        } else {
+            let (boards, question) = (boards.clone(), question.clone());
+            let runs = app.heavy.render(move || {
+                let ranked = boards.ranked(&question)?;
+                let shown = page::leaderboard(&ranked, ranked.after(after), limit);
+                Ok::<_, ApiError>(
+                    shown.items.into_iter().filter_map(|row| row.run).collect::<Vec<_>>(),
+                )
+            });
+            app.store.mean_metrics(&runs.await??, &metrics, stored_method()).await?
+        };
         let bytes_max = app.limits.answer_bytes_max;
         let answer = app.heavy.render(move || {
             let ranked = boards.ranked(&question)?;
             let start = ranked.after(after);
-            let page = |limit| page::leaderboard(&ranked, start, limit);
+            let page =
+                |limit| with_metrics(page::leaderboard(&ranked, start, limit), &metrics, &means);
             Ok(by_accept(format.page(bytes_max, limit, page)))
         });
         answer.await?
     };
     app.answers.answer(asked, Box::pin(make)).await
+}
+
+/// Metrics that a board shows at once.
+const METRICS_MAX: usize = 16;
+
+/// By run and task, the means of the metrics that were asked for.
+type Means = BTreeMap<RunTask, Vec<Option<f64>>>;
+
+fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiError> {
+    let metrics: Vec<Metric> = names
+        .split(',')
+        .map(|name| {
+            Metric::parse(name.trim()).ok_or_else(|| {
+                let known = Metric::ALL.map(Metric::name).join(", ");
+                let detail = format!("metrics has {name:?}, which is none of {known}");
+                ApiError::new(Code::Malformed, detail)
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    if metrics.len() > METRICS_MAX {
+        let detail = format!("a board shows at most {METRICS_MAX} metrics, not {}", metrics.len());
+        return Err(ApiError::new(Code::Malformed, detail));
+    }
+    Ok(metrics)
+}
+
+/// Adds metrics to the rows that have a run.
+fn with_metrics(mut board: Leaderboard, metrics: &[Metric], means: &Means) -> Leaderboard {
+    if metrics.is_empty() {
+        return board;
+    }
+    board.metrics = metrics.iter().map(|metric| metric.name().to_owned()).collect();
+    board.metrics_method = Some(method(Definition::Paper));
+    for row in &mut board.items {
+        let Some(run) = &row.run else { continue };
+        row.metrics = board
+            .tasks
+            .iter()
+            .map(|task| {
+                let means = means.get(&(run.clone(), task.clone()));
+                let of = metrics.iter().enumerate().map(|(place, metric)| {
+                    (metric.name().to_owned(), means.and_then(|means| means[place]))
+                });
+                (task.clone(), of.collect())
+            })
+            .collect();
+    }
+    board
 }

@@ -5,6 +5,7 @@ pub(super) mod create;
 pub(super) mod events;
 pub(super) mod journal;
 pub(super) mod list;
+pub(super) mod metrics;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod state;
@@ -27,6 +28,16 @@ use swarmbench_protocol::episode::{EpisodeConfig, EpisodeResult, EpisodeSummary}
 impl App {
     /// An episode of which the caller may read everything but the seed.
     async fn readable(&self, caller: &Caller, id: String) -> Result<Handle, ApiError> {
+        let stored = self.readable_stored(caller, id).await?;
+        self.episode(&stored.id).await
+    }
+
+    /// What is stored of an episode of which the caller may read the states.
+    async fn readable_stored(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<StoredEpisode, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
         if !caller.may_read(&self.access, subject(&stored, &spec)) {
             let detail = if spec.visibility == Visibility::Sealed {
@@ -39,7 +50,7 @@ impl App {
             return Err(ApiError::new(Code::Forbidden, detail));
         }
         self.audit_sealed_read(caller, &stored, spec.visibility).await?;
-        self.episode(&stored.id).await
+        Ok(stored)
     }
 
     /// Adds an audit entry where an organizer reads a game whose seed is sealed.

@@ -110,7 +110,7 @@ impl File {
     operation_id = "download_export",
     tag = "data",
     params(
-        ("file" = String, Path, description = "`dataset.zip`, or `episodes`, `acts` or `rounds` with `.jsonl` or `.parquet`", example = "acts.jsonl"),
+        ("file" = String, Path, description = "`dataset.zip`, or `episodes`, `acts`, `rounds`, `heard` or `views` with `.jsonl` or `.parquet`", example = "acts.jsonl"),
         ExportParams,
     ),
     security((), ("seat" = []), ("swarm" = []), ("key" = [])),

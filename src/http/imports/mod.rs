@@ -1,6 +1,7 @@
 //! Games that were read from files: list, show, and what spectators read.
 
 pub(super) mod list;
+pub(super) mod metrics;
 pub(super) mod show;
 pub(super) mod state;
 

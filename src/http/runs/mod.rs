@@ -4,6 +4,7 @@ pub(super) mod abort;
 pub(super) mod create;
 pub(super) mod events;
 pub(super) mod list;
+pub(super) mod metrics;
 pub(super) mod show;
 pub(super) mod suites;
 pub(super) mod token;

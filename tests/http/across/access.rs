@@ -164,8 +164,8 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         // What may not be read is left out.
         "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
-        "show_import" | "show_imported_state" => Some(404),
-        "show_run" | "stream_run_events" => (!reads_run()).then_some(404),
+        "show_import" | "show_imported_state" | "show_import_metrics" => Some(404),
+        "show_run" | "stream_run_events" | "show_run_metrics" => (!reads_run()).then_some(404),
         "abort_run" | "replace_run_token" => match () {
             () if !reads_run() => Some(404),
             () if !kind.owns_run() => Some(403),
@@ -184,7 +184,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_key() => (!knows()).then_some(404),
             _ => Some(403),
         },
-        "show_state" | "stream_events" => match () {
+        "show_state" | "show_episode_metrics" | "stream_events" => match () {
             () if !knows() => Some(404),
             () if !reads() => Some(403),
             () => None,

@@ -89,6 +89,13 @@ async fn canaries(app: &TestApp, cup: &Cup) -> BTreeSet<Canary> {
     for episode in list(&all["items"]) {
         found.insert(canary("seed", episode["config"]["seed"].to_string()));
         found.extend(score(&episode["score"]));
+        let path = format!("/api/v1/episodes/{}/metrics", text(&episode["id"]));
+        let metrics = app.get(&path).token(&app.organizer).ok().await;
+        for metric in ["path_length", "crowding"] {
+            let value = &metrics["values"][metric];
+            let is_rare = value["value"].as_f64().is_some_and(|value| value.fract() != 0.0);
+            found.extend(is_rare.then(|| canary("metric", format!("\"{metric}\":{value}"))));
+        }
         for round in ["", "?round=0"] {
             let path = format!("/api/v1/episodes/{}/state{round}", text(&episode["id"]));
             let state = app.get(&path).token(&app.organizer).ok().await;
@@ -194,6 +201,7 @@ async fn nothing_of_a_sealed_game_reaches_anybody_but_organizers() {
     let expected = [
         "grid",
         "layout",
+        "metric",
         "row",
         "salt",
         "salt of an episode",

@@ -320,6 +320,14 @@ impl TestApp {
         sqlx::Connection::close(database).await.expect("it closes");
     }
 
+    /// The number that a query of another program gives.
+    pub(crate) async fn count(&self, query: &'static str) -> i64 {
+        let mut database = self.other_program().await;
+        let count = sqlx::query_scalar(query).fetch_one(&mut database).await.expect("a number");
+        sqlx::Connection::close(database).await.expect("it closes");
+        count
+    }
+
     /// Another program's connection to the database.
     pub(crate) async fn other_program(&self) -> sqlx::SqliteConnection {
         let path = format!("sqlite://{}", self.database().display());

@@ -5,6 +5,7 @@ mod create;
 mod events;
 mod journal;
 mod list;
+mod metrics;
 mod show;
 mod start;
 mod state;

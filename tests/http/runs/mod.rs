@@ -4,6 +4,7 @@ mod abort;
 mod create;
 mod events;
 mod list;
+mod metrics;
 mod play;
 mod restart;
 mod show;

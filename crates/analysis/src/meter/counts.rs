@@ -5,34 +5,58 @@ use swarmbench_engine::{Action, Direction};
 use crate::characters::{is_digit, is_toolkit_digit};
 use crate::game::{Decision, State};
 
-/// The whole numbers of a state and the round that led to it. All but `explored` are 0 for the layout, where they
-/// are not defined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[expect(missing_docs, reason = "defined in docs/evaluate/metrics.md")]
-pub struct Counts {
-    pub alive: u32,
-    pub moves_up: u32,
-    pub moves_down: u32,
-    pub moves_left: u32,
-    pub moves_right: u32,
-    pub stays: u32,
-    pub switches: u32,
-    pub no_actions: u32,
-    pub invalid: u32,
-    pub timeouts: u32,
-    pub messages: u32,
-    pub distinct_messages: u32,
-    pub questions: u32,
-    pub message_chars: u64,
-    pub message_digits: u64,
-    pub message_chars_squared: u64,
-    pub distance: u32,
-    pub explored: u32,
-    pub kept_pairs: u32,
-    pub pushes: u32,
-    pub pushes_strict: u32,
-    pub blocked: u32,
-    pub components: u32,
+/// Defines the counts with their names.
+macro_rules! counts {
+    ($($name:ident: $type:ty,)*) => {
+        /// The whole numbers of a state and the round that led to it. All but `explored` are 0 for the layout, where they
+        /// are not defined.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[expect(missing_docs, reason = "defined in docs/evaluate/metrics.md")]
+        pub struct Counts {
+            $(pub $name: $type,)*
+        }
+
+        impl Counts {
+            /// The names of all counts, in order.
+            pub const NAMES: [&str; [$(stringify!($name)),*].len()] = [$(stringify!($name)),*];
+
+            /// All counts with their names, in order; those that the layout does not have are `None`.
+            #[must_use]
+            pub fn columns(&self, is_layout: bool) -> [(&'static str, Option<u64>); Self::NAMES.len()] {
+                let has = |name| !is_layout || name == "explored";
+                [$((
+                    stringify!($name),
+                    Some(u64::from(self.$name)).filter(|_| has(stringify!($name))),
+                )),*]
+            }
+        }
+    };
+}
+
+counts! {
+    alive: u32,
+    moves_up: u32,
+    moves_down: u32,
+    moves_left: u32,
+    moves_right: u32,
+    stays: u32,
+    switches: u32,
+    no_actions: u32,
+    invalid: u32,
+    timeouts: u32,
+    messages: u32,
+    distinct_messages: u32,
+    questions: u32,
+    message_chars: u64,
+    message_digits: u64,
+    message_chars_squared: u64,
+    distance: u32,
+    explored: u32,
+    kept_pairs: u32,
+    pushes: u32,
+    pushes_strict: u32,
+    blocked: u32,
+    components: u32,
 }
 
 impl Counts {

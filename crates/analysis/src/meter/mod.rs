@@ -13,6 +13,7 @@ mod toolkit;
 mod totals;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 pub use counts::Counts;
 
@@ -68,13 +69,17 @@ impl Metrics {
 }
 
 /// A game that is being measured.
-pub struct Meter<'a> {
+pub struct Meter {
     setup: Setup,
     state: State,
     options: Options,
-    embedder: &'a dyn Embedder,
+    embedder: Arc<dyn Embedder>,
     rounds: u32,
     counts: Vec<Counts>,
+    /// The counts of the state now.
+    newest: Counts,
+    /// The values of the state now.
+    values: [Option<f64>; Metric::ALL.len()],
     table: Table,
     toolkit: Toolkit,
     totals: Totals,
@@ -91,10 +96,10 @@ pub struct Meter<'a> {
     sampled: bool,
 }
 
-impl<'a> Meter<'a> {
+impl Meter {
     /// Begins with the layout.
     #[must_use]
-    pub fn new(setup: Setup, layout: State, options: Options, embedder: &'a dyn Embedder) -> Self {
+    pub fn new(setup: Setup, layout: State, options: Options, embedder: Arc<dyn Embedder>) -> Self {
         let agents = layout.agents.len();
         let mut meter = Self {
             toolkit: Toolkit::new(&setup, &layout, options.series),
@@ -104,6 +109,8 @@ impl<'a> Meter<'a> {
             explored: Explored::default(),
             rounds: 0,
             counts: Vec::new(),
+            newest: Counts::default(),
+            values: [None; Metric::ALL.len()],
             walked: 0,
             homogeneity: Trend::default(),
             edit_consistency: Trend::default(),
@@ -118,8 +125,8 @@ impl<'a> Meter<'a> {
         meter.explore();
         let counts = Counts { explored: meter.explored.cells, ..Counts::default() };
         let row = Row { counts, so_far: meter.so_far(), ..Row::default() };
-        for metric in Metric::ALL {
-            let value = row.value_of_layout(&meter.state, metric);
+        meter.values = Metric::ALL.map(|metric| row.value_of_layout(&meter.state, metric));
+        for (metric, value) in Metric::ALL.into_iter().zip(meter.values) {
             meter.table.add_to_series(metric, value);
         }
         meter.keep(counts);
@@ -148,8 +155,9 @@ impl<'a> Meter<'a> {
         self.explore();
         row.counts.explored = self.explored.cells;
         row.so_far = self.so_far();
-        for metric in Metric::ALL {
-            self.table.add(metric, row.value(&self.state, metric));
+        self.values = Metric::ALL.map(|metric| row.value(&self.state, metric));
+        for (metric, value) in Metric::ALL.into_iter().zip(self.values) {
+            self.table.add(metric, value);
         }
         self.homogeneity.add(self.rounds, row.cosines.distinct);
         self.edit_consistency.add(self.rounds, row.edit_consistency);
@@ -160,6 +168,13 @@ impl<'a> Meter<'a> {
             heard
         });
         self.rounds += 1;
+    }
+
+    /// The whole numbers of the state now, and the values by [`Definition::Paper`] of the metrics that have one in each
+    /// round, in the order of [`Metric::ALL`].
+    #[must_use]
+    pub const fn now(&self) -> (&Counts, &[Option<f64>; Metric::ALL.len()]) {
+        (&self.newest, &self.values)
     }
 
     /// The counts and values so far, as if the game ended now.
@@ -189,7 +204,7 @@ impl<'a> Meter<'a> {
         };
         row.counts.components = row.sight.components;
         if self.options.vectors {
-            row.cosines = Cosines::of(said, self.embedder);
+            row.cosines = Cosines::of(said, &*self.embedder);
         }
         if self.options.edits {
             let edits = texts::edit_consistency(said);
@@ -221,6 +236,7 @@ impl<'a> Meter<'a> {
     }
 
     fn keep(&mut self, counts: Counts) {
+        self.newest = counts;
         if self.options.series {
             self.counts.push(counts);
         }

@@ -1,0 +1,328 @@
+//! `swarmbench metrics`
+
+use std::collections::BTreeMap;
+use std::io::{BufReader, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, bail};
+use swarmbench_analysis::metric::Panel;
+use swarmbench_analysis::{Definition, Embedder, Hash1, METRICS_REVISION, Metric, Options};
+use swarmbench_client::client::Client;
+use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMetrics};
+
+use super::options::ServerArgs;
+use super::output::{fields, mean, progress_bar, set, table};
+use crate::measure::{series, values};
+use crate::store::metrics::Measured;
+
+/// States of a series that a server sends at once.
+const STATES: u32 = 1000;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "docs/evaluate/metrics.md defines every metric. Values of two embedders, two definitions or two revisions cannot be \
+    compared.\n\nExamples:\n  \
+    swarmbench metrics ep_0123…                        (on a server on this machine)\n  \
+    swarmbench metrics run_0123…                       (of all games of a run, with means by task)\n  \
+    swarmbench metrics game.jsonl                      (a journal file, without a server)\n  \
+    swarmbench metrics game.jsonl --series --format csv > states.csv"
+)]
+pub(super) struct Args {
+    /// An episode, a run, an imported game (by its id), or a journal file.
+    game: String,
+    #[command(flatten)]
+    server: ServerArgs,
+    /// paper: the words of the paper. toolkit: what its published scripts compute.
+    #[arg(long, default_value = "paper", value_parser = definition)]
+    definition: Definition,
+    /// Also the values of every state.
+    #[arg(long)]
+    series: bool,
+    /// How to print.
+    #[arg(long, value_enum, default_value = "table")]
+    format: Format,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// Tables for a terminal.
+    Table,
+    /// JSON, as the server sends it.
+    Json,
+    /// A row for each metric and game; with --series a row for each state.
+    Csv,
+}
+
+fn definition(name: &str) -> Result<Definition, String> {
+    Definition::parse(name).ok_or_else(|| "must be paper or toolkit".to_owned())
+}
+
+pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+    let path = PathBuf::from(&args.game);
+    if path.is_file() {
+        let journal = std::fs::read(&path).with_context(|| format!("{}", path.display()))?;
+        let game = of_journal(&args, journal).await;
+        return show(&args, &game.with_context(|| format!("{}", path.display()))?);
+    }
+    let client = args.server.clone().client()?;
+    if args.game.starts_with("run_") {
+        return show_run(&args, &of_run(&args, &client).await?);
+    }
+    let is_known = ["ep_", "imp_"].iter().any(|prefix| args.game.starts_with(prefix));
+    if !is_known {
+        bail!(
+            "{} is no file, and no id of an episode (ep_…), a run (run_…) or an imported game (imp_…)",
+            args.game
+        );
+    }
+    show(&args, &of_server(&args, &client).await?)
+}
+
+/// Measures a journal on this machine.
+async fn of_journal(args: &Args, journal: Vec<u8>) -> anyhow::Result<GameMetrics> {
+    let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
+    let (definition, wants_series) = (args.definition, args.series);
+    let work = move || measured(&journal, definition, wants_series, &embedder);
+    tokio::task::spawn_blocking(work).await?
+}
+
+fn measured(
+    journal: &[u8],
+    definition: Definition,
+    wants_series: bool,
+    embedder: &Arc<dyn Embedder>,
+) -> anyhow::Result<GameMetrics> {
+    let bar = progress_bar("{bar:30} round {pos} of {len}");
+    let options = Options { series: wants_series, vectors: true, edits: true };
+    let read = swarmbench_analysis::journal::measure(
+        BufReader::new(journal),
+        options,
+        Arc::clone(embedder),
+        |round, of| set(&bar, round.into(), of.into()),
+    );
+    bar.finish_and_clear();
+    let (report, metrics) = read?;
+    let measured = Measured::of(&metrics);
+    Ok(GameMetrics {
+        episode: report.opening.episode.clone(),
+        task: report.opening.config.task.clone(),
+        status: report.end.map_or_else(|| "running".to_owned(), |end| end.status),
+        rounds: report.rounds,
+        score: report.score,
+        method: MetricsMethod {
+            definition: definition.name().to_owned(),
+            metrics_revision: METRICS_REVISION,
+            embedder: embedder.id().to_owned(),
+        },
+        sampled: measured.sampled(),
+        values: values(&measured, definition),
+        series: wants_series.then(|| series(&metrics, definition, 0..metrics.rounds + 1)),
+    })
+}
+
+/// The metrics of an episode or an imported game of a server.
+async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> {
+    let kind = if args.game.starts_with("imp_") { "imports" } else { "episodes" };
+    let path = format!("/api/v1/{kind}/{}/metrics", args.game);
+    let states = STATES.to_string();
+    let mut query = vec![("definition", args.definition.name())];
+    if !args.series {
+        return Ok(client.get_with(&path, &query).await?);
+    }
+    query.extend([("series", "true"), ("states", &states)]);
+    let mut game: GameMetrics = client.get_with(&path, &query).await?;
+    while let Some(all) = &mut game.series
+        && let Some(next) = all.next
+    {
+        let next = next.to_string();
+        let page: Vec<_> = query.iter().copied().chain([("from", &*next)]).collect();
+        let more: GameMetrics = client.get_with(&path, &page).await?;
+        let more = more.series.context("the server sent no series")?;
+        all.next = more.next;
+        all.length += more.length;
+        for (name, values) in more.values {
+            all.values.entry(name).or_default().extend(values);
+        }
+        for (name, counts) in more.counts {
+            all.counts.entry(name).or_default().extend(counts);
+        }
+    }
+    Ok(game)
+}
+
+/// The metrics of all games of a run.
+async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
+    if args.series {
+        bail!("--series is for one game: name an episode");
+    }
+    let path = format!("/api/v1/runs/{}/metrics", args.game);
+    let query = [("definition", args.definition.name())];
+    let bar = progress_bar("{spinner} {pos} games");
+    let mut run: RunMetrics = client.get_with(&path, &query).await?;
+    while let Some(cursor) = run.next_cursor.take() {
+        bar.set_position(run.items.len() as u64);
+        let page: Vec<_> = query.iter().copied().chain([("cursor", &*cursor)]).collect();
+        let more: RunMetrics = client.get_with(&path, &page).await?;
+        run.items.extend(more.items);
+        run.next_cursor = more.next_cursor;
+    }
+    bar.finish_and_clear();
+    run.tasks = crate::measure::means(&run.items);
+    Ok(run)
+}
+
+fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
+    match args.format {
+        Format::Json => print_json(game),
+        Format::Csv if args.series => series_csv(game),
+        Format::Csv => values_csv(std::slice::from_ref(game)),
+        Format::Table => {
+            println!("{}", heading(game));
+            for (panel, title) in PANELS {
+                let mut shown = table(&[title, "value", "rounds"]);
+                for metric in of_panel(panel) {
+                    if let Some(of) = game.values.get(metric.name()) {
+                        shown.add_row([title_of(metric), number(of.value), of.rounds.to_string()]);
+                    }
+                }
+                if shown.row_iter().next().is_some() {
+                    println!("{shown}");
+                }
+            }
+            if game.sampled {
+                println!(
+                    "sampled: a round had too many different texts, and some were left out of their comparison"
+                );
+            }
+            if args.series {
+                println!("the values of all states are in --format csv and json");
+            }
+            Ok(())
+        }
+    }
+}
+
+fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
+    match args.format {
+        Format::Json => return print_json(run),
+        Format::Csv => return values_csv(&run.items),
+        Format::Table => {}
+    }
+    if run.items.is_empty() {
+        println!("{}: no game has ended yet", run.run);
+        return Ok(());
+    }
+    for (task, of_task) in &run.tasks {
+        let games = run.items.iter().filter(|game| game.task == *task).count();
+        println!("{task}: {games} games, mean ± deviation over those with a value");
+        for (panel, title) in PANELS {
+            let mut shown = table(&[title, "value", "games"]);
+            for metric in of_panel(panel) {
+                if let Some(MetricMean { mean: value, deviation, games }) =
+                    of_task.get(metric.name())
+                {
+                    let value = mean(Some(*value), Some(*deviation));
+                    shown.add_row([title_of(metric), value, games.to_string()]);
+                }
+            }
+            if shown.row_iter().next().is_some() {
+                println!("{shown}");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The parts of a table of metrics.
+const PANELS: [(Option<Panel>, &str); 4] = [
+    (Some(Panel::Messages), "messages"),
+    (Some(Panel::Choices), "choices"),
+    (Some(Panel::Positions), "positions"),
+    (None, "further metrics"),
+];
+
+fn of_panel(panel: Option<Panel>) -> impl Iterator<Item = Metric> {
+    Metric::ALL.into_iter().filter(move |metric| metric.about().panel == panel)
+}
+
+fn title_of(metric: Metric) -> String {
+    metric.about().title.to_owned()
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"))
+}
+
+fn heading(game: &GameMetrics) -> impl std::fmt::Display {
+    let MetricsMethod { definition, metrics_revision, embedder } = &game.method;
+    fields([
+        ("game", game.episode.clone()),
+        ("task", game.task.clone()),
+        ("rounds", format!("{} ({})", game.rounds, game.status)),
+        ("score", game.score.to_string()),
+        ("definition", format!("{definition}, revision {metrics_revision}")),
+        ("embedder", embedder.clone()),
+    ])
+}
+
+fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    serde_json::to_writer_pretty(&mut out, value)?;
+    Ok(out.write_all(b"\n")?)
+}
+
+/// A row for each game and metric.
+fn values_csv(games: &[GameMetrics]) -> anyhow::Result<()> {
+    let mut out = csv::Writer::from_writer(std::io::stdout().lock());
+    out.write_record([
+        "episode",
+        "task",
+        "score",
+        "definition",
+        "metrics_revision",
+        "embedder",
+        "metric",
+        "value",
+        "rounds",
+    ])?;
+    for game in games {
+        let method = &game.method;
+        for (metric, of) in &game.values {
+            out.write_record([
+                &game.episode,
+                &game.task,
+                &game.score.to_string(),
+                &method.definition,
+                &method.metrics_revision.to_string(),
+                &method.embedder,
+                metric,
+                &exact(of.value),
+                &of.rounds.to_string(),
+            ])?;
+        }
+    }
+    Ok(out.flush()?)
+}
+
+/// A row for each state.
+fn series_csv(game: &GameMetrics) -> anyhow::Result<()> {
+    let all = game.series.as_ref().context("the server sent no series")?;
+    let mut out = csv::Writer::from_writer(std::io::stdout().lock());
+    // A count that is a metric, too, is written once.
+    let values: BTreeMap<_, _> =
+        all.values.iter().filter(|(name, _)| !all.counts.contains_key(*name)).collect();
+    let names = all.counts.keys().chain(values.keys().copied());
+    out.write_record(["round"].into_iter().chain(names.map(String::as_str)))?;
+    for state in 0..all.length as usize {
+        let counts = all.counts.values().map(|counts| exact(counts[state]));
+        let values = values.values().map(|values| exact(values[state]));
+        let round = (all.from as usize + state).to_string();
+        out.write_record([round].into_iter().chain(counts).chain(values))?;
+    }
+    Ok(out.flush()?)
+}
+
+fn exact(value: Option<impl ToString>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}

@@ -1,0 +1,140 @@
+//! Metrics of games as exports and imports have them.
+
+use std::sync::Arc;
+
+use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
+use swarmbench_analysis::journal::decisions;
+use swarmbench_analysis::{Embedder, Hash1, Meter, Metrics, Options};
+use swarmbench_engine::{Action, Control, Direction, Pos, TaskName, World};
+
+use super::format::GameRow;
+use super::game::{Game, Turn};
+use super::imported;
+use crate::store::entries::ImportedRound;
+use crate::store::imports::StoredImport;
+
+/// What fixed things are on a grid: walls, nest and food.
+const FIXED: [&str; 3] = ["W", "N", "F"];
+
+/// A meter at the layout of a game.
+pub fn meter(layout: &World, series: bool, embedder: Arc<dyn Embedder>) -> Meter {
+    let options = Options { series, vectors: true, edits: true };
+    Meter::new(Setup::of(layout), State::of(layout), options, embedder)
+}
+
+/// Adds the round that led to the current state of a game.
+pub fn add(meter: &mut Meter, game: &Game, turn: &Turn) {
+    let world = game.world();
+    let acts = turn.acts.iter().map(|act| &act.record);
+    meter.round(&decisions(world.config(), acts), State::of(world), Some(&Heard::all(world)));
+}
+
+/// An imported game that is being measured, state by state.
+pub struct ImportMeter {
+    setup: Setup,
+    task: TaskName,
+    options: Options,
+    meter: Option<Meter>,
+    /// What was decided in the last state.
+    decided: Vec<Decision>,
+}
+
+impl ImportMeter {
+    /// # Errors
+    /// If it is a game of an unknown task.
+    pub fn new(stored: &StoredImport, series: bool) -> Result<Self, String> {
+        let settings = &stored.settings;
+        let task = TaskName::parse(&stored.task);
+        let task = task.ok_or_else(|| format!("there is no task {:?}", stored.task))?;
+        let size = |cells: u32| i32::try_from(cells).unwrap_or(i32::MAX);
+        let setup = Setup {
+            task,
+            // The toolkit has no other.
+            control: settings
+                .control
+                .as_deref()
+                .and_then(Control::parse)
+                .unwrap_or(Control::Decentralized),
+            height: size(settings.height),
+            width: size(settings.width),
+            view_size: size(settings.view_size),
+            memory: settings.memory.and_then(|rounds| u32::try_from(rounds).ok()),
+            open_cells: 0,
+        };
+        let options = Options { series, vectors: true, edits: true };
+        Ok(Self { setup, task, options, meter: None, decided: Vec::new() })
+    }
+
+    /// Adds the next state, and what was decided in it.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn add(&mut self, round: &ImportedRound) -> Result<(), String> {
+        let row = imported::game_row(self.task.name(), round)?;
+        let state = state(self.task, &row);
+        let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows)?;
+        let mut decided = vec![Decision::default(); row.agents.len()];
+        for act in rows {
+            let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
+            let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
+            // The toolkit goes on writing rows for agents that have escaped.
+            if state.agents[agent].alive {
+                decided[agent] = Decision {
+                    action: act.action.as_deref().and_then(|name| Action::parse(self.task, name)),
+                    message: act.message.filter(|text| !text.is_empty()),
+                    ..Decision::default()
+                };
+            }
+        }
+        let before = std::mem::replace(&mut self.decided, decided);
+        match &mut self.meter {
+            Some(meter) => meter.round(&before, state, None),
+            None => {
+                let is_open = |cell: &&String| !FIXED.contains(&cell.as_str());
+                let open_cells = row.grid.iter().flatten().filter(is_open).count();
+                let setup = Setup { open_cells, ..self.setup.clone() };
+                let embedder = Arc::new(Hash1::default());
+                self.meter = Some(Meter::new(setup, state, self.options, embedder));
+            }
+        }
+        Ok(())
+    }
+
+    /// # Errors
+    /// If it has no state.
+    pub fn finish(self) -> Result<Metrics, String> {
+        Ok(self.meter.ok_or("it has no states")?.metrics())
+    }
+}
+
+/// A state of the files, as far as metrics need it.
+fn state(task: TaskName, row: &GameRow) -> State {
+    let cell = |at: Pos| {
+        let (i, j) = (usize::try_from(at.i).ok()?, usize::try_from(at.j).ok()?);
+        Some(row.grid.get(i)?.get(j)?.as_str())
+    };
+    let positions = || {
+        (0..).zip(&row.grid).flat_map(|(i, cells)| {
+            (0..).zip(cells).map(move |(j, cell)| (Pos::new(i, j), cell.as_str()))
+        })
+    };
+    let of = |symbol: &'static str| {
+        positions().filter(move |(_, cell)| *cell == symbol).map(|(at, _)| at)
+    };
+    let agents = row.agents.iter().map(|agent| {
+        let at = Pos::new(agent.y, agent.x);
+        let own = cell(at);
+        let light_on = (task == TaskName::Synchronization).then_some(own == Some("A"));
+        Agent { at, alive: own.is_some(), light_on }
+    });
+    let freedom = |prey: Pos| {
+        let free = Direction::ALL.map(|way| cell(prey.toward(way)) == Some("."));
+        free.into_iter().map(u32::from).sum()
+    };
+    State {
+        score: row.score,
+        agents: agents.collect(),
+        block: of("B").collect(),
+        prey_freedom: of("P").next().map(freedom),
+    }
+}

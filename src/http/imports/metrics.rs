@@ -1,0 +1,70 @@
+//! `GET /api/v1/imports/{id}/metrics`.
+
+use axum::Json;
+
+use super::super::episodes::metrics::{MetricsParams, definition};
+use super::super::prelude::*;
+use crate::dataset::measure::ImportMeter;
+use crate::measure::{self, SERIES_BYTES_OF_A_ROUND, method};
+use crate::store::metrics::Measured;
+use swarmbench_protocol::metrics::GameMetrics;
+
+/// Rounds that are read and measured at once.
+const CHUNK: u32 = 64;
+
+/// Show the metrics of an imported game.
+///
+/// As those of an episode; what the files of a game do not tell (who heard a message, what was remembered) is null.
+#[utoipa::path(
+    get,
+    path = "/api/v1/imports/{id}/metrics",
+    operation_id = "show_import_metrics",
+    tag = "data",
+    params(("id" = String, Path, description = "The game's id"), MetricsParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The metrics", body = GameMetrics),
+        (status = 404, description = "`not_found`: no such game, or no such state"),
+        (status = 503, description = "`overloaded`: too many games are being measured"),
+    )
+)]
+pub(in super::super) async fn show_import_metrics(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Params(params): Params<MetricsParams>,
+) -> Result<Json<GameMetrics>, ApiError> {
+    let definition = definition(params.definition.as_deref())?;
+    let wanted = params.series()?;
+    let stored = app.import(&caller, &id).await?;
+    let states = if wanted.is_some() { stored.rounds as usize + 1 } else { 1 };
+    let _memory = app.registry.room(states * SERIES_BYTES_OF_A_ROUND)?;
+    let _permit = app.heavy.replay().await?;
+    let broken = |problem: String| {
+        ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
+    };
+    let mut meter = ImportMeter::new(&stored, wanted.is_some()).map_err(broken)?;
+    let mut from = 0;
+    while from <= stored.rounds {
+        let to = (stored.rounds + 1).min(from + CHUNK);
+        let rounds = app.store.imported_rounds(stored.key, from, to).await?;
+        let added = app
+            .heavy
+            .render(move || rounds.iter().try_for_each(|round| meter.add(round)).map(|()| meter));
+        meter = added.await?.map_err(broken)?;
+        from = to;
+    }
+    let metrics = meter.finish().map_err(broken)?;
+    let measured = Measured::of(&metrics);
+    Ok(Json(GameMetrics {
+        episode: stored.id.clone(),
+        task: stored.task.clone(),
+        status: "imported".to_owned(),
+        rounds: stored.rounds,
+        score: stored.score,
+        method: method(definition),
+        sampled: measured.sampled(),
+        values: measure::values(&measured, definition),
+        series: wanted.map(|wanted| wanted.of(&metrics, definition)).transpose()?,
+    }))
+}

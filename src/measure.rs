@@ -1,0 +1,174 @@
+//! Metrics of episodes: replayed and measured after their end, in the background, or when they are first read.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+use swarmbench_analysis::game::{Heard, Setup, State};
+use swarmbench_analysis::journal::decisions;
+use swarmbench_analysis::{Counts, Definition, Hash1, Meter, Metric, Metrics, Options};
+use swarmbench_boards::result::mean_and_deviation;
+use swarmbench_clock::{Clock, after};
+use swarmbench_engine::World;
+use swarmbench_journal::record::Record;
+use swarmbench_protocol::metrics::{
+    GameMetrics, MetricMean, MetricSeries, MetricValue, MetricValues, MetricsMethod,
+};
+
+use crate::episode::actor::Host;
+use crate::episode::replay::Rounds;
+use crate::episode::replays::RecoveryError;
+use crate::fair::Party;
+use crate::store::Store;
+use crate::store::entries::Entry;
+use crate::store::metrics::{Measured, MetricsRow, Unmeasured, stored_method};
+use crate::store::port::StoredEpisode;
+
+/// Queued games that are read at once.
+const QUEUED_AT_ONCE: u32 = 64;
+
+/// How often an empty queue is read again.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Microseconds for which an agent's part of a round is measured, at most: distances, texts and their vectors.
+const MICROS_OF_AN_AGENT: u64 = 20;
+
+/// Bytes of the values of one round, where the values of all rounds are computed.
+pub const SERIES_BYTES_OF_A_ROUND: usize =
+    Metric::ALL.len() * Definition::ALL.len() * size_of::<Option<f64>>() + size_of::<Counts>();
+
+/// How these values were computed, as it is said beside them.
+pub fn method(definition: Definition) -> MetricsMethod {
+    let (embedder, metrics_revision) = stored_method();
+    let (definition, embedder) = (definition.name().to_owned(), embedder.to_owned());
+    MetricsMethod { definition, metrics_revision, embedder }
+}
+
+/// The values of a definition, as they are sent.
+pub fn values(measured: &Measured, definition: Definition) -> MetricValues {
+    let of = measured.of_definition(definition).iter();
+    of.map(|(name, &(value, rounds))| (name.clone(), MetricValue { value, rounds })).collect()
+}
+
+/// By task and metric, the means over the games that have a value.
+pub fn means(games: &[GameMetrics]) -> BTreeMap<String, BTreeMap<String, MetricMean>> {
+    let mut of_tasks = BTreeMap::<&String, BTreeMap<&String, Vec<f64>>>::new();
+    for game in games {
+        let of_task = of_tasks.entry(&game.task).or_default();
+        for (metric, value) in &game.values {
+            of_task.entry(metric).or_default().extend(value.value);
+        }
+    }
+    let mean = |(metric, values): (&String, Vec<f64>)| {
+        let (mean, deviation) = mean_and_deviation(&values)?;
+        let games = u32::try_from(values.len()).unwrap_or(u32::MAX);
+        Some((metric.clone(), MetricMean { mean, deviation, games }))
+    };
+    let of_tasks = of_tasks.into_iter();
+    of_tasks.map(|(task, of)| (task.clone(), of.into_iter().filter_map(mean).collect())).collect()
+}
+
+/// The values of some states of a game that was measured with its series.
+pub fn series(metrics: &Metrics, definition: Definition, states: Range<u32>) -> MetricSeries {
+    let range = states.start as usize..states.end as usize;
+    let of = metrics.series.iter().filter(|((of, _), _)| *of == definition);
+    let values =
+        of.map(|((_, metric), values)| (metric.name().to_owned(), values[range.clone()].to_vec()));
+    let mut counts = BTreeMap::<_, Vec<_>>::new();
+    for (state, row) in states.clone().zip(&metrics.counts[range.clone()]) {
+        for (name, count) in row.columns(state == 0) {
+            counts.entry(name.to_owned()).or_default().push(count);
+        }
+    }
+    MetricSeries {
+        from: states.start,
+        length: states.end - states.start,
+        next: (states.end <= metrics.rounds).then_some(states.end),
+        counts,
+        values: values.collect(),
+    }
+}
+
+/// Replays an episode up to round `to` and measures it.
+pub async fn measure(
+    host: &Host,
+    stored: &StoredEpisode,
+    to: u32,
+    series: bool,
+    party: Party,
+) -> Result<Metrics, RecoveryError> {
+    let broken = |problem| RecoveryError::Broken { episode: stored.id.to_string(), problem };
+    let config = match stored.opening.read() {
+        Ok(Record::Opening(opening)) => {
+            opening.config.engine().map_err(|error| broken(error.to_string()))?
+        }
+        Ok(_) => return Err(broken("its first record is not an opening".to_owned())),
+        Err(error) => return Err(broken(error.to_string())),
+    };
+    let micros = MICROS_OF_AN_AGENT * u64::from(config.num_agents());
+    let layout = Arc::new(World::new(Arc::new(config)));
+    let options = Options { series, vectors: true, edits: true };
+    let meter =
+        Meter::new(Setup::of(&layout), State::of(&layout), options, Arc::new(Hash1::default()));
+    let rounds = Rounds {
+        id: &stored.id,
+        key: stored.episode,
+        to,
+        checked: false,
+        work: ("measure", party),
+        see_micros: micros,
+    };
+    let (_, meter) = rounds
+        .play(host, layout, meter, |meter, acts, world| {
+            let acts = acts.iter().map(|(_, act)| &act.record);
+            let heard: Vec<Heard> = Heard::all(world);
+            meter.round(&decisions(world.config(), acts), State::of(world), Some(&heard));
+        })
+        .await?;
+    Ok(meter.metrics())
+}
+
+/// Measures an episode that has ended.
+async fn measured(host: &Host, stored: &StoredEpisode) -> Result<MetricsRow, RecoveryError> {
+    let party = Party::of_key(stored.owner);
+    let metrics = measure(host, stored, stored.rounds, false, party).await?;
+    Ok(MetricsRow::new(stored.episode, &Measured::of(&metrics)))
+}
+
+/// Measures games that have ended, one after another, for ever.
+pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
+    loop {
+        match measure_queued(store, host).await {
+            Ok(true) => {}
+            Ok(false) => clock.sleep_until(after(clock.now(), PAUSE)).await,
+            Err(error) => {
+                tracing::error!(%error, "games that have ended cannot be measured; trying again");
+                clock.sleep_until(after(clock.now(), PAUSE)).await;
+            }
+        }
+    }
+}
+
+/// Measures the first games of the queue. False where it is empty.
+async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryError> {
+    let queued = store.unmeasured(QUEUED_AT_ONCE).await?;
+    for Unmeasured { number, episode } in &queued {
+        let row = match store.summary_of(*episode).await? {
+            Some(stored) => match measured(host, &stored).await {
+                Ok(row) => Some(Box::new(row)),
+                // The queue of heavy work is full: later.
+                Err(error @ (RecoveryError::Work(_) | RecoveryError::Journal(_))) => {
+                    return Err(error);
+                }
+                Err(error @ RecoveryError::Broken { .. }) => {
+                    tracing::error!(%error, "a game is not measured");
+                    None
+                }
+            },
+            None => None,
+        };
+        store.keep(vec![Entry::Measured { number: Some(*number), metrics: row }]).await?;
+    }
+    Ok(!queued.is_empty())
+}

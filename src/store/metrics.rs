@@ -1,0 +1,213 @@
+//! The tables `metrics` and `unmeasured`: what was computed of games that have ended, and the games of which that is still
+//! to be done.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{QueryBuilder, Row as _, Sqlite};
+use swarmbench_analysis::{Definition, Hash1, METRICS_REVISION, Metric, Metrics};
+
+use super::rows::{FromRow, from_row, get};
+use super::{Store, StoreError};
+use crate::ids::EpisodeKey;
+
+/// Games that wait to be measured. Those that end while there are more are measured when their metrics are first read.
+pub const UNMEASURED_MAX: i64 = 65_536;
+
+/// Runs of which games are read at once.
+const RUNS_AT_ONCE: usize = 256;
+
+/// The metrics of a game.
+#[derive(Clone, Debug)]
+pub struct MetricsRow {
+    pub episode: EpisodeKey,
+    pub embedder: String,
+    pub revision: u32,
+    /// The values, as JSON.
+    pub measured: String,
+}
+
+/// The embedder and the revision of the values that a server stores.
+pub fn stored_method() -> (&'static str, u32) {
+    (Hash1::ID, METRICS_REVISION)
+}
+
+/// The values of a game as they are stored: by name, the value and from how many rounds it was computed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    sampled: bool,
+    paper: BTreeMap<String, (Option<f64>, u32)>,
+    toolkit: BTreeMap<String, (Option<f64>, u32)>,
+}
+
+impl Measured {
+    pub fn of(metrics: &Metrics) -> Self {
+        let of = |wanted: Definition| {
+            let values = metrics.values.iter().filter(|((definition, _), _)| *definition == wanted);
+            values
+                .map(|((_, metric), of)| (metric.name().to_owned(), (of.value, of.rounds)))
+                .collect()
+        };
+        let (paper, toolkit) = (of(Definition::Paper), of(Definition::Toolkit));
+        Self { sampled: metrics.sampled, paper, toolkit }
+    }
+
+    /// # Errors
+    /// If the text was not written by this revision.
+    pub fn read(stored: &str) -> Result<Self, StoreError> {
+        let broken = |error| StoreError::broken(format!("metrics of a game: {error}"));
+        serde_json::from_str(stored).map_err(broken)
+    }
+
+    /// Whether texts were left out of a comparison.
+    pub const fn sampled(&self) -> bool {
+        self.sampled
+    }
+
+    /// The value of a metric and from how many rounds it was computed.
+    pub fn value(&self, definition: Definition, metric: Metric) -> (Option<f64>, u32) {
+        self.of_definition(definition).get(metric.name()).copied().unwrap_or_default()
+    }
+
+    /// The values of a definition by name.
+    pub const fn of_definition(
+        &self,
+        definition: Definition,
+    ) -> &BTreeMap<String, (Option<f64>, u32)> {
+        match definition {
+            Definition::Paper => &self.paper,
+            Definition::Toolkit => &self.toolkit,
+        }
+    }
+}
+
+impl MetricsRow {
+    /// The row of a game's values.
+    pub fn new(episode: EpisodeKey, measured: &Measured) -> Self {
+        let (embedder, revision) = stored_method();
+        let (embedder, measured) = (embedder.to_owned(), serde_json::to_string(measured));
+        Self { episode, embedder, revision, measured: measured.expect("string keys") }
+    }
+}
+
+/// A game that waits to be measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Unmeasured {
+    /// Its number in the queue.
+    pub number: i64,
+    pub episode: EpisodeKey,
+}
+
+/// A run and a task.
+pub type RunTask = (String, String);
+
+/// Queues a game that has ended, in the transaction of its end.
+pub(super) async fn queue(
+    connection: &mut SqliteConnection,
+    episode: EpisodeKey,
+) -> Result<(), sqlx::Error> {
+    // Numbers follow each other, so the first and the last tell how many there are about.
+    sqlx::query(
+        "INSERT INTO unmeasured (episode)
+         SELECT ? WHERE coalesce((SELECT max(number) FROM unmeasured)
+                               - (SELECT min(number) FROM unmeasured), 0) < ?",
+    )
+    .bind(episode.0)
+    .bind(UNMEASURED_MAX)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) async fn add(
+    connection: &mut SqliteConnection,
+    row: &MetricsRow,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT OR REPLACE INTO metrics (episode, embedder, revision, measured) VALUES (?, ?, ?, ?)",
+    )
+    .bind(row.episode.0)
+    .bind(&row.embedder)
+    .bind(row.revision)
+    .bind(&row.measured)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+pub(super) async fn dequeue(
+    connection: &mut SqliteConnection,
+    number: i64,
+) -> Result<(), sqlx::Error> {
+    let query = sqlx::query("DELETE FROM unmeasured WHERE number = ?").bind(number);
+    query.execute(connection).await.map(drop)
+}
+
+impl Store {
+    /// The games that were queued first.
+    pub async fn unmeasured(&self, limit: u32) -> Result<Vec<Unmeasured>, StoreError> {
+        let query = sqlx::query("SELECT number, episode FROM unmeasured ORDER BY number LIMIT ?");
+        self.fetch_all(query.bind(limit)).await
+    }
+
+    /// The metrics of a game by this embedder and revision, if they were computed.
+    pub async fn metrics_of(
+        &self,
+        episode: EpisodeKey,
+        (embedder, revision): (&str, u32),
+    ) -> Result<Option<String>, StoreError> {
+        let query = sqlx::query(
+            "SELECT measured FROM metrics WHERE episode = ? AND embedder = ? AND revision = ?",
+        );
+        self.fetch_optional(query.bind(episode.0).bind(embedder).bind(revision)).await
+    }
+
+    /// The means of some metrics, of the definition `paper`, over the games of each run and task that were not voided;
+    /// `None` where no game has a value.
+    pub async fn mean_metrics(
+        &self,
+        runs: &[String],
+        metrics: &[Metric],
+        (embedder, revision): (&str, u32),
+    ) -> Result<BTreeMap<RunTask, Vec<Option<f64>>>, StoreError> {
+        let mut means = BTreeMap::new();
+        for some in runs.chunks(RUNS_AT_ONCE) {
+            let mut query = QueryBuilder::<Sqlite>::new("SELECT r.id, e.task");
+            for metric in metrics {
+                let path = format!("$.paper.{}[0]", metric.name());
+                query.push(", avg(json_extract(m.measured, ").push_bind(path).push("))");
+            }
+            query.push(
+                " FROM runs r JOIN episodes e ON e.run = r.key JOIN metrics m ON m.episode = e.key
+                 WHERE e.voided_at IS NULL AND m.embedder = ",
+            );
+            query.push_bind(embedder).push(" AND m.revision = ").push_bind(revision);
+            query.push(" AND r.id IN (");
+            let mut ids = query.separated(", ");
+            for id in some {
+                ids.push_bind(id);
+            }
+            query.push(") GROUP BY r.id, e.task");
+            let rows: Vec<Means> = self.fetch_all(query.build()).await?;
+            means.extend(rows.into_iter().map(|row| (row.of, row.means)));
+        }
+        Ok(means)
+    }
+}
+
+struct Means {
+    of: RunTask,
+    means: Vec<Option<f64>>,
+}
+
+impl FromRow for Means {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let means = (2..row.len()).map(|column| get(row, column)).collect::<Result<_, _>>()?;
+        Ok(Self { of: (get(row, 0)?, get(row, 1)?), means })
+    }
+}
+
+from_row! {
+    Unmeasured { number, episode }
+}
