@@ -9,6 +9,7 @@
 pub mod client;
 pub mod drive;
 pub mod eval;
+mod lines;
 pub mod llm;
 pub mod play;
 mod recent;
