@@ -62,7 +62,7 @@ pub struct Metrics {
 }
 
 /// Turns texts into vectors of length 1. Values of two embedders never meet.
-pub trait Embedder {
+pub trait Embedder: Send + Sync {
     /// Its id, which is part of every value that depends on it.
     fn id(&self) -> &str;
 
