@@ -1,9 +1,10 @@
-//! Language models: asked at a real HTTP server that misbehaves in every way that endpoints do, and played from
+//! Language models and embedders: asked at a real HTTP server that misbehaves in every way that endpoints do, and played from
 //! cassettes.
 
 mod answers;
 mod budget;
 mod cassettes;
+mod embed;
 mod endpoint;
 mod game;
 mod retries;

@@ -4,16 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::bail;
 use serde_json::{Map, Value};
 
+use super::super::options::{KEY_VARIABLE, api_base, api_key};
 use swarmbench_client::eval::experiment::Experiment;
 use swarmbench_client::eval::plan::{ModelPlan, Plan, Who};
 use swarmbench_client::llm::{Allowance, ApiKey, Cassette, Model, Sampling, Settings};
 use swarmbench_clock::SystemClock;
-
-/// The environment variable with a key where nobody names one.
-const KEY_VARIABLE: &str = "OPENAI_API_KEY";
 
 /// An address for models that are never asked there, as a cassette answers.
 const NOWHERE: &str = "http://127.0.0.1:9/v1";
@@ -120,26 +117,15 @@ impl Asking {
     }
 
     fn settings(&self, plan: &ModelPlan, cassette: Option<&Cassette>) -> anyhow::Result<Settings> {
-        let is_replay = cassette.is_some_and(Cassette::is_replay);
-        let environment = || std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty());
-        let base = match plan.api_base.clone().or_else(environment) {
-            _ if is_replay => NOWHERE.to_owned(),
-            Some(base) => base,
-            None => bail!(
-                "where is {}? Name its endpoint with --api-base, such as https://api.openai.com/v1, or \
-                 http://127.0.0.1:11434/v1 for a model on this machine",
-                plan.name
-            ),
+        let key_variable = plan.api_key_env.as_deref();
+        let (base, key) = if cassette.is_some_and(Cassette::is_replay) {
+            (NOWHERE.to_owned(), ApiKey::new(key_variable.unwrap_or(KEY_VARIABLE), None))
+        } else {
+            (
+                api_base(plan.api_base.as_deref(), &plan.name, "--api-base")?,
+                api_key(key_variable, &plan.name, "--api-key-env")?,
+            )
         };
-        let variable = plan.api_key_env.as_deref().unwrap_or(KEY_VARIABLE);
-        let value = std::env::var(variable).ok().filter(|_| !is_replay);
-        if plan.api_key_env.is_some() && value.is_none() && !is_replay {
-            bail!(
-                "the environment variable {variable} is not set: put the key for {} into it, `export {variable}=…`, or name \
-                 another with --api-key-env",
-                plan.name
-            );
-        }
         Ok(Settings {
             sampling: Sampling {
                 temperature: plan.temperature,
@@ -151,7 +137,7 @@ impl Asking {
             timeout: Duration::from_secs(self.timeout),
             retries: self.retries,
             patience: Duration::from_secs(self.patience),
-            ..Settings::new(&plan.model, base, ApiKey::new(variable, value))
+            ..Settings::new(&plan.model, base, key)
         })
     }
 }

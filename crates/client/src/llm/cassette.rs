@@ -7,31 +7,25 @@
 //! it.
 //!
 //! An answer is found by all of these, the prompt included: where a game takes another way than it was recorded, nothing
-//! is made up. A line is written in one go before its answer is used; what a crash left of a last line is cut off.
+//! is made up.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use data_encoding::HEXLOWER;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use sha2::{Digest, Sha256};
 
 use super::Question;
 use super::completion::Answer;
 use super::stop::Stop;
+use crate::lines::{Hash, Header, Lines, Place, digest, hash};
 
 /// The version of the format.
 pub const VERSION: u32 = 1;
 
-/// Bytes of a line: far more than an answer has.
-const LINE_BYTES_MAX: u64 = 16 * 1024 * 1024;
-
-/// What the first line of every cassette names.
-const NAME: &str = "swarmbench";
+const HEADER: Header = Header { kind: "cassette", version: VERSION };
 
 /// A cassette. Cloning shares it; all models of an evaluation use the same one.
 #[derive(Clone, Debug)]
@@ -47,31 +41,18 @@ struct Inner {
 /// The file and its index. Answers stay in the file, as there may be many.
 #[derive(Debug)]
 struct Tape {
-    file: File,
-    end: u64,
+    lines: Lines,
+    index: Index,
+}
+
+#[derive(Debug, Default)]
+struct Index {
     models: Vec<Map<String, Value>>,
     games: BTreeSet<(usize, String)>,
     /// Rounds of agents, whatever they were asked.
     places: HashSet<Hash>,
-    /// Answers: where their lines begin, and how long they are.
-    answers: HashMap<Hash, (u64, usize)>,
-    /// Whether a write failed: what would follow it might be unreadable.
-    is_broken: bool,
-}
-
-type Hash = [u8; 32];
-
-/// The first line.
-#[derive(Serialize, Deserialize)]
-struct Header {
-    cassette: String,
-    version: u32,
-}
-
-impl Header {
-    fn current() -> Self {
-        Self { cassette: NAME.to_owned(), version: VERSION }
-    }
+    /// Where the lines of answers are.
+    answers: HashMap<Hash, Place>,
 }
 
 /// A line that declares a model by the body of its requests.
@@ -120,39 +101,12 @@ impl Cassette {
     }
 
     fn open(path: &Path, is_recording: bool) -> Result<Self, Stop> {
-        let wrong = |what: String| Stop::Cassette { path: path.to_owned(), what };
-        let failed = |error: io::Error| wrong(error.to_string());
-        let mut options = OpenOptions::new();
-        options.read(true).append(is_recording).create(is_recording);
-        let file = options.open(path).map_err(failed)?;
-        if !file.metadata().map_err(failed)?.is_file() {
-            return Err(wrong("it is no regular file".to_owned()));
-        }
-        if is_recording && matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
-            return Err(wrong("another process records on it".to_owned()));
-        }
-        let mut tape = Tape {
-            file,
-            end: 0,
-            models: Vec::new(),
-            games: BTreeSet::new(),
-            places: HashSet::new(),
-            answers: HashMap::new(),
-            is_broken: false,
-        };
-        tape.read().map_err(wrong)?;
-        if is_recording {
-            let length = tape.file.metadata().map_err(failed)?.len();
-            if length > tape.end {
-                tape.file.set_len(tape.end).map_err(failed)?;
-            }
-            if tape.end == 0 {
-                tape.write(&Header::current()).map_err(failed)?;
-            }
-        } else if tape.end == 0 {
-            return Err(wrong("it is empty".to_owned()));
-        }
-        Ok(Self(Arc::new(Inner { path: path.to_owned(), is_recording, tape: Mutex::new(tape) })))
+        let mut index = Index::default();
+        let take = |place, line: &[u8]| index.take(place, line).map_err(str::to_owned);
+        let lines = Lines::open(path, is_recording, HEADER, take)
+            .map_err(|what| Stop::Cassette { path: path.to_owned(), what })?;
+        let tape = Mutex::new(Tape { lines, index });
+        Ok(Self(Arc::new(Inner { path: path.to_owned(), is_recording, tape })))
     }
 
     /// The file.
@@ -170,20 +124,20 @@ impl Cassette {
     /// How many answers it has.
     #[must_use]
     pub fn answers(&self) -> usize {
-        self.0.tape().answers.len()
+        self.0.tape().index.answers.len()
     }
 
     /// The recorded model with this request body; it is added where it is new.
     pub(super) fn model(&self, body: &Map<String, Value>) -> Result<RecordedModel, Stop> {
         let mut tape = self.0.tape();
-        let known = tape.models.iter().position(|known| known == body);
+        let known = tape.index.models.iter().position(|known| known == body);
         let number = match known {
             Some(number) => Some(number),
             None if self.0.is_recording => {
-                let number = tape.models.len();
+                let number = tape.index.models.len();
                 let line = ModelLine { voice: number, body: body.clone() };
-                tape.write(&line).map_err(|error| self.0.failed(&error))?;
-                tape.models.push(line.body);
+                tape.lines.write(&line).map_err(|error| self.0.failed(&error))?;
+                tape.index.models.push(line.body);
                 Some(number)
             }
             None => None,
@@ -225,7 +179,7 @@ impl RecordedModel {
                 game: question.game.clone(),
                 agent: question.agent.clone(),
                 round: question.round,
-                why: self.why_not(&tape, question),
+                why: self.why_not(&tape.index, question),
             }),
         }
     }
@@ -243,25 +197,26 @@ impl RecordedModel {
             answer: answer.clone(),
         };
         let mut tape = inner.tape();
-        let (from, length) = tape.write(&line).map_err(|error| inner.failed(&error))?;
-        tape.note(&line, from, length);
+        let place = tape.lines.write(&line).map_err(|error| inner.failed(&error))?;
+        tape.index.note(&line, place);
         Ok(())
     }
 
-    fn why_not(&self, tape: &Tape, question: &Question) -> String {
+    fn why_not(&self, index: &Index, question: &Question) -> String {
         let Some(number) = self.number else {
             let text = |body: &Map<String, Value>| Value::Object(body.clone()).to_string();
-            let known: Vec<_> = tape.models.iter().map(text).collect();
+            let known: Vec<_> = index.models.iter().map(text).collect();
             return format!(
                 "it has no answers of a model that is asked with {}, but of {}",
                 text(&self.body),
                 if known.is_empty() { "none".to_owned() } else { known.join(" and ") }
             );
         };
-        if !tape.games.contains(&(number, question.game.clone())) {
+        if !index.games.contains(&(number, question.game.clone())) {
             return "it has no game of this name; another task, seed or setting than those that were recorded?".to_owned();
         }
-        if tape.places.contains(&hash(&(number, &question.game, &question.agent, question.round))) {
+        if index.places.contains(&hash(&(number, &question.game, &question.agent, question.round)))
+        {
             return "it has an answer to another prompt there, so the game has gone another way than when it was recorded: \
                     another template, other rules, or an answer that came from elsewhere"
                 .to_owned();
@@ -271,101 +226,31 @@ impl RecordedModel {
 }
 
 impl Tape {
-    /// Reads all whole lines.
-    fn read(&mut self) -> Result<(), String> {
-        let text = |error: io::Error| error.to_string();
-        let mut reader = BufReader::new(self.file.try_clone().map_err(text)?);
-        let mut line = Vec::new();
-        for number in 1_u64.. {
-            line.clear();
-            let mut bounded = reader.by_ref().take(LINE_BYTES_MAX);
-            let length = bounded.read_until(b'\n', &mut line).map_err(text)?;
-            let is_whole = line.last() == Some(&b'\n');
-            if number == 1 {
-                check_header(&line, is_whole)?;
-            }
-            if !is_whole && length as u64 == LINE_BYTES_MAX {
-                return Err(format!("line {number} is longer than any of a cassette"));
-            }
-            if !is_whole {
-                break;
-            }
-            if number > 1 {
-                self.take(&line).map_err(|what| format!("line {number} {what}"))?;
-            }
-            self.end += length as u64;
-        }
-        Ok(())
+    fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<Answer>> {
+        let Question { game, agent, round, prompt } = question;
+        let asked = hash(&(voice, game, agent, round, digest(prompt)));
+        let Some(place) = self.index.answers.get(&asked) else { return Ok(None) };
+        let text = self.lines.read(*place)?;
+        Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
     }
+}
 
-    /// Notes a line that begins at the end.
-    fn take(&mut self, text: &[u8]) -> Result<(), &'static str> {
+impl Index {
+    /// Notes a line.
+    fn take(&mut self, place: Place, text: &[u8]) -> Result<(), &'static str> {
         match serde_json::from_slice(text) {
             Ok(Line::Model(line)) if line.voice == self.models.len() => self.models.push(line.body),
-            Ok(Line::Answer(line)) if line.voice < self.models.len() => {
-                self.note(&line, self.end, text.len());
-            }
+            Ok(Line::Answer(line)) if line.voice < self.models.len() => self.note(&line, place),
             Ok(_) => return Err("names a model that is not there"),
             Err(_) => return Err("is not one of a cassette; the rest can be used without it"),
         }
         Ok(())
     }
 
-    fn note(&mut self, line: &AnswerLine, from: u64, length: usize) {
+    fn note(&mut self, line: &AnswerLine, place: Place) {
         let AnswerLine { voice, game, agent, round, prompt, .. } = line;
         self.games.insert((*voice, game.clone()));
         self.places.insert(hash(&(voice, game, agent, round)));
-        self.answers.insert(hash(&(voice, game, agent, round, prompt)), (from, length));
+        self.answers.insert(hash(&(voice, game, agent, round, prompt)), place);
     }
-
-    fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<Answer>> {
-        let Question { game, agent, round, prompt } = question;
-        let asked = hash(&(voice, game, agent, round, digest(prompt)));
-        let Some(&(from, length)) = self.answers.get(&asked) else { return Ok(None) };
-        let mut text = vec![0; length];
-        self.file.seek(SeekFrom::Start(from))?;
-        self.file.read_exact(&mut text)?;
-        Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
-    }
-
-    /// Adds a line in one write; returns its offset and length.
-    fn write(&mut self, line: &impl Serialize) -> io::Result<(u64, usize)> {
-        if self.is_broken {
-            return Err(io::Error::other("an earlier line could not be written"));
-        }
-        let mut text = serde_json::to_vec(line)?;
-        text.push(b'\n');
-        self.is_broken = true;
-        self.file.write_all(&text)?;
-        self.is_broken = false;
-        let from = self.end;
-        self.end += text.len() as u64;
-        Ok((from, text.len()))
-    }
-}
-
-/// Whether a file is a cassette of a version that can be read; what a crash left of a first line may be cut off later.
-fn check_header(line: &[u8], is_whole: bool) -> Result<(), String> {
-    let header = serde_json::from_slice::<Header>(line).ok();
-    match header.filter(|header| is_whole && header.cassette == NAME) {
-        Some(header) if header.version == VERSION => Ok(()),
-        Some(Header { version, .. }) => {
-            Err(format!("is of version {version}, and this program reads version {VERSION}"))
-        }
-        None if !is_whole && json(&Header::current()).starts_with(line) => Ok(()),
-        None => Err("is another kind of file".to_owned()),
-    }
-}
-
-fn json(what: &impl Serialize) -> Vec<u8> {
-    serde_json::to_vec(what).expect("texts and numbers can be written")
-}
-
-fn hash(what: &impl Serialize) -> Hash {
-    Sha256::digest(json(what)).into()
-}
-
-/// SHA-256 of a prompt.
-fn digest(prompt: &str) -> String {
-    HEXLOWER.encode(&Sha256::digest(prompt))
 }

@@ -6,15 +6,15 @@ use std::time::Duration;
 use jiff::Timestamp;
 use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap, LOCATION, RETRY_AFTER};
 use reqwest::{Client, StatusCode, Url, redirect};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
-use super::completion::{
-    Answer, Completion, Failure, Refusal, error_of, one_line, parse, read, refusal,
-};
+use super::completion::{Refusal, error_of, one_line, refusal};
 use super::key::NoKey;
+use super::requests::Request;
+use super::route::Route;
 use super::settings::Settings;
 use super::stop::{Said, Stop};
-use swarmbench_clock::{Clock, after, millis, until};
+use swarmbench_clock::{Clock, after, until};
 use swarmbench_protocol::loopback::is_loopback;
 
 /// The timeout of a connection attempt.
@@ -34,7 +34,8 @@ pub(super) struct Endpoint {
     /// The address as it may be shown: what follows its path may be a secret.
     pub(super) shown: String,
     pub(super) settings: Settings,
-    /// The body without the messages.
+    pub(super) route: Route,
+    /// The fields that all requests have.
     pub(super) body: Map<String, Value>,
     /// Whether the endpoint has ever answered.
     has_spoken: AtomicBool,
@@ -85,8 +86,8 @@ impl Passing {
 impl Endpoint {
     /// # Errors
     /// [`Stop::Settings`] or [`Stop::WrongKey`] for what cannot work.
-    pub(super) fn new(settings: Settings) -> Result<Self, Stop> {
-        let url = settings.url()?;
+    pub(super) fn new(settings: Settings, route: Route) -> Result<Self, Stop> {
+        let url = settings.url(route)?;
         let body = settings.body()?;
         let mut shown = url.clone();
         shown.set_query(None);
@@ -119,32 +120,35 @@ impl Endpoint {
             .user_agent(concat!("swarmbench/", env!("CARGO_PKG_VERSION")))
             .build()
             .map_err(|error| Stop::Settings(format!("no HTTP client: {error}")))?;
-        Ok(Self { http, url, shown, settings, body, has_spoken: AtomicBool::new(false) })
+        Ok(Self { http, url, shown, settings, route, body, has_spoken: AtomicBool::new(false) })
     }
 
-    /// Asks once.
-    pub(super) async fn ask(&self, prompt: &str, clock: &dyn Clock) -> Result<Completion, Trouble> {
+    /// Asks once; the answer, and how long it took.
+    pub(super) async fn ask<R: Request>(
+        &self,
+        request: &R,
+        clock: &dyn Clock,
+    ) -> Result<(R::Answer, Duration), Trouble> {
         let began = clock.now();
         let timeout = self.settings.timeout;
-        let mut completion = tokio::select! {
-            result = self.exchange(prompt, clock) => result?,
+        let answer = tokio::select! {
+            result = self.exchange(request, clock) => result?,
             () = clock.sleep_until(after(began, timeout)) => {
                 let said = format!("no whole answer within {} s", timeout.as_secs_f64());
                 return Err(Passing::trouble(Kind::TimeOut, said));
             }
         };
-        completion.answer.usage.latency_ms = Some(millis(until(began, clock.now())));
-        let Answer { response, reasoning, .. } = &mut completion.answer;
-        let key = &self.settings.key;
-        *response = key.redacted_answer(std::mem::take(response));
-        *reasoning = reasoning.take().map(|text| key.redacted_answer(text));
-        completion.answer = completion.answer.bounded();
-        Ok(completion)
+        Ok((answer, until(began, clock.now())))
     }
 
-    async fn exchange(&self, prompt: &str, clock: &dyn Clock) -> Result<Completion, Trouble> {
+    async fn exchange<R: Request>(
+        &self,
+        asked: &R,
+        clock: &dyn Clock,
+    ) -> Result<R::Answer, Trouble> {
         let mut body = self.body.clone();
-        body.insert("messages".to_owned(), json!([{ "role": "user", "content": prompt }]));
+        let (field, value) = asked.field();
+        body.insert(field.to_owned(), value);
         let request = self.http.post(self.url.clone()).json(&body);
         let response = request.send().await.map_err(|error| self.broken(error))?;
         self.has_spoken.store(true, Ordering::Relaxed);
@@ -155,7 +159,7 @@ impl Endpoint {
         let wait = wait_of(&headers, clock.now());
         if !status.is_success() {
             let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
-            return self.refused(status.as_u16(), &refusal(&body.bytes), wait);
+            return self.refused(asked, status.as_u16(), &refusal(&body.bytes), wait);
         }
         let body = self.body_of(response, BODY_BYTES_MAX).await?;
         if body.is_cut {
@@ -167,61 +171,66 @@ impl Endpoint {
             let kind =
                 headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or("no type");
             let said = format!(
-                "{} ({}) that is no chat completion: {shown}",
+                "{} ({}) that is no {}: {shown}",
                 status.as_u16(),
-                one_line(kind)
+                one_line(kind),
+                self.route.answer()
             );
             Passing::trouble(Kind::Unreadable, said)
         };
-        let value = parse(&body.bytes).ok_or_else(unreadable)?;
+        let value = asked.parse(&body.bytes).ok_or_else(unreadable)?;
         if let Some(refusal) = error_of(&value) {
             // A router that had begun to answer cannot take its status back.
             let status = refusal.status.filter(|status| *status >= 400);
             return match status {
-                Some(status) => self.refused(status, &refusal, wait),
+                Some(status) => self.refused(asked, status, &refusal, wait),
                 None => Err(Passing::trouble(Kind::Server, self.quoted(&refusal.said))),
             };
         }
-        read(&value).ok_or_else(unreadable)
+        asked.read(&value).ok_or_else(unreadable)
     }
 
     /// What a status of failure means.
-    fn refused(
+    fn refused<R: Request>(
         &self,
+        asked: &R,
         status: u16,
         refusal: &Refusal,
         wait: Option<Duration>,
-    ) -> Result<Completion, Trouble> {
+    ) -> Result<R::Answer, Trouble> {
+        let route = self.route;
         let url = self.shown.clone();
         let key = &self.settings.key;
         let (variable, state) = (key.variable().to_owned(), key.state());
         let model = self.settings.model.clone();
-        let said = self.quoted(&refusal.said);
+        let said = Said(self.quoted(&refusal.said));
+        if let Some(answer) = asked.excuse(status, refusal, &said) {
+            return Ok(answer);
+        }
         let passing = |kind| {
+            let Said(said) = &said;
             let said =
                 if said.is_empty() { status.to_string() } else { format!("{status}, {said}") };
             Err(Trouble::Passing(Passing { kind, said, wait, is_nobody: false }))
         };
-        let said = Said(said.clone());
         let stop = match status {
-            400 | 403 if refusal.is_filtered => return Ok(filtered(&said)),
             429 if refusal.names.iter().any(|name| is_about_credit(name)) => {
                 Stop::NoCredit { url, status, said }
             }
             429 | 503 | 529 => return passing(Kind::Load),
             408 | 409 | 425 | 500.. => return passing(Kind::Server),
-            401 => Stop::WrongKey { url, variable, state, said },
+            401 => Stop::WrongKey { url, route, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
             403 => Stop::Forbidden { url, variable, state, model, said },
             404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
-            _ => Stop::BadRequest { url, status, hint: hint(refusal), said },
+            _ => Stop::BadRequest { url, status, hint: hint(route, refusal), said },
         };
         Err(Trouble::Final(stop))
     }
 
     /// What to try where nothing was found.
     fn not_found(&self, refusal: &Refusal) -> String {
-        let base = self.shown.trim_end_matches("/chat/completions");
+        let base = self.shown.trim_end_matches(self.route.path());
         let names_model = refusal.names.iter().any(|name| name.contains("model"))
             || refusal.said.contains(&self.settings.model);
         if names_model {
@@ -240,12 +249,13 @@ impl Endpoint {
             to.set_fragment(None);
             to.set_username("").ok()?;
             to.set_password(None).ok()?;
-            let base = to.path().strip_suffix("/chat/completions").map(str::to_owned);
+            let base = to.path().strip_suffix(self.route.path()).map(str::to_owned);
             to.set_path(&base.unwrap_or_else(|| to.path().to_owned()));
             Some(self.quoted(to.as_str()))
         });
         let to = to.unwrap_or_else(|| "an address that cannot be read".to_owned());
-        Stop::Elsewhere { url: self.shown.clone(), status: status.as_u16(), to }
+        let (url, route) = (self.shown.clone(), self.route);
+        Stop::Elsewhere { url, route, status: status.as_u16(), to }
     }
 
     /// A connection that did not come about, or broke.
@@ -287,13 +297,6 @@ struct Body {
     is_cut: bool,
 }
 
-/// An answer to a question at which a filter took offence.
-fn filtered(said: &Said) -> Completion {
-    let reasoning = Some(format!("[content filter] {}", said.0));
-    let failure = Some(Failure::ContentFilter);
-    Completion { answer: Answer { reasoning, failure, ..Answer::default() }, tokens: None }
-}
-
 /// Whether a 429 is about money.
 fn is_about_credit(name: &str) -> bool {
     [
@@ -306,8 +309,8 @@ fn is_about_credit(name: &str) -> bool {
 }
 
 /// What to change in a refused request, if the refusal names it.
-fn hint(refusal: &Refusal) -> String {
-    let hints: [(&[&str], &str); 7] = [
+fn hint(route: Route, refusal: &Refusal) -> String {
+    let of_chats: &[(&[&str], &str)] = &[
         (
             &["max_completion_tokens", "max_tokens"],
             "leave --max-tokens out and say --extra '{\"max_completion_tokens\": …}' in its place",
@@ -320,10 +323,15 @@ fn hint(refusal: &Refusal) -> String {
             &["context"],
             "the prompt is too long for this model: try a smaller --view-size or --memory",
         ),
-        (&["valid model"], "see whether the endpoint has a model of this name"),
     ];
-    let found =
-        hints.iter().find(|(words, _)| words.iter().all(|word| refusal.said.contains(word)));
+    let of_all: &[(&[&str], &str)] =
+        &[(&["valid model"], "see whether the endpoint has a model of this name")];
+    let hints = match route {
+        Route::Chat => of_chats,
+        Route::Embeddings => &[],
+    };
+    let is_meant = |words: &[&str]| words.iter().all(|word| refusal.said.contains(word));
+    let found = hints.iter().chain(of_all).find(|(words, _)| is_meant(words));
     found.map(|(_, hint)| format!(": {hint}")).unwrap_or_default()
 }
 

@@ -7,6 +7,7 @@ use reqwest::Url;
 use serde_json::{Map, Value, json};
 
 use super::key::ApiKey;
+use super::route::Route;
 use super::stop::Stop;
 
 /// A model at an endpoint, how it is asked, and with how much patience.
@@ -14,7 +15,7 @@ use super::stop::Stop;
 pub struct Settings {
     /// The name of the model, as the endpoint knows it.
     pub model: String,
-    /// The address of the endpoint up to `/chat/completions`, such as `https://api.openai.com/v1`. `/v1` is not
+    /// The address of the endpoint up to `/chat/completions` or `/embeddings`, such as `https://api.openai.com/v1`. `/v1` is not
     /// added; a slash at the end is ignored, and a query stays.
     pub api_base: String,
     /// The key, if the endpoint wants one.
@@ -54,7 +55,7 @@ impl Settings {
         }
     }
 
-    /// All fields of the body except the messages. Cassettes identify models by it.
+    /// All fields of the body except the messages or texts. Cassettes identify models by it.
     ///
     /// # Errors
     /// [`Stop::Settings`] if a further field has its own setting, or contains the key.
@@ -94,7 +95,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Stop::Settings`] if this is no address, or it contains credentials.
-    pub(super) fn url(&self) -> Result<Url, Stop> {
+    pub(super) fn url(&self, route: Route) -> Result<Url, Stop> {
         let wrong = |what: &str| {
             Stop::Settings(format!(
                 "the api base {what}; it looks like https://api.openai.com/v1 or http://127.0.0.1:11434/v1"
@@ -108,8 +109,8 @@ impl Settings {
             return Err(wrong(&format!("holds credentials: put the key into {variable} instead")));
         }
         let path = url.path().trim_end_matches('/');
-        let path = path.strip_suffix("/chat/completions").unwrap_or(path);
-        let path = format!("{path}/chat/completions");
+        let path = path.strip_suffix(route.path()).unwrap_or(path);
+        let path = format!("{path}{}", route.path());
         url.set_path(&path);
         Ok(url)
     }

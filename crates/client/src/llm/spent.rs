@@ -4,6 +4,7 @@ use std::sync::{Mutex, MutexGuard};
 
 use super::completion::{Answer, Failure};
 use super::endpoint::Kind;
+use swarmbench_protocol::act::Usage;
 
 /// Requests and tokens of a model since it was created. Nothing here is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -86,7 +87,7 @@ impl Troubles {
 
 /// A [`Spent`] that grows.
 #[derive(Debug, Default)]
-pub(super) struct Counters {
+pub(crate) struct Counters {
     spent: Mutex<Spent>,
     trouble: Mutex<Option<String>>,
 }
@@ -104,7 +105,7 @@ impl Counters {
         self.last().clone()
     }
 
-    pub(super) fn spent(&self) -> Spent {
+    pub(crate) fn spent(&self) -> Spent {
         *self.get()
     }
 
@@ -126,14 +127,14 @@ impl Counters {
         spent.failures.count(answer.failure);
     }
 
-    pub(super) fn answered(&self, answer: &Answer, is_unmetered: bool) {
+    pub(crate) fn answered(&self, usage: &Usage, is_unmetered: bool, failure: Option<Failure>) {
         *self.last() = None;
         let mut spent = self.get();
         spent.answers += 1;
-        spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
-        spent.completion_tokens += answer.usage.completion_tokens.unwrap_or(0);
+        spent.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
+        spent.completion_tokens += usage.completion_tokens.unwrap_or(0);
         spent.unmetered += u64::from(is_unmetered);
-        spent.failures.count(answer.failure);
+        spent.failures.count(failure);
     }
 
     pub(super) fn trouble(&self, kind: Kind, said: &str) {

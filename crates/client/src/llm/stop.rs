@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::route::Route;
+
 /// The end of a run that is no fault of the model: it costs the model no move, and the run can resume where it
 /// stopped. `Display` is for people: what happened, and what to do next. No key is ever in it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -9,11 +11,14 @@ pub enum Stop {
     /// 401: the endpoint wants another key, or any.
     #[error(
         "{url} asks for a good key (401), and {state}; put a key of this endpoint into {variable}, or name the variable \
-         that holds one with --api-key-env. {said}"
+         that holds one with {}. {said}",
+        route.key_option()
     )]
     WrongKey {
         /// What was asked.
         url: String,
+        /// For what.
+        route: Route,
         /// The environment variable of the key.
         variable: String,
         /// What is known of the key: refused, empty, not set.
@@ -80,11 +85,14 @@ pub enum Stop {
     /// 3xx: the endpoint is elsewhere, and a key is not carried there unasked.
     #[error(
         "{url} sends on to {to} ({status}), and keys are not carried to other addresses; if you trust that address, \
-         name it with --api-base"
+         name it with {}",
+        route.address_option()
     )]
     Elsewhere {
         /// What was asked.
         url: String,
+        /// For what.
+        route: Route,
         /// The status.
         status: u16,
         /// Where it sends.
@@ -102,12 +110,15 @@ pub enum Stop {
     },
     /// The endpoint could not be had, however often it was tried.
     #[error(
-        "{url} gave no answer in {tries} tries in a row; the last: {last}. No move was lost: run the same command again \
-         when it answers"
+        "{url} gave no answer in {tries} tries in a row; the last: {last}. {}: run the same command again when it \
+         answers",
+        route.kept()
     )]
     Unreachable {
         /// What was asked.
         url: String,
+        /// For what.
+        route: Route,
         /// How many tries failed in a row.
         tries: u32,
         /// What happened the last time.
@@ -116,11 +127,14 @@ pub enum Stop {
     /// The endpoint wants to be left alone for longer than anybody wants to wait.
     #[error(
         "{url} asks to retry in {wait_s} s ({last}), longer than the {patience_s} s that one pause may take; run the \
-         same command again then, or allow longer pauses with --patience"
+         same command again then{}",
+        route.longer_pauses()
     )]
     ComeLater {
         /// What was asked.
         url: String,
+        /// For what.
+        route: Route,
         /// Seconds that it asked for.
         wait_s: u64,
         /// Seconds that a pause may take.
