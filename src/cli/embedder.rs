@@ -5,8 +5,12 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use anyhow::bail;
+use swarmbench_analysis::{Embedder, Hash1};
+use tokio_util::sync::CancellationToken;
 
+use super::asked_to_stop;
 use super::options::{api_base, api_key};
+use super::output::{progress_bar, set};
 use swarmbench_client::embed::{BATCHES_AT_ONCE, Embeddings, VectorFile};
 use swarmbench_client::llm::{Allowance, Settings};
 use swarmbench_clock::SystemClock;
@@ -84,6 +88,11 @@ pub(super) enum Choice {
 }
 
 impl EmbedderArgs {
+    /// Whether it is the embedder of the binary, whose values servers store.
+    pub(super) fn is_default(&self) -> bool {
+        self.embedder == Name::Hash1
+    }
+
     /// Opens the embedder. All that can be checked without asking the endpoint is checked.
     pub(super) fn open(&self) -> anyhow::Result<Choice> {
         let model = match &self.embedder {
@@ -124,6 +133,35 @@ impl EmbedderArgs {
             }
         };
         Ok(Choice::Endpoint(Box::new(embeddings)))
+    }
+}
+
+impl Choice {
+    /// The vectors of these texts. Ctrl-C cancels; vectors that had come are in the cache.
+    pub(super) async fn of_texts(
+        &self,
+        texts: impl IntoIterator<Item = String>,
+    ) -> anyhow::Result<Arc<dyn Embedder>> {
+        let embeddings = match self {
+            Self::Hash1 => return Ok(Arc::new(Hash1::new())),
+            Self::Endpoint(embeddings) => embeddings,
+        };
+        let bar = progress_bar("{bar:30} {pos} of {len} texts have vectors, {eta} left");
+        let stop = CancellationToken::new();
+        let show = |done: usize, of: usize| set(&bar, done as u64, of as u64);
+        let asked = embeddings.vectors(texts, show, &stop);
+        let stopped = async {
+            asked_to_stop().await;
+            stop.cancel();
+            // The cancelled request ends the other branch.
+            std::future::pending().await
+        };
+        let vectors = tokio::select! {
+            vectors = asked => vectors,
+            () = stopped => unreachable!("it waits for ever"),
+        };
+        bar.finish_and_clear();
+        Ok(Arc::new(vectors?))
     }
 }
 

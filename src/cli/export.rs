@@ -8,6 +8,7 @@ use indicatif::{HumanBytes, HumanCount, ProgressBar};
 use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
+use super::embedder::EmbedderArgs;
 use super::no_match::Models;
 use super::options::client;
 use super::output::{progress_bar, set};
@@ -70,6 +71,8 @@ pub(super) struct Args {
     /// Only this episode.
     #[arg(long)]
     episode: Option<String>,
+    #[command(flatten)]
+    embedder: EmbedderArgs,
     /// Imported games instead of episodes of this server.
     #[arg(long, conflicts_with_all = ["run", "no_mixed", "status", "episode", "format"])]
     imported: bool,
@@ -179,6 +182,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         bail!("{} is an archive; name a folder for --format jsonl or parquet", to.display());
     }
     let tables = args.format.end().map(|end| args.table_files(end).join(", "));
+    if !args.embedder.is_default() && (args.server.is_some() || args.format == Format::Dataset) {
+        bail!(
+            "--embedder is for the tables of a database: use it with --db and --format jsonl or parquet"
+        );
+    }
     let exported = if let Some(server) = args.server.clone() {
         match args.format.end() {
             Some(end) => download_tables(&args, &server, &partial, end).await?,
@@ -277,9 +285,17 @@ fn write_episodes(
         return Ok(export.dataset(&mut *files(partial, is_archive)?)?);
     };
     std::fs::create_dir(partial).with_context(|| not_created(partial))?;
+    let embedder = args.embedder.open()?;
+    let embed = |messages| {
+        let runtime = tokio::runtime::Handle::current();
+        runtime.block_on(embedder.of_texts(messages)).map_err(Into::into)
+    };
     let table = |table: TableName| -> anyhow::Result<Exported> {
         let file = create(&partial.join(format!("{}.{end}", table.name())))?;
-        let export = select(&selection)?;
+        let mut export = select(&selection)?;
+        if !args.embedder.is_default() {
+            export = export.with_embedder(embed);
+        }
         Ok(match args.format {
             Format::Parquet => export.parquet(table, file)?,
             Format::Dataset | Format::Jsonl => export.lines(table, file)?,

@@ -7,13 +7,16 @@ use std::sync::Arc;
 
 use anyhow::{Context, bail};
 use swarmbench_analysis::metric::Panel;
-use swarmbench_analysis::{Definition, Embedder, Hash1, METRICS_REVISION, Metric, Options};
+use swarmbench_analysis::{Definition, Embedder, METRICS_REVISION, Metric, Options};
 use swarmbench_client::client::Client;
+use swarmbench_engine::physics::Solver;
+use swarmbench_journal::replay::verify_seen;
 use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMetrics};
 
+use super::embedder::EmbedderArgs;
 use super::options::ServerArgs;
 use super::output::{fields, mean, progress_bar, set, table};
-use crate::measure::{series, values};
+use crate::measure::{means, series, values};
 use crate::store::metrics::Measured;
 
 /// States of a series that a server sends at once.
@@ -26,7 +29,8 @@ const STATES: u32 = 1000;
     swarmbench metrics ep_0123…                        (on a server on this machine)\n  \
     swarmbench metrics run_0123…                       (of all games of a run, with means by task)\n  \
     swarmbench metrics game.jsonl                      (a journal file, without a server)\n  \
-    swarmbench metrics game.jsonl --series --format csv > states.csv"
+    swarmbench metrics game.jsonl --series --format csv > states.csv\n  \
+    swarmbench metrics run_0123… --embedder endpoint:all-mpnet-base-v2 --embedder-url http://127.0.0.1:8081/v1"
 )]
 pub(super) struct Args {
     /// An episode, a run, an imported game (by its id), or a journal file.
@@ -42,6 +46,8 @@ pub(super) struct Args {
     /// How to print.
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
+    #[command(flatten)]
+    embedder: EmbedderArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -81,10 +87,21 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
 
 /// Measures a journal on this machine.
 async fn of_journal(args: &Args, journal: Vec<u8>) -> anyhow::Result<GameMetrics> {
-    let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
+    let embedder = args.embedder.open()?.of_texts(messages(&journal, &args.embedder)?).await?;
     let (definition, wants_series) = (args.definition, args.series);
     let work = move || measured(&journal, definition, wants_series, &embedder);
     tokio::task::spawn_blocking(work).await?
+}
+
+/// The messages of a journal, for an embedder that has to know them before.
+fn messages(journal: &[u8], embedder: &EmbedderArgs) -> anyhow::Result<Vec<String>> {
+    let mut messages = Vec::new();
+    if !embedder.is_default() {
+        verify_seen(journal, None, Solver::Flow, |_, acts| {
+            messages.extend(acts.iter().filter_map(|act| act.message.clone()));
+        })?;
+    }
+    Ok(messages)
 }
 
 fn measured(
@@ -98,7 +115,7 @@ fn measured(
     let read = swarmbench_analysis::journal::measure(
         BufReader::new(journal),
         options,
-        Arc::clone(embedder),
+        embedder,
         |round, of| set(&bar, round.into(), of.into()),
     );
     bar.finish_and_clear();
@@ -123,6 +140,14 @@ fn measured(
 
 /// The metrics of an episode or an imported game of a server.
 async fn of_server(args: &Args, client: &Client) -> anyhow::Result<GameMetrics> {
+    if !args.embedder.is_default() {
+        if args.game.starts_with("imp_") {
+            bail!(
+                "an imported game has no journal, so only the embedder of the server measures it"
+            );
+        }
+        return of_journal(args, client.journal(&args.game, None).await?).await;
+    }
     let kind = if args.game.starts_with("imp_") { "imports" } else { "episodes" };
     let path = format!("/api/v1/{kind}/{}/metrics", args.game);
     let states = STATES.to_string();
@@ -156,6 +181,9 @@ async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
     if args.series {
         bail!("--series is for one game: name an episode");
     }
+    if !args.embedder.is_default() {
+        return of_journals(args, client).await;
+    }
     let path = format!("/api/v1/runs/{}/metrics", args.game);
     let query = [("definition", args.definition.name())];
     let bar = progress_bar("{spinner} {pos} games");
@@ -168,8 +196,23 @@ async fn of_run(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
         run.next_cursor = more.next_cursor;
     }
     bar.finish_and_clear();
-    run.tasks = crate::measure::means(&run.items);
+    run.tasks = means(&run.items);
     Ok(run)
+}
+
+/// The metrics of the games of a run, measured here.
+async fn of_journals(args: &Args, client: &Client) -> anyhow::Result<RunMetrics> {
+    let run = client.run(&args.game, None).await?;
+    let ended = run.games.iter().filter(|game| game.reason.is_some() && game.void_reason.is_none());
+    let mut items = Vec::new();
+    for id in ended.filter_map(|game| game.episode.as_ref()) {
+        let game = of_journal(args, client.journal(id, None).await?).await;
+        items.push(game.with_context(|| id.clone())?);
+    }
+    let method = items.first().map(|game| game.method.clone());
+    let method = method.with_context(|| format!("{}: no game has ended yet", args.game))?;
+    let tasks = means(&items);
+    Ok(RunMetrics { run: args.game.clone(), method, tasks, items, next_cursor: None })
 }
 
 fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {

@@ -6,7 +6,6 @@ mod board;
 mod clock;
 mod competition;
 mod demo;
-#[cfg_attr(not(test), expect(dead_code, reason = "for the commands that measure games"))]
 mod embedder;
 mod eval;
 mod export;

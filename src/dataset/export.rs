@@ -54,6 +54,8 @@ pub enum ExportError {
     Table(#[from] parquet::errors::ParquetError),
     #[error("there is no episode {0}")]
     Unknown(String),
+    #[error("the messages have no vectors: {0}")]
+    Embedder(EmbedError),
     /// The receiver of the export has hung up.
     #[error("it was stopped")]
     Stopped,
@@ -85,9 +87,23 @@ pub struct Export<'a> {
     exported: Exported,
     progress: Box<dyn FnMut(u64, u64) + 'a>,
     stop: CancellationToken,
+    /// Makes the embedder of an episode from its messages; `None` for the one whose values are stored.
+    embed: Option<Box<Embed<'a>>>,
 }
 
+type EmbedError = Box<dyn std::error::Error + Send + Sync>;
+
+type Embed<'a> = dyn Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 'a;
+
 impl<'a> Export<'a> {
+    /// Measures all games with the embedders that `embed` makes from their messages.
+    pub fn with_embedder(
+        self,
+        embed: impl Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 'a,
+    ) -> Self {
+        Self { embed: Some(Box::new(embed)), ..self }
+    }
+
     /// Selects what there is now. `may` decides whether an episode may be exported; `progress` is called with the
     /// number of episodes written and the number of all; `stop` ends the export early. It blocks: not to be called on
     /// an async thread.
@@ -125,7 +141,7 @@ impl<'a> Export<'a> {
         keys.reverse();
         let (exported, progress) = (Exported::default(), Box::new(progress));
         let played_by = filter.played_by.clone();
-        Ok(Self { store, runtime, keys, played_by, exported, progress, stop })
+        Ok(Self { store, runtime, keys, played_by, exported, progress, stop, embed: None })
     }
 
     /// Whether no episode was selected.
@@ -293,8 +309,10 @@ impl<'a> Export<'a> {
     }
 
     /// What turns the texts of an episode into vectors.
-    fn embedder(&self, _: &StoredEpisode) -> Result<Arc<dyn Embedder>, ExportError> {
-        Ok(Arc::new(Hash1::default()))
+    fn embedder(&self, stored: &StoredEpisode) -> Result<Arc<dyn Embedder>, ExportError> {
+        let Some(embed) = &self.embed else { return Ok(Arc::new(Hash1::new())) };
+        let messages = self.store.messages_of(stored.episode, stored.rounds);
+        embed(self.runtime.block_on(messages)?).map_err(ExportError::Embedder)
     }
 
     /// The metrics of an episode: those that are stored, or else it is replayed.

@@ -45,6 +45,19 @@ impl Store {
         Ok(found.flatten())
     }
 
+    /// The different messages of the rounds before `end`.
+    pub async fn messages_of(
+        &self,
+        episode: EpisodeKey,
+        end: u32,
+    ) -> Result<Vec<String>, StoreError> {
+        let query = sqlx::query(
+            "SELECT DISTINCT record ->> 'message' AS message FROM acts
+             WHERE episode = ? AND round < ? AND message IS NOT NULL ORDER BY message",
+        );
+        self.fetch_all(query.bind(episode.0).bind(end)).await
+    }
+
     /// The resolved rounds `from..to` of an episode with their acts, in order: all of the acts but the answers and
     /// the reasoning of language models, which may be large.
     pub async fn logged_rounds(

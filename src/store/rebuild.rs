@@ -7,7 +7,7 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row as _};
 use swarmbench_analysis::journal::measure;
-use swarmbench_analysis::{Hash1, Options};
+use swarmbench_analysis::{Embedder, Hash1, Options};
 
 use super::again::{StoredJournal, play_again, read_journal};
 use super::metrics::{self, Measured, MetricsRow};
@@ -166,7 +166,8 @@ async fn measured(
     let stored = StoredJournal { episode, opening, seating, rounds, ending: None };
     let read = |journal| {
         let options = Options { series: false, vectors: true, edits: true };
-        let measured = measure(journal, options, Arc::new(Hash1::default()), |_, _| ());
+        let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
+        let measured = measure(journal, options, &embedder, |_, _| ());
         measured.map(|(_, metrics)| Measured::of(&metrics)).map_err(|fault| fault.to_string())
     };
     let measured = read_journal(database, &stored, read).await?;

@@ -81,9 +81,9 @@ impl Game {
     }
 
     fn measure(&self, states: Vec<State>, options: Options) -> Metrics {
-        let embedder = Hash1::new();
+        let embedder = Arc::new(Hash1::new());
         let (setup, layout) = (Setup::of(&self.layout), State::of(&self.layout));
-        let mut meter = Meter::new(setup, layout, options, &embedder);
+        let mut meter = Meter::new(setup, layout, options, embedder);
         for (round, after) in self.rounds.iter().zip(states) {
             meter.round(&round.decisions, after, Some(&round.heard));
         }

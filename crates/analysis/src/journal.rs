@@ -20,7 +20,7 @@ use crate::meter::{Meter, Metrics, Options};
 pub fn measure(
     journal: impl BufRead,
     options: Options,
-    embedder: Arc<dyn Embedder>,
+    embedder: &Arc<dyn Embedder>,
     mut progress: impl FnMut(u32, u32),
 ) -> Result<(Report, Metrics), Fault> {
     let mut meter: Option<Meter> = None;
@@ -29,7 +29,8 @@ pub fn measure(
         let state = State::of(world);
         match &mut meter {
             None => {
-                meter = Some(Meter::new(Setup::of(world), state, options, Arc::clone(&embedder)))
+                let embedder = Arc::clone(embedder);
+                meter = Some(Meter::new(Setup::of(world), state, options, embedder));
             }
             Some(meter) => {
                 let decisions = decisions(world.config(), acts);
