@@ -1,7 +1,8 @@
 //! What a swarm did, in numbers: metrics of one game, from the states and acts of its rounds.
 //!
-//! Pure: no files, no clock, no network, no wire format. A metric of a game depends on that game alone.
-//! [`Meter`] takes a game round by round; `docs/evaluate/metrics.md` defines every metric.
+//! Pure: no files, no clock, no network. A metric of a game depends on that game alone.
+//! [`Meter`] takes a game round by round, [`journal`] reads it from its journal; `docs/evaluate/metrics.md` defines every
+//! metric.
 //!
 //! A crate of its own because the server, the command line and figures all measure games, and figures and tables are
 //! made without a server.
