@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::asked_to_stop;
 use super::options::{api_base, api_key};
 use super::output::{progress_bar, set};
-use swarmbench_client::embed::{BATCHES_AT_ONCE, Embeddings, VectorFile};
+use swarmbench_client::embed::{BATCHES_AT_ONCE, Embeddings, Error, VectorFile};
 use swarmbench_client::llm::{Allowance, Settings};
 use swarmbench_clock::SystemClock;
 
@@ -147,18 +147,11 @@ impl Choice {
             Self::Endpoint(embeddings) => embeddings,
         };
         let bar = progress_bar("{bar:30} {pos} of {len} texts have vectors, {eta} left");
-        let stop = CancellationToken::new();
+        let never = CancellationToken::new();
         let show = |done: usize, of: usize| set(&bar, done as u64, of as u64);
-        let asked = embeddings.vectors(texts, show, &stop);
-        let stopped = async {
-            asked_to_stop().await;
-            stop.cancel();
-            // The cancelled request ends the other branch.
-            std::future::pending().await
-        };
         let vectors = tokio::select! {
-            vectors = asked => vectors,
-            () = stopped => unreachable!("it waits for ever"),
+            vectors = embeddings.vectors(texts, show, &never) => vectors,
+            () = asked_to_stop() => bail!("{}", Error::Cancelled),
         };
         bar.finish_and_clear();
         Ok(Arc::new(vectors?))

@@ -97,6 +97,7 @@ type Embed<'a> = dyn Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 
 
 impl<'a> Export<'a> {
     /// Measures all games with the embedders that `embed` makes from their messages.
+    #[must_use]
     pub fn with_embedder(
         self,
         embed: impl Fn(Vec<String>) -> Result<Arc<dyn Embedder>, EmbedError> + 'a,

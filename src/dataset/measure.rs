@@ -87,15 +87,14 @@ impl ImportMeter {
             }
         }
         let before = std::mem::replace(&mut self.decided, decided);
-        match &mut self.meter {
-            Some(meter) => meter.round(&before, state, None),
-            None => {
-                let is_open = |cell: &&String| !FIXED.contains(&cell.as_str());
-                let open_cells = row.grid.iter().flatten().filter(is_open).count();
-                let setup = Setup { open_cells, ..self.setup.clone() };
-                let embedder = Arc::new(Hash1::default());
-                self.meter = Some(Meter::new(setup, state, self.options, embedder));
-            }
+        if let Some(meter) = &mut self.meter {
+            meter.round(&before, state, None);
+        } else {
+            let is_open = |cell: &&String| !FIXED.contains(&cell.as_str());
+            let open_cells = row.grid.iter().flatten().filter(is_open).count();
+            let setup = Setup { open_cells, ..self.setup.clone() };
+            let embedder = Arc::new(Hash1::new());
+            self.meter = Some(Meter::new(setup, state, self.options, embedder));
         }
         Ok(())
     }

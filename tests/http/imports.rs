@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use crate::app::program::{swarmbench, text};
-use crate::app::{TestApp, list};
+use crate::app::{Episode, TestApp, list};
 use crate::exports::{TASKS, dataset, open, play, request, unpack};
 
 /// Plays, exports, imports into a fresh database: the same scores, and the same grids in every round.
@@ -43,35 +43,7 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
         let output = swarmbench(&["export", &path(name), "--db", &db]).await;
         assert!(!output.status.success() && text(&output.stderr).contains("not overwritten"));
     }
-    let tables = swarmbench(&["export", &path("tables"), "--db", &db, "--format", "jsonl"]).await;
-    assert!(tables.status.success(), "{}", text(&tables.stderr));
-    let tables = place.path().join("tables");
-    let read = |name: &str| std::fs::read_to_string(tables.join(name)).expect("a table");
-    assert_eq!(read("acts.jsonl"), app.get("/api/v1/exports/acts.jsonl").send().await.text());
-    assert!(!tables.join("heard.jsonl").exists() && !tables.join("views.jsonl").exists());
-    // The server sends the same tables, and more where they are named.
-    let sent = place.path().join("sent");
-    let args = [
-        "export",
-        &path("sent"),
-        "--server",
-        app.base(),
-        "--format",
-        "jsonl",
-        "--with",
-        "heard,views",
-    ];
-    let output = swarmbench(&args).await;
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    for name in ["episodes.jsonl", "acts.jsonl", "rounds.jsonl"] {
-        assert_eq!(std::fs::read_to_string(sent.join(name)).expect("a table"), read(name));
-    }
-    for name in ["heard", "views"] {
-        let here = std::fs::read_to_string(sent.join(format!("{name}.jsonl"))).expect("a table");
-        let there = app.get(&format!("/api/v1/exports/{name}.jsonl")).send().await.text();
-        assert_eq!(here, there);
-        assert!(here.lines().count() > 100, "{name}: {}", here.lines().count());
-    }
+    same_tables(&app).await;
 
     // A server on the database of another organizer.
     let mut there = TestApp::start().await;
@@ -115,32 +87,7 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
             }
             assert_eq!(there, here);
         }
-        // What files do not tell has no value: who heard whom, and tokens.
-        let untold = ["delivered", "unheard_share", "echo", "tokens_per_point"];
-        for query in ["?series=true", "?definition=toolkit"] {
-            let mut here = app.get(&played.episode.path(&format!("/metrics{query}"))).ok().await;
-            let path = format!("/api/v1/imports/{id}/metrics{query}");
-            let mut there = there.get(&path).ok().await;
-            for metric in untold {
-                assert_eq!(there["values"][metric]["value"], json!(null), "{metric}");
-                for values in [&mut here["values"], &mut there["values"]] {
-                    values.as_object_mut().expect("values").remove(metric);
-                }
-            }
-            // An agent without an action is written as one that stays, and an invalid answer as any other.
-            for list in ["no_actions", "stays", "invalid", "timeouts"] {
-                for series in [&mut here["series"]["counts"], &mut there["series"]["counts"]] {
-                    series.as_object_mut().map(|counts| counts.remove(list));
-                }
-            }
-            for name in ["echo", "no_action_share"] {
-                for all in [&mut here, &mut there] {
-                    all["values"].as_object_mut().map(|values| values.remove(name));
-                    all["series"]["values"].as_object_mut().map(|values| values.remove(name));
-                }
-            }
-            assert_eq!((&here["values"], &here["series"]), (&there["values"], &there["series"]));
-        }
+        same_metrics((&app, &played.episode), (&there, id)).await;
         there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
         let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;
         assert_eq!(last["round"], 6);
@@ -149,6 +96,72 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
     let output = swarmbench(&["export", &path("again"), "--db", &other, "--imported"]).await;
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_eq!(open(&place.path().join("again")), files);
+}
+
+/// The metrics of a game and of its import are the same, as far as files tell what they need.
+async fn same_metrics((app, episode): (&TestApp, &Episode), (there, id): (&TestApp, &str)) {
+    // What files do not tell has no value: who heard whom, and tokens.
+    let untold = ["delivered", "unheard_share", "echo", "tokens_per_point"];
+    for query in ["?series=true", "?definition=toolkit"] {
+        let mut here = app.get(&episode.path(&format!("/metrics{query}"))).ok().await;
+        let path = format!("/api/v1/imports/{id}/metrics{query}");
+        let mut imported = there.get(&path).ok().await;
+        for metric in untold {
+            assert_eq!(imported["values"][metric]["value"], json!(null), "{metric}");
+            for values in [&mut here["values"], &mut imported["values"]] {
+                values.as_object_mut().expect("values").remove(metric);
+            }
+        }
+        // An agent without an action is written as one that stays, and an invalid answer as any other.
+        for list in ["no_actions", "stays", "invalid", "timeouts"] {
+            for series in [&mut here["series"]["counts"], &mut imported["series"]["counts"]] {
+                series.as_object_mut().map(|counts| counts.remove(list));
+            }
+        }
+        for name in ["echo", "no_action_share"] {
+            for all in [&mut here, &mut imported] {
+                all["values"].as_object_mut().map(|values| values.remove(name));
+                all["series"]["values"].as_object_mut().map(|values| values.remove(name));
+            }
+        }
+        assert_eq!((&here["values"], &here["series"]), (&imported["values"], &imported["series"]));
+    }
+}
+
+/// The tables that are written from the database are those that the server sends.
+async fn same_tables(app: &TestApp) {
+    let place = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let db = app.database().display().to_string();
+    let tables = swarmbench(&["export", &path("tables"), "--db", &db, "--format", "jsonl"]).await;
+    assert!(tables.status.success(), "{}", text(&tables.stderr));
+    let tables = place.path().join("tables");
+    let read = |name: &str| std::fs::read_to_string(tables.join(name)).expect("a table");
+    assert_eq!(read("acts.jsonl"), app.get("/api/v1/exports/acts.jsonl").send().await.text());
+    assert!(!tables.join("heard.jsonl").exists() && !tables.join("views.jsonl").exists());
+    // The server sends the same tables, and more where they are named.
+    let sent = place.path().join("sent");
+    let args = [
+        "export",
+        &path("sent"),
+        "--server",
+        app.base(),
+        "--format",
+        "jsonl",
+        "--with",
+        "heard,views",
+    ];
+    let output = swarmbench(&args).await;
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for name in ["episodes.jsonl", "acts.jsonl", "rounds.jsonl"] {
+        assert_eq!(std::fs::read_to_string(sent.join(name)).expect("a table"), read(name));
+    }
+    for name in ["heard", "views"] {
+        let here = std::fs::read_to_string(sent.join(format!("{name}.jsonl"))).expect("a table");
+        let there = app.get(&format!("/api/v1/exports/{name}.jsonl")).send().await.text();
+        assert_eq!(here, there);
+        assert!(here.lines().count() > 100, "{name}: {}", here.lines().count());
+    }
 }
 
 /// A database with one imported game, under a server that is started so.

@@ -36,7 +36,7 @@ async fn values_follow_from_what_was_played() {
     assert_eq!((&metrics["rounds"], &metrics["status"]), (&json!(2), &json!("finished")));
     assert_eq!(value(&metrics, "question_share"), (Some(0.5), 2));
     assert_eq!(value(&metrics, "message_length"), (Some(8.0), 2));
-    assert_eq!(value(&metrics, "digit_share"), (Some((2.0 / 9.0 + 1.0 / 7.0) / 2.0), 2));
+    assert_eq!(value(&metrics, "digit_share"), (Some(f64::midpoint(2.0 / 9.0, 1.0 / 7.0)), 2));
     assert_eq!(value(&metrics, "direction_entropy"), (Some(0.0), 2));
     assert_eq!(value(&metrics, "homogeneity"), (Some(1.0), 2));
     // The toolkit's figures have 0 where all say the same, and this page of one game has 12 of its other values.
