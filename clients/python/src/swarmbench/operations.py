@@ -4,7 +4,7 @@ import uuid
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import update_wrapper
 from types import MethodType
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, Literal, ParamSpec, TypeVar, cast, overload
 
 from . import wire
 from ._compat import Self, Unpack
@@ -162,6 +162,20 @@ class Operations:
         """The journal, byte for byte: what `swarmbench verify` reads."""
         return call("GET", EPISODE + "/journal", id, read=bytes)
 
+    @Operation
+    def metrics(
+        self,
+        id: str,
+        *,
+        definition: Literal["paper", "toolkit"] | None = None,
+        series: bool | None = None,
+        from_: int | None = None,
+        states: int | None = None,
+    ) -> Call[wire.GameMetrics]:
+        """What the swarm of an episode did, in numbers; with `series` also for its states (at most 1,000 at once)."""
+        query = {"definition": definition, "series": series, "from": from_, "states": states}
+        return call("GET", EPISODE + "/metrics", id, query=query)
+
     # Runs and suites.
 
     @Operation
@@ -206,6 +220,18 @@ class Operations:
         return call("POST", RUN + "/token", id)
 
     # Boards.
+
+    @Operation
+    def run_metrics(
+        self,
+        id: str,
+        *,
+        definition: Literal["paper", "toolkit"] | None = None,
+        limit: int | None = None,
+        cursor: str | None = None,
+    ) -> Call[wire.RunMetrics]:
+        """The metrics of the games of a run that have ended, and their means by task."""
+        return call("GET", RUN + "/metrics", id, query={"definition": definition, "limit": limit, "cursor": cursor})
 
     @Operation
     def leaderboard(self, **query: Unpack[wire.LeaderboardQuery]) -> Call[wire.Leaderboard]:

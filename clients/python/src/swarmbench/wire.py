@@ -554,6 +554,7 @@ class LeaderboardQuery(TypedDict, total=False):
     pick: Literal["best", "last", "mean"]
     reference: bool
     imported: bool
+    metrics: str
     limit: int
     cursor: str
 
@@ -616,6 +617,65 @@ class BoardRow(TypedDict):
     timeout_share: float | None
     clock_out_share: float | None
     voided: int | None
+    metrics: NotRequired[dict[str, dict[str, float | None]]]
+
+
+class MetricsMethod(TypedDict):
+    """How values of metrics were computed; those of different methods cannot be compared."""
+
+    definition: str
+    metrics_revision: int
+    embedder: str
+
+
+class MetricValue(TypedDict):
+    """The value of a metric for a game, and from how many rounds it was computed."""
+
+    value: float | None
+    rounds: int
+
+
+# One of its names is a word of Python. Values of the states from `from` on; `next` is the first one that is left out.
+MetricSeries = TypedDict(
+    "MetricSeries",
+    {
+        "from": int,
+        "length": int,
+        "next": int | None,
+        "counts": dict[str, list[int | None]],
+        "values": dict[str, list[float | None]],
+    },
+)
+
+
+class GameMetrics(MetricsMethod):
+    """The metrics of a game (docs/evaluate/metrics.md)."""
+
+    episode: str
+    task: TaskName
+    status: str
+    rounds: int
+    score: float
+    sampled: bool
+    values: dict[str, MetricValue]
+    series: NotRequired[MetricSeries | None]
+
+
+class MetricMean(TypedDict):
+    """A mean over the games in which a metric is defined."""
+
+    mean: float
+    deviation: float
+    games: int
+
+
+class RunMetrics(MetricsMethod):
+    """The metrics of the games of a run, or a page of them."""
+
+    run: str
+    tasks: dict[str, dict[str, MetricMean]]
+    items: list[GameMetrics]
+    next_cursor: str | None
 
 
 class Leaderboard(TypedDict):
@@ -628,6 +688,8 @@ class Leaderboard(TypedDict):
     sort: str
     pick: str
     rows: int
+    metrics: NotRequired[list[str]]
+    metrics_method: NotRequired[MetricsMethod | None]
     items: list[BoardRow]
     next_cursor: str | None
 
