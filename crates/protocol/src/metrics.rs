@@ -49,7 +49,7 @@ pub struct GameMetrics {
     /// Whether texts were left out of a comparison because a round had too many.
     pub sampled: bool,
     /// The values of the game.
-    pub values: MetricValues,
+    pub values: BTreeMap<String, MetricValue>,
     /// Values of states, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<MetricSeries>,
