@@ -8,6 +8,7 @@
 
 pub mod game;
 pub mod metric;
+pub mod statistics;
 
 mod meter;
 
