@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_interpolated() {
-        let found = [0.0, 0.75, 1.0].map(|share| quantile(&[1.0, 2.0, 4.0], share));
+        let found = [0.0, 0.75, 1.0].map(|share| quantile(&[1.0, 2.0, 4.0], share)).to_vec();
         assert_eq!(found, [1.0, 3.0, 4.0]);
     }
 }
