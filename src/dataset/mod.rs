@@ -3,7 +3,7 @@
 //! [`mod@format`] has the shapes of the format's files. [`header`] reads what a stored episode tells without a replay;
 //! [`game`] plays it again, round by round; [`export`] writes it into [`files`], as tables in JSON Lines ([`tables`]) or in Parquet
 //! ([`columns`]). [`read`] reads such files, which are untrusted, within [`bounds`], and makes rows for the store of
-//! them ([`imported`]). The format field by field: `docs/evaluate/dataset.md`.
+//! them ([`imported`]). [`rows`] reads tables. The format field by field: `docs/evaluate/dataset.md`.
 
 pub mod bounds;
 pub mod columns;
@@ -14,4 +14,5 @@ pub mod game;
 pub mod header;
 pub mod imported;
 pub mod read;
+pub mod rows;
 pub mod tables;
