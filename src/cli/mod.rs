@@ -5,10 +5,12 @@ mod backup;
 mod board;
 mod clock;
 mod competition;
+mod correlations;
 mod demo;
 mod embedder;
 mod eval;
 mod export;
+mod games;
 mod healthcheck;
 mod import;
 mod key;
@@ -22,6 +24,8 @@ mod output;
 mod pages;
 mod play;
 mod serve;
+mod sheet;
+mod table;
 mod verify;
 
 use std::process::ExitCode;
@@ -68,6 +72,10 @@ enum Command {
     Leaderboard(leaderboard::Args),
     /// Show how well models play together.
     CrossPlay(leaderboard::CrossPlayArgs),
+    /// Make the paper's tables, or others, from any games.
+    Table(Box<table::Args>),
+    /// Show how metrics of games correlate with their scores.
+    Correlations(Box<correlations::Args>),
     /// Rebuild the results that boards show from the journals.
     #[command(subcommand)]
     Board(board::Command),
@@ -102,6 +110,8 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => with_runtime(verify::run(args)),
         Command::Leaderboard(args) => with_runtime(leaderboard::run(args)),
         Command::CrossPlay(args) => with_runtime(leaderboard::run_cross_play(args)),
+        Command::Table(args) => with_runtime(table::run(*args)),
+        Command::Correlations(args) => with_runtime(correlations::run(*args)),
         Command::Board(command) => with_runtime(board::run(command)),
         Command::Metrics(args) => with_runtime(metrics::run(*args)),
         Command::Backup(args) => with_runtime(backup::run(args)),

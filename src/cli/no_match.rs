@@ -5,20 +5,19 @@ use std::io::{self, Write};
 
 use serde::Deserialize;
 
+use crate::dataset::rows::Splitter;
+
 /// Names that the error has at most.
 const SHOWN_MAX: usize = 10;
 
 /// Names that are compared at most.
 const NAMES_MAX: usize = 10_000;
 
-/// Bytes of a row at most: a server may send anything.
-const ROW_BYTES_MAX: usize = 4 * 1024 * 1024;
-
 /// The models of games. Rows of the table `episodes` are written to it, as JSON Lines.
 #[derive(Default)]
 pub(super) struct Models {
     names: BTreeSet<String>,
-    row: Vec<u8>,
+    splitter: Splitter,
 }
 
 #[derive(Deserialize)]
@@ -29,15 +28,7 @@ struct Row {
 
 impl Models {
     pub(super) fn add(&mut self, names: impl IntoIterator<Item = String>) {
-        let room = NAMES_MAX - self.names.len();
-        self.names.extend(names.into_iter().take(room));
-    }
-
-    fn add_row(&mut self) -> io::Result<()> {
-        let row: Row = serde_json::from_slice(&self.row)?;
-        self.add(serde_json::from_str::<Vec<String>>(&row.models)?);
-        self.row.clear();
-        Ok(())
+        add(&mut self.names, names);
     }
 
     /// The names that are most like this one, the nearest first.
@@ -65,17 +56,19 @@ impl Models {
     }
 }
 
+fn add(names: &mut BTreeSet<String>, others: impl IntoIterator<Item = String>) {
+    let room = NAMES_MAX - names.len();
+    names.extend(others.into_iter().take(room));
+}
+
 impl Write for Models {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
-            if self.row.len() + piece.len() > ROW_BYTES_MAX {
-                return Err(io::Error::other(format!("a row has more than {ROW_BYTES_MAX} bytes")));
-            }
-            self.row.extend_from_slice(piece);
-            if piece.ends_with(b"\n") {
-                self.add_row()?;
-            }
-        }
+        let Self { names, splitter } = self;
+        splitter.push(bytes, |line| {
+            let row: Row = serde_json::from_slice(line)?;
+            add(names, serde_json::from_str::<Vec<String>>(&row.models)?);
+            Ok(())
+        })?;
         Ok(bytes.len())
     }
 
@@ -101,6 +94,5 @@ mod tests {
         let names = error.strip_prefix("no game matches --model gtp-4o; models that have games: ");
         let names: Vec<&str> = names.expect("the filters").split(", ").collect();
         assert_eq!((names[0], names.len()), ("\"GPT-4o\"", SHOWN_MAX));
-        assert!(models.write_all(&vec![b' '; ROW_BYTES_MAX + 1]).is_err());
     }
 }

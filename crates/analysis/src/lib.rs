@@ -10,6 +10,7 @@
 pub mod game;
 pub mod journal;
 pub mod metric;
+pub mod statistics;
 
 mod characters;
 mod embed;

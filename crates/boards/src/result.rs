@@ -2,26 +2,11 @@
 
 use std::collections::BTreeMap;
 
+pub use swarmbench_analysis::statistics::mean_and_deviation;
+pub(super) use swarmbench_analysis::statistics::{float, mean};
 use swarmbench_engine::{Seed, TaskName};
 
 use super::{Game, Player, RowId, Run, Slot};
-
-/// The mean, and the population standard deviation, if there are numbers.
-#[must_use]
-pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
-    let mean = mean(numbers)?;
-    let squares: f64 = numbers.iter().map(|number| (number - mean).powi(2)).sum();
-    Some((mean, (squares / float(numbers.len())).sqrt()))
-}
-
-pub(super) fn mean(numbers: &[f64]) -> Option<f64> {
-    (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / float(numbers.len()))
-}
-
-#[expect(clippy::cast_precision_loss, reason = "nobody plays 2⁵³ games")]
-pub(super) const fn float(count: usize) -> f64 {
-    count as f64
-}
 
 /// The results of a plan in each of its tasks, in the order of [`TaskName::ALL`]; `games` are those that have ended.
 ///

@@ -1,0 +1,139 @@
+//! Statistics over many games: means and deviations, correlations with the score, and how sure they are.
+//!
+//! `docs/evaluate/tables.md` says how the numbers are read.
+
+mod correlation;
+mod line;
+mod models;
+mod several;
+
+pub use correlation::{Correlation, NoCorrelation, PAIRS_MIN, correlation, p_value};
+pub use line::Line;
+pub use models::{DRAWS, MODELS_MIN, SEED, by_models};
+pub use several::{q_values, stars};
+
+/// The mean, and the population standard deviation (the sum of squares is divided by their number), if there are numbers.
+#[must_use]
+pub fn mean_and_deviation(numbers: &[f64]) -> Option<(f64, f64)> {
+    let mean = mean(numbers)?;
+    let squares: f64 = numbers.iter().map(|number| (number - mean).powi(2)).sum();
+    Some((mean, (squares / float(numbers.len())).sqrt()))
+}
+
+/// The mean, if there are numbers.
+#[must_use]
+pub fn mean(numbers: &[f64]) -> Option<f64> {
+    (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / float(numbers.len()))
+}
+
+/// A number of games as a number.
+#[expect(clippy::cast_precision_loss, reason = "nobody plays 2⁵³ games")]
+#[must_use]
+pub const fn float(count: usize) -> f64 {
+    count as f64
+}
+
+/// The numbers as distances from their mean, in population deviations; `None` if [`is_constant`].
+#[must_use]
+pub fn standardised(numbers: &[f64]) -> Option<Vec<f64>> {
+    let (mean, deviation) = mean_and_deviation(numbers).filter(|_| !is_constant(numbers))?;
+    Some(numbers.iter().map(|number| (number - mean) / deviation).collect())
+}
+
+/// Numbers that differ by less than this share of the largest are equal: means of equal values have rounding errors.
+const EQUAL: f64 = 1e-12;
+
+/// Differences are compared with no less than this: squares of smaller ones would be 0.
+const LARGEST_MIN: f64 = 1e-130;
+
+/// Whether all numbers are equal, up to rounding errors. No correlation is defined for these.
+#[must_use]
+pub fn is_constant(numbers: &[f64]) -> bool {
+    let largest = numbers.iter().fold(LARGEST_MIN, |largest, number| largest.max(number.abs()));
+    numbers.iter().all(|number| (number - numbers[0]).abs() <= EQUAL * largest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Table S.1 of the paper: of each model the means and deviations of Pursuit, Synchronization, Foraging, Flocking
+    /// and Transport, and the total.
+    const DETAILED: [([(f64, f64); 5], f64); 13] = [
+        ([(8.80, 1.60), (3.40, 2.94), (5.80, 4.35), (9.40, 0.80), (0.00, 0.00)], 27.40),
+        ([(9.60, 0.49), (2.80, 1.17), (4.80, 2.64), (8.90, 1.83), (0.52, 1.04)], 26.62),
+        ([(4.40, 1.20), (12.60, 9.62), (1.20, 1.47), (7.50, 1.93), (0.00, 0.00)], 25.70),
+        ([(8.40, 1.85), (2.80, 0.75), (3.20, 1.94), (5.70, 0.68), (0.00, 0.00)], 20.10),
+        ([(4.20, 2.48), (4.00, 1.41), (2.60, 2.06), (6.40, 1.40), (0.00, 0.00)], 17.20),
+        ([(3.40, 1.50), (1.80, 1.33), (1.60, 1.85), (5.00, 3.18), (0.00, 0.00)], 11.80),
+        ([(3.60, 2.06), (2.20, 1.17), (2.60, 3.88), (2.70, 0.93), (0.00, 0.00)], 11.10),
+        ([(2.20, 1.94), (1.20, 0.98), (0.80, 0.75), (5.90, 0.20), (0.00, 0.00)], 10.10),
+        ([(1.00, 0.63), (1.20, 1.17), (1.00, 1.10), (6.10, 0.38), (0.71, 1.42)], 10.01),
+        ([(1.80, 0.40), (1.00, 1.10), (0.00, 0.00), (7.10, 0.74), (0.00, 0.00)], 9.90),
+        ([(1.20, 0.75), (0.20, 0.40), (1.00, 1.55), (7.10, 2.44), (0.00, 0.00)], 9.50),
+        ([(1.40, 0.80), (0.60, 0.49), (1.40, 1.02), (5.00, 2.76), (0.00, 0.00)], 8.40),
+        ([(0.60, 0.49), (1.00, 0.00), (0.00, 0.00), (5.60, 0.74), (0.00, 0.00)], 7.20),
+    ];
+
+    /// Half of the last digit that the paper prints.
+    const HALF_DIGIT: f64 = 0.005 + 1e-9;
+
+    #[test]
+    fn totals_of_the_paper_are_sums_of_means() {
+        for (tasks, total) in DETAILED {
+            let sum: f64 = tasks.iter().map(|(mean, _)| mean).sum();
+            assert!((sum - total).abs() < 1e-9, "{sum} is not {total}");
+        }
+    }
+
+    /// All lists of `left` whole numbers in rising order, none below the last of `chosen`, with this sum.
+    fn lists(chosen: &mut Vec<f64>, left: u32, sum: f64, found: &mut dyn FnMut(&[f64])) {
+        if left == 0 {
+            if sum == 0.0 {
+                found(chosen);
+            }
+            return;
+        }
+        let mut next = chosen.last().copied().unwrap_or(0.0);
+        while next * f64::from(left) <= sum {
+            chosen.push(next);
+            lists(chosen, left - 1, sum - next, found);
+            chosen.pop();
+            next += 1.0;
+        }
+    }
+
+    /// Scores of Pursuit, Synchronization and Foraging are whole. Each of these 39 cells can be five whole scores with
+    /// the population deviation; with the deviation that divides by n − 1 most cannot.
+    #[test]
+    fn deviations_of_the_paper_divide_by_n() {
+        let (mut of_population, mut of_sample) = (0, 0);
+        for (tasks, _) in DETAILED {
+            for (mean, deviation) in &tasks[..3] {
+                let (mut is_population, mut is_sample) = (false, false);
+                lists(&mut Vec::new(), 5, (mean * 5.0).round(), &mut |scores| {
+                    let (_, of_scores) = mean_and_deviation(scores).expect("five scores");
+                    is_population |= (of_scores - deviation).abs() < HALF_DIGIT;
+                    is_sample |= (of_scores * 1.25_f64.sqrt() - deviation).abs() < HALF_DIGIT;
+                });
+                of_population += u32::from(is_population);
+                of_sample += u32::from(is_sample);
+            }
+        }
+        assert_eq!(of_population, 39);
+        assert!(of_sample < 13, "{of_sample}");
+    }
+
+    #[test]
+    fn standardised_numbers_have_mean_0_and_deviation_1() {
+        let z = standardised(&[2.0, 4.0, 9.0]).expect("they differ");
+        let (mean, deviation) = mean_and_deviation(&z).expect("numbers");
+        assert!(mean.abs() < 1e-15 && (deviation - 1.0).abs() < 1e-15);
+        assert_eq!(standardised(&[3.0, 3.0]), None);
+        assert_eq!(standardised(&[]), None);
+        // A mean of three times 0.1 is not 0.1 to the bit.
+        assert!(is_constant(&[0.1, (0.1 + 0.1 + 0.1) / 3.0]));
+        assert!(!is_constant(&[0.0, 1e-100]));
+        assert!(is_constant(&[0.0, 1e-300]));
+    }
+}

@@ -1,0 +1,336 @@
+//! Games as rows of the table of episodes: what `table` and `correlations` compute with.
+
+mod settings;
+mod source;
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::sync::Arc;
+
+use anyhow::{bail, ensure};
+use data_encoding::HEXLOWER;
+use serde_json::Value as Json;
+use sha2::{Digest, Sha256};
+use swarmbench_analysis::Metric;
+use swarmbench_engine::TaskName;
+
+use crate::dataset::rows::Row;
+pub(super) use settings::Axes;
+pub(super) use source::Choice;
+
+/// Games at most: all are in memory.
+const GAMES_MAX: usize = 100_000;
+
+/// Columns at most, those from `agent_meta` included.
+const COLUMNS_MAX: usize = 500;
+
+/// Numbers are smaller than this: squares of larger ones would be infinite.
+const NUMBER_MAX: f64 = 1e100;
+
+/// Values or names that an error lists at most.
+const SHOWN_MAX: usize = 8;
+
+/// Names are similar from this Jaro–Winkler similarity on.
+const LIKE: f64 = 0.8;
+
+/// Columns that no table is made of: texts and times that differ in each game.
+const LEFT_OUT: [&str; 7] =
+    ["run", "models", "journal_head", "created_at", "started_at", "ended_at", "agent_meta"];
+
+/// Columns of every table of episodes.
+const NEEDED: [&str; 5] = ["episode", "task", "model", "status", "score"];
+
+/// Keys of `agent_meta` that say which run it is, not how a player was asked.
+const NO_SETTINGS: [&str; 2] = ["eval.identity", "eval.players"];
+
+/// A cell. Numbers come before texts, and what is missing comes last.
+#[derive(Clone, Debug)]
+pub(super) enum Value {
+    Number(f64),
+    Text(Arc<str>),
+    Missing,
+}
+
+/// Games and their columns; a game is its number.
+#[derive(Default)]
+pub(super) struct Games {
+    columns: BTreeMap<String, Vec<Value>>,
+    /// Columns that say how a player was asked: keys of `agent_meta`, and the template of prompts.
+    of_players: BTreeSet<String>,
+    episodes: BTreeSet<String>,
+    len: usize,
+}
+
+/// The games of a table, and what to say about those that are not in it.
+pub(super) struct Selected {
+    pub(super) games: Games,
+    pub(super) chosen: Vec<usize>,
+    pub(super) notes: Vec<String>,
+}
+
+/// A column and the values, one of which a game has to have.
+#[derive(Clone, Debug)]
+pub(super) struct Condition {
+    column: String,
+    values: Vec<String>,
+}
+
+impl Games {
+    /// Adds the row of a game, unless it is there already. Nested objects of `agent_meta` become columns such as
+    /// `eval.max_tokens`, and width and height also `map_size`.
+    fn add(&mut self, row: Row) -> anyhow::Result<()> {
+        for name in NEEDED {
+            ensure!(
+                row.contains_key(name),
+                "a row has no column {name}: it is no table of episodes"
+            );
+        }
+        let id = row["episode"].as_str().unwrap_or_default();
+        if !self.episodes.insert(id.to_owned()) {
+            return Ok(());
+        }
+        ensure!(
+            self.len < GAMES_MAX,
+            "there are more than {GAMES_MAX} games: select some with --from"
+        );
+        let meta = row.get("agent_meta").and_then(Json::as_str).unwrap_or("{}");
+        for (key, value) in flat(meta)? {
+            let name = if row.contains_key(&key) { format!("agent_meta.{key}") } else { key };
+            self.of_players.insert(name.clone());
+            self.set(name, &value)?;
+        }
+        if let Some(size) = row.get("width").zip(row.get("height")) {
+            self.set("map_size".to_owned(), &format!("{}x{}", size.0, size.1).into())?;
+        }
+        for (name, value) in row {
+            if name == "prompt_template" {
+                self.of_players.insert(name.clone());
+                let digest = value.as_str().map(|text| HEXLOWER.encode(&Sha256::digest(text)[..4]));
+                self.set(name, &digest.into())?;
+            } else if !LEFT_OUT.contains(&name.as_str()) {
+                self.set(name, &value)?;
+            }
+        }
+        self.len += 1;
+        Ok(())
+    }
+
+    /// Sets a cell of the game that is being added.
+    fn set(&mut self, name: String, value: &Json) -> anyhow::Result<()> {
+        let value = match value {
+            Json::Null => Value::Missing,
+            Json::Number(number) => {
+                let number = number.as_f64().unwrap_or(f64::INFINITY);
+                ensure!(number.abs() < NUMBER_MAX, "{name} is {number}, which is too large");
+                // 0 and −0 are one value.
+                Value::Number(number + 0.0)
+            }
+            Json::String(text) => Value::Text(text.as_str().into()),
+            other => Value::Text(other.to_string().into()),
+        };
+        let is_new = !self.columns.contains_key(&name);
+        ensure!(
+            !is_new || self.columns.len() < COLUMNS_MAX,
+            "there are more than {COLUMNS_MAX} columns"
+        );
+        let cells = self.columns.entry(name).or_default();
+        cells.resize(self.len, Value::Missing);
+        cells.push(value);
+        Ok(())
+    }
+
+    pub(super) fn value(&self, column: &str, game: usize) -> &Value {
+        self.columns.get(column).and_then(|cells| cells.get(game)).unwrap_or(&Value::Missing)
+    }
+
+    pub(super) fn number(&self, column: &str, game: usize) -> Option<f64> {
+        match self.value(column, game) {
+            Value::Number(number) => Some(*number),
+            Value::Text(_) | Value::Missing => None,
+        }
+    }
+
+    /// The values of a column in order, with the number of games that have each.
+    pub(super) fn counts(&self, column: &str, games: &[usize]) -> BTreeMap<&Value, usize> {
+        let mut counts = BTreeMap::new();
+        for &game in games {
+            *counts.entry(self.value(column, game)).or_default() += 1;
+        }
+        counts
+    }
+
+    /// Splits games by their value of a column, in order.
+    pub(super) fn groups(&self, column: &str, games: &[usize]) -> BTreeMap<Place, Vec<usize>> {
+        let mut groups: BTreeMap<Place, Vec<usize>> = BTreeMap::new();
+        for &game in games {
+            groups.entry(Place::of(column, self.value(column, game))).or_default().push(game);
+        }
+        groups
+    }
+
+    /// # Errors
+    /// If no game has a column of that name, with the names that are most like it.
+    pub(super) fn check_column(&self, column: &str) -> anyhow::Result<()> {
+        if self.columns.contains_key(column) {
+            return Ok(());
+        }
+        let likeness = |name: &str| strsim::jaro_winkler(column, name);
+        let mut names: Vec<&str> = self.columns.keys().map(String::as_str).collect();
+        names.retain(|name| likeness(name) > LIKE);
+        names.sort_by(|a, b| likeness(b).total_cmp(&likeness(a)));
+        names.truncate(SHOWN_MAX);
+        if names.is_empty() {
+            bail!("no game has the column {column}");
+        }
+        bail!("no game has the column {column}; the most similar are {}", names.join(", "))
+    }
+
+    /// # Errors
+    /// If the column cannot be averaged: it is no number, its metric is not in these games, or its values were computed
+    /// in different ways.
+    pub(super) fn check_numbers(&self, column: &str, games: &[usize]) -> anyhow::Result<()> {
+        let is_metric = metric_of(column).is_some();
+        if is_metric && !self.columns.contains_key(column) {
+            bail!(
+                "these games have no column {column}: they were exported by an earlier version; export them again with \
+                 `swarmbench export FOLDER --format jsonl`"
+            );
+        }
+        self.check_column(column)?;
+        let is_text = |game: &usize| matches!(self.value(column, *game), Value::Text(_));
+        ensure!(!games.iter().any(is_text), "{column} is text, and means are of numbers");
+        if is_metric {
+            let valued: Vec<usize> =
+                games.iter().copied().filter(|&game| self.number(column, game).is_some()).collect();
+            for how in ["metrics_revision", "embedder"] {
+                let counts = self.counts(how, &valued);
+                if let Some(usual) = usual(&counts).filter(|_| counts.len() > 1) {
+                    bail!(
+                        "the values of {column} differ in {how}: {}. They are never in one table: select with --where \
+                         {how}={usual}",
+                        told(&counts)
+                    );
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The metric of a column, in either definition, or of the number of its rounds.
+fn metric_of(column: &str) -> Option<Metric> {
+    let name = column.strip_prefix("toolkit_").unwrap_or(column);
+    Metric::parse(name).or_else(|| Metric::parse(name.strip_suffix("_rounds")?))
+}
+
+/// The value that most games have.
+fn usual<'a>(counts: &BTreeMap<&'a Value, usize>) -> Option<&'a Value> {
+    counts.iter().max_by_key(|(_, games)| **games).map(|(value, _)| *value)
+}
+
+/// Values and how many games have each.
+fn told(counts: &BTreeMap<&Value, usize>) -> String {
+    let mut parts: Vec<String> = (counts.iter())
+        .take(SHOWN_MAX)
+        .map(|(value, games)| format!("{value} ({})", games_told(*games)))
+        .collect();
+    if counts.len() > SHOWN_MAX {
+        parts.push(format!("and {} more", counts.len() - SHOWN_MAX));
+    }
+    parts.join(", ")
+}
+
+pub(super) fn games_told(games: usize) -> String {
+    if games == 1 { "1 game".to_owned() } else { format!("{games} games") }
+}
+
+/// The cells of `agent_meta`: objects in it are flattened, other values that are no scalars are JSON.
+fn flat(meta: &str) -> anyhow::Result<Vec<(String, Json)>> {
+    let Ok(Json::Object(meta)) = serde_json::from_str(meta) else {
+        bail!("agent_meta is no JSON object: {meta:.100}");
+    };
+    let cells = meta.into_iter().flat_map(|(key, value)| match value {
+        Json::Object(inner) => {
+            inner.into_iter().map(|(name, value)| (format!("{key}.{name}"), value)).collect()
+        }
+        value => vec![(key, value)],
+    });
+    Ok(cells.filter(|(name, _)| !NO_SETTINGS.contains(&name.as_str())).collect())
+}
+
+/// A value with its place among the values of its column: tasks have the order of boards.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Place(Option<TaskName>, pub(super) Value);
+
+impl Place {
+    pub(super) fn of(column: &str, value: &Value) -> Self {
+        let task = match value {
+            Value::Text(name) if column == "task" => TaskName::parse(name),
+            _ => None,
+        };
+        Self(task, value.clone())
+    }
+}
+
+impl Ord for Value {
+    fn cmp(&self, other: &Self) -> Ordering {
+        match (self, other) {
+            (Self::Number(a), Self::Number(b)) => a.total_cmp(b),
+            (Self::Text(a), Self::Text(b)) => a.cmp(b),
+            (Self::Missing, Self::Missing) => Ordering::Equal,
+            (Self::Number(_), _) | (_, Self::Missing) => Ordering::Less,
+            (_, Self::Number(_)) | (Self::Missing, _) => Ordering::Greater,
+        }
+    }
+}
+
+impl PartialOrd for Value {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Value {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Value {}
+
+/// As `--where` takes it.
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(number) => number.fmt(f),
+            Self::Text(text) => text.fmt(f),
+            Self::Missing => "none".fmt(f),
+        }
+    }
+}
+
+impl std::str::FromStr for Condition {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (column, values) = text.split_once('=').ok_or("must look like view_size=5")?;
+        let values = values.split(',').map(|value| value.trim().to_owned()).collect();
+        Ok(Self { column: column.trim().to_owned(), values })
+    }
+}
+
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "--where {}={}", self.column, self.values.join(","))
+    }
+}
+
+impl Condition {
+    fn holds(&self, value: &Value) -> bool {
+        self.values.iter().any(|wanted| match value {
+            Value::Number(number) => wanted.parse() == Ok(*number),
+            Value::Text(_) | Value::Missing => *wanted == value.to_string(),
+        })
+    }
+}

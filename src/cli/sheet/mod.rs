@@ -1,0 +1,234 @@
+//! A table of numbers, written for a terminal, as CSV, Markdown or LaTeX.
+
+mod text;
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use comfy_table::{CellAlignment, ColumnConstraint, Table};
+
+use super::leaderboard::{fit, short};
+use super::output::table;
+use text::{latex, markdown, plain};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Format {
+    Table,
+    Csv,
+    Markdown,
+    /// With the rules of the package booktabs.
+    Latex,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Showing {
+    /// How the table is written.
+    #[arg(long, value_enum, default_value = "table")]
+    format: Format,
+    /// Write it into this file.
+    #[arg(long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// What the cells of a column are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// A mean, its deviation and the number of games.
+    Score,
+    /// A number with so many digits.
+    Fixed(usize),
+    /// A coefficient of correlation with three digits, and its stars.
+    Coefficient,
+    /// A probability.
+    Probability,
+    /// A change in percent.
+    Percent,
+    /// From a number to another.
+    Interval,
+}
+
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) enum Cell {
+    #[default]
+    Empty,
+    Score {
+        mean: f64,
+        deviation: f64,
+        games: usize,
+        /// Whether it is the best of its row.
+        best: bool,
+    },
+    Number(f64),
+    Coefficient {
+        r: f64,
+        stars: &'static str,
+    },
+    Interval(f64, f64),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Row {
+    /// As many as the sheet has heads.
+    pub(super) heads: Vec<String>,
+    /// As many as the sheet has columns.
+    pub(super) cells: Vec<Cell>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sheet {
+    /// What all rows have in common, such as `task` and `Pursuit`: the first column of CSV, the title elsewhere.
+    pub(super) group: Option<(String, String)>,
+    /// The names of the columns that say what a row is.
+    pub(super) heads: Vec<String>,
+    pub(super) columns: Vec<Column>,
+    pub(super) rows: Vec<Row>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Showing {
+    /// Writes sheets one below the other, and then what is to be said about all.
+    pub(super) fn show(&self, sheets: &[Sheet], notes: &[String]) -> anyhow::Result<()> {
+        let width = match &self.output {
+            None => terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0),
+            Some(_) => u16::MAX,
+        };
+        let text = written(self.format, sheets, notes, width);
+        match &self.output {
+            Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
+            None => print!("{text}"),
+        }
+        if self.format == Format::Csv {
+            // CSV has no place for sentences.
+            for note in sheets.iter().flat_map(|sheet| &sheet.notes).chain(notes) {
+                eprintln!("{note}");
+            }
+        }
+        Ok(())
+    }
+}
+
+fn written(format: Format, sheets: &[Sheet], notes: &[String], width: u16) -> String {
+    if format == Format::Csv {
+        return text::csv(sheets);
+    }
+    let sentence = |note: &String| match format {
+        Format::Latex => format!("% {}\n", one_line(note)),
+        Format::Markdown => format!("\n{}\n", text::escaped_markdown(note)),
+        Format::Table | Format::Csv => format!("{note}\n"),
+    };
+    let mut parts: Vec<String> = (sheets.iter())
+        .map(|sheet| {
+            let body = match format {
+                Format::Latex => latex(sheet),
+                Format::Markdown => markdown(sheet),
+                Format::Table | Format::Csv => terminal(sheet, width),
+            };
+            body + &sheet.notes.iter().map(sentence).collect::<String>()
+        })
+        .collect();
+    parts.push(notes.iter().map(sentence).collect());
+    let gap = if format == Format::Table { "" } else { "\n" };
+    parts.join(gap)
+}
+
+fn one_line(text: &str) -> String {
+    text.split(['\n', '\r']).collect::<Vec<_>>().join(" ")
+}
+
+/// In so many columns of a terminal: cells of two lines where it is too narrow, and then the columns in several tables.
+fn terminal(sheet: &Sheet, width: u16) -> String {
+    let title = sheet.group.as_ref().map(|(_, name)| format!("{name}\n")).unwrap_or_default();
+    format!("{title}{}", blocks(sheet, 0..sheet.columns.len(), width))
+}
+
+fn blocks(sheet: &Sheet, columns: std::ops::Range<usize>, width: u16) -> String {
+    for is_narrow in [false, true] {
+        let (mut shown, least) = drawn(sheet, columns.clone(), is_narrow);
+        if least <= width.into() || (is_narrow && columns.len() < 2) {
+            fit(&mut shown, width);
+            return format!("{shown}\n");
+        }
+    }
+    let middle = columns.start + columns.len().div_ceil(2);
+    blocks(sheet, columns.start..middle, width) + &blocks(sheet, middle..columns.end, width)
+}
+
+/// Into how few columns of a terminal a text may be broken.
+const HEAD_COLUMNS: usize = 11;
+
+/// A table of which heads alone may be broken, and how many columns of a terminal it takes at least.
+fn drawn(sheet: &Sheet, columns: std::ops::Range<usize>, is_narrow: bool) -> (Table, usize) {
+    let between = if is_narrow { '\n' } else { ' ' };
+    let names = sheet.columns[columns.clone()].iter().map(|column| {
+        let name = short(&column.name);
+        if is_narrow { name.replace(' ', "\n") } else { name.to_owned() }
+    });
+    let headings: Vec<String> = sheet.heads.iter().cloned().chain(names).collect();
+    let mut shown = table(&headings.iter().map(String::as_str).collect::<Vec<_>>());
+    for row in &sheet.rows {
+        let cells = row.cells[columns.clone()].iter().zip(&sheet.columns[columns.clone()]);
+        let cells = cells.map(|(cell, column)| plain(cell, column.kind, between));
+        let heads = row.heads.iter().map(|head| short(head).to_owned());
+        shown.add_row(heads.chain(cells));
+    }
+    for column in shown.column_iter_mut().skip(sheet.heads.len()) {
+        column.set_cell_alignment(CellAlignment::Right);
+        column.set_constraint(ColumnConstraint::ContentWidth);
+    }
+    let whole = shown.lines().next().map_or(0, |line| line.chars().count());
+    let spare = (0..sheet.heads.len()).map(|place| {
+        let texts = sheet.rows.iter().map(|row| &row.heads[place]).chain([&sheet.heads[place]]);
+        let widest = texts.map(|text| text.chars().count()).max().unwrap_or(0);
+        widest.saturating_sub(HEAD_COLUMNS)
+    });
+    let least = whole - spare.sum::<usize>();
+    (shown, least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet(columns: usize) -> Sheet {
+        let cell = Cell::Score { mean: 9.6, deviation: 0.489_9, games: 5, best: false };
+        let name = |number| format!("Task {number}");
+        Sheet {
+            group: None,
+            heads: vec!["model".to_owned()],
+            columns: (0..columns)
+                .map(|number| Column { name: name(number), kind: Kind::Score })
+                .collect(),
+            rows: vec![Row {
+                heads: vec!["a-model-of-26-characters-x".to_owned()],
+                cells: vec![cell; columns],
+            }],
+            notes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn every_table_fits_80_columns_and_no_number_is_broken() {
+        for columns in [1, 3, 5, 6, 12] {
+            let shown = terminal(&sheet(columns), 80);
+            let widest = shown.lines().map(|line| line.chars().count()).max();
+            assert!(widest <= Some(80), "{shown}");
+            assert_eq!(shown.matches("±").count(), columns, "{shown}");
+            assert_eq!(shown.matches("0.49 (5)").count(), columns, "{shown}");
+        }
+        let wide = terminal(&sheet(12), u16::MAX);
+        assert!(wide.contains("9.60 ± 0.49 (5)"), "{wide}");
+    }
+
+    #[test]
+    fn sentences_are_comments_of_latex() {
+        let notes = ["a\n\\input{b}".to_owned()];
+        let text = written(Format::Latex, &[sheet(1)], &notes, 80);
+        assert!(text.contains("\n% a \\input{b}\n"), "{text}");
+    }
+}

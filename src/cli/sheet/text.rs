@@ -1,0 +1,234 @@
+//! Cells and sheets as text.
+
+use swarmbench_protocol::table::{text as guarded, write_csv};
+
+use super::{Cell, Column, Kind, Sheet, one_line};
+
+/// A cell for people, its two parts with this between them.
+pub(super) fn plain(cell: &Cell, kind: Kind, between: char) -> String {
+    match cell {
+        Cell::Empty => String::new(),
+        Cell::Score { mean, deviation, games, .. } => {
+            // Below each other, ± belongs to the lower number.
+            let gap = if between == ' ' { " " } else { "" };
+            format!("{mean:.2}{between}±{gap}{deviation:.2} ({games})")
+        }
+        Cell::Number(number) => match kind {
+            Kind::Fixed(digits) => format!("{number:.digits$}"),
+            Kind::Probability => probability(*number),
+            Kind::Percent => format!("{number:+.1} %"),
+            Kind::Score | Kind::Coefficient | Kind::Interval => number.to_string(),
+        },
+        Cell::Coefficient { r, stars: "" } => format!("{r:.3}"),
+        Cell::Coefficient { r, stars } => format!("{r:.3}{between}{stars}"),
+        Cell::Interval(low, high) => format!("{low:.2}{between}to {high:.2}"),
+    }
+}
+
+fn probability(p: f64) -> String {
+    if p < 0.0005 { "<0.001".to_owned() } else { format!("{p:.3}") }
+}
+
+fn in_markdown(cell: &Cell, kind: Kind) -> String {
+    match cell {
+        Cell::Score { best: true, .. } => format!("**{}**", plain(cell, kind, ' ')),
+        Cell::Coefficient { r, stars } => format!("{r:.3}{}", stars.replace('*', "\\*")),
+        _ => plain(cell, kind, ' '),
+    }
+}
+
+fn in_latex(cell: &Cell, kind: Kind) -> String {
+    match cell {
+        Cell::Empty => String::new(),
+        Cell::Score { mean, deviation, games, best } => {
+            let score = format!("{mean:.2} \\pm {deviation:.2}");
+            let score = if *best { format!("\\mathbf{{{score}}}") } else { score };
+            format!("${score}$ ({games})")
+        }
+        Cell::Number(number) if kind == Kind::Percent => format!("${number:+.1}\\,\\%$"),
+        Cell::Number(_) => format!("${}$", plain(cell, kind, ' ')),
+        Cell::Coefficient { r, stars: "" } => format!("${r:.3}$"),
+        Cell::Coefficient { r, stars } => format!("${r:.3}^{{{stars}}}$"),
+        Cell::Interval(low, high) => format!("${low:.2}$ to ${high:.2}$"),
+    }
+}
+
+/// As Markdown, where names of players must mean nothing.
+pub(super) fn escaped_markdown(text: &str) -> String {
+    let mut escaped = String::new();
+    for letter in one_line(text).chars() {
+        if "\\`*_[]<>|#&".contains(letter) {
+            escaped.push('\\');
+        }
+        escaped.push(letter);
+    }
+    escaped
+}
+
+pub(super) fn escaped_latex(text: &str) -> String {
+    let mut escaped = String::new();
+    for letter in one_line(text).chars() {
+        match letter {
+            '\\' => escaped.push_str("\\textbackslash{}"),
+            '^' => escaped.push_str("\\textasciicircum{}"),
+            '~' => escaped.push_str("\\textasciitilde{}"),
+            '{' | '}' | '$' | '&' | '#' | '_' | '%' => escaped.extend(['\\', letter]),
+            letter => escaped.push(letter),
+        }
+    }
+    escaped
+}
+
+pub(super) fn markdown(sheet: &Sheet) -> String {
+    let title = sheet.group.iter().map(|(_, name)| format!("### {}\n\n", escaped_markdown(name)));
+    let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+    let names = sheet.heads.iter().chain(sheet.columns.iter().map(|column| &column.name));
+    let rules = sheet.heads.iter().map(|_| "---").chain(sheet.columns.iter().map(|_| "---:"));
+    let rows = sheet.rows.iter().map(|row| {
+        let cells = row.cells.iter().zip(&sheet.columns);
+        let heads = row.heads.iter().map(|head| escaped_markdown(head));
+        line(heads.chain(cells.map(|(cell, column)| in_markdown(cell, column.kind))).collect())
+    });
+    let top = line(names.map(|name| escaped_markdown(name)).collect())
+        + &line(rules.map(str::to_owned).collect());
+    title.chain([top]).chain(rows).collect()
+}
+
+/// An environment `tabular` with the rules of booktabs.
+pub(super) fn latex(sheet: &Sheet) -> String {
+    let title = sheet.group.iter().map(|(_, name)| format!("% {}\n", one_line(name)));
+    let line = |cells: Vec<String>| format!("{} \\\\\n", cells.join(" & "));
+    let names = sheet.heads.iter().chain(sheet.columns.iter().map(|column| &column.name));
+    let top = format!(
+        "\\begin{{tabular}}{{@{{}}{}{}@{{}}}}\n\\toprule\n{}\\midrule\n",
+        "l".repeat(sheet.heads.len()),
+        "r".repeat(sheet.columns.len()),
+        line(names.map(|name| escaped_latex(name)).collect())
+    );
+    let rows = sheet.rows.iter().map(|row| {
+        let cells = row.cells.iter().zip(&sheet.columns);
+        let heads = row.heads.iter().map(|head| escaped_latex(head));
+        line(heads.chain(cells.map(|(cell, column)| in_latex(cell, column.kind))).collect())
+    });
+    let end = "\\bottomrule\n\\end{tabular}\n".to_owned();
+    title.chain([top]).chain(rows).chain([end]).collect()
+}
+
+/// Numbers in full precision. Sheets with the same columns are one table; others are set apart by an empty line.
+pub(super) fn csv(sheets: &[Sheet]) -> String {
+    let mut tables: Vec<(Vec<String>, Vec<Vec<String>>)> = Vec::new();
+    for sheet in sheets {
+        let group = sheet.group.iter();
+        let heads = group.clone().map(|(name, _)| name).chain(&sheet.heads).cloned();
+        let names: Vec<String> = heads.chain(sheet.columns.iter().flat_map(fields)).collect();
+        let rows = sheet.rows.iter().map(|row| {
+            let heads = group.clone().map(|(_, value)| value).chain(&row.heads);
+            let cells = row.cells.iter().zip(&sheet.columns);
+            heads
+                .map(|head| guarded(head))
+                .chain(cells.flat_map(|(cell, column)| values(cell, column)))
+                .collect()
+        });
+        match tables.last_mut() {
+            Some((last, all)) if *last == names => all.extend(rows),
+            _ => tables.push((names, rows.collect())),
+        }
+    }
+    let tables = tables.into_iter().map(|(names, rows)| write_csv(&names, rows.into_iter()));
+    tables.collect::<Vec<_>>().join("\r\n")
+}
+
+/// The columns of CSV of a column.
+fn fields(column: &Column) -> Vec<String> {
+    let name = guarded(&column.name).replace(", ", "_").replace(' ', "_");
+    match column.kind {
+        Kind::Score => ["mean", "deviation", "n"].map(|part| format!("{name}_{part}")).to_vec(),
+        Kind::Interval => ["low", "high"].map(|part| format!("{name}_{part}")).to_vec(),
+        Kind::Coefficient => vec![name.clone(), format!("{name}_stars")],
+        Kind::Percent => vec![format!("{name}_percent")],
+        Kind::Fixed(_) | Kind::Probability => vec![name],
+    }
+}
+
+fn values(cell: &Cell, column: &Column) -> Vec<String> {
+    match cell {
+        Cell::Empty => vec![String::new(); fields(column).len()],
+        Cell::Score { mean, deviation, games, .. } => {
+            vec![mean.to_string(), deviation.to_string(), games.to_string()]
+        }
+        Cell::Number(number) => vec![number.to_string()],
+        Cell::Coefficient { r, stars } => vec![r.to_string(), (*stars).to_owned()],
+        Cell::Interval(low, high) => vec![low.to_string(), high.to_string()],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Row;
+    use super::*;
+
+    fn sheet(name: &str) -> Sheet {
+        let kinds = [
+            ("score", Kind::Score),
+            ("r", Kind::Coefficient),
+            ("p", Kind::Probability),
+            ("by models", Kind::Interval),
+            ("change", Kind::Percent),
+            ("n", Kind::Fixed(0)),
+        ];
+        let cells = vec![
+            Cell::Score { mean: 9.6, deviation: 0.25, games: 5, best: true },
+            Cell::Coefficient { r: -0.5, stars: "*" },
+            Cell::Number(0.0001),
+            Cell::Interval(-0.75, 0.25),
+            Cell::Number(41.379),
+            Cell::Empty,
+        ];
+        Sheet {
+            group: Some(("task".to_owned(), "Pursuit".to_owned())),
+            heads: vec!["model".to_owned()],
+            columns: kinds.map(|(name, kind)| Column { name: name.to_owned(), kind }).to_vec(),
+            rows: vec![Row { heads: vec![name.to_owned()], cells }],
+            notes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn names_of_players_mean_nothing_to_latex() {
+        assert_eq!(
+            escaped_latex("\\input{a} $x$ & #1 ^2 _i ~ 5%\nb"),
+            "\\textbackslash{}input\\{a\\} \\$x\\$ \\& \\#1 \\textasciicircum{}2 \\_i \
+             \\textasciitilde{} 5\\% b"
+        );
+        let text = latex(&sheet("a_b & c"));
+        assert!(
+            text.contains(
+                "a\\_b \\& c & $\\mathbf{9.60 \\pm 0.25}$ (5) & $-0.500^{*}$ & $<0.001$ & \
+                 $-0.75$ to $0.25$ & $+41.4\\,\\%$ &  \\\\\n"
+            ),
+            "{text}"
+        );
+        assert!(text.contains("model & score & r & p & by models & change & n \\\\\n\\midrule"));
+    }
+
+    #[test]
+    fn markdown_has_bold_and_escaped_names() {
+        let text = markdown(&sheet("a|b*"));
+        assert!(text.contains("| a\\|b\\* | **9.60 ± 0.25 (5)** | -0.500\\* | <0.001 |"), "{text}");
+    }
+
+    #[test]
+    fn csv_has_full_precision_and_one_header_for_equal_columns() {
+        let text = csv(&[sheet("=a"), sheet("b")]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(
+            lines,
+            [
+                "task,model,score_mean,score_deviation,score_n,r,r_stars,p,by_models_low,by_models_high,\
+                 change_percent,n",
+                "Pursuit,'=a,9.6,0.25,5,-0.5,*,0.0001,-0.75,0.25,41.379,",
+                "Pursuit,b,9.6,0.25,5,-0.5,*,0.0001,-0.75,0.25,41.379,",
+            ]
+        );
+    }
+}
