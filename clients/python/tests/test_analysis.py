@@ -1,6 +1,7 @@
 """The analysis of small exports: what it reads, computes, writes and refuses."""
 
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -13,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import swarm_tables
+from conftest import ROOT
 from numpy.typing import NDArray
 from swarm_tables import MODELS, Tables
 
@@ -145,17 +147,19 @@ def test_correlations_are_those_of_the_columns(games: analysis.Games) -> None:
 
 def test_missing_values_leave_out_pairs_and_constant_metrics_say_so(tmp_path: Path) -> None:
     def change(tables: Tables) -> None:
-        tables["episodes"].loc[:3, "pushes"] = None
+        tables["episodes"].loc[:3, "kept_pairs"] = None
+        tables["episodes"].loc[:0, "pushes"] = None
         tables["episodes"]["stillness"] = 1.0
 
     games = analysis.load(swarm_tables.write(tmp_path, tasks=["Foraging"], change=change))
     table = analysis.correlations(games).set_index("metric")
-    assert table.loc["pushes", "n"] == 14
+    assert table.loc[["kept_pairs", "pushes"], "n"].tolist() == [14, 17]
     assert table.loc["stillness", "note"] == "the metric is the same in all games"
     assert analysis.correlation_matrix(games, "Foraging")["score"].isna()["stillness"]
-    found = analysis.regression(games, "Foraging", ["pushes", "stillness", "explored"])
-    assert found.notes[:2] == (
-        "4 of 18 games lack a metric and are left out.",
+    found = analysis.regression(games, "Foraging", ["pushes", "stillness", "explored", "kept_pairs"])
+    assert found.notes[:3] == (
+        "1 of 18 games lack a metric and are left out.",
+        "Left out, as undefined in more than 10% of the games: kept_pairs.",
         "Left out, as the same in all games: stillness.",
     )
 
@@ -572,3 +576,20 @@ def test_an_export_is_downloaded_completely(client: Client, tmp_path: Path) -> N
     rows = [json.loads(line) for line in (tmp_path / "episodes.jsonl").read_text().splitlines()]
     assert [row["model"] for row in rows] == ["to export"]
     assert [path.name for path in tmp_path.iterdir()] == ["episodes.jsonl"]
+
+
+def test_the_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    swarm_tables.write(tmp_path / "games")
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "evaluate" / "analysis.md").read_text()
+    names: dict[str, Any] = {}
+    blocks = re.findall(r"^(<!-- needs a model -->\n)?```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    for needs_model, code in blocks:
+        if needs_model:
+            monkeypatch.setattr("swarmbench.analysis.texts._sentence_transformer", lambda _: Encoder())
+        exec(code, names)
+    assert len(blocks) == 2
+    assert (tmp_path / "pursuit.svg").is_file()
+    assert "sentence-transformers:all-mpnet-base-v2" in capsys.readouterr().out
+    functions = set(re.findall(r"`(\w+)\(", page[page.index("| function |") : page.index("### Another embedder")]))
+    assert functions == {name for name in functions if hasattr(analysis, name)}

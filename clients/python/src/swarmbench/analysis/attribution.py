@@ -165,7 +165,7 @@ def attribute(
     permuted = {name: np.empty((repeats, len(actions)), object) for name in names}
     most, drawn = np.empty_like(actions), np.empty((repeats, len(actions)), object)
     for train, test in GroupKFold(folds).split(actions, groups=episodes):
-        parts = {name: _reduced(block, train, seed) for name, block in blocks.items()}
+        parts = {name: _reduced(block, train) for name, block in blocks.items()}
         forest = _forest(trees, seed).fit(np.hstack([part[train] for part in parts.values()]), actions[train])
         shown = {name: part[test] for name, part in parts.items()}
         predicted[test] = forest.predict(np.hstack(list(shown.values())))
@@ -206,11 +206,13 @@ def _forest(trees: int, seed: int) -> RandomForestClassifier:
     )
 
 
-def _reduced(block: Block, train: NDArray[np.int64], seed: int) -> Floats:
+def _reduced(block: Block, train: NDArray[np.int64]) -> Floats:
     vectors = block.vectors
-    if vectors.shape[1] > DIMENSIONS_MAX and len(train) > DIMENSIONS_MAX:
-        solver = PCA(DIMENSIONS_MAX, svd_solver="randomized", random_state=seed)
-        vectors = solver.fit(vectors[train]).transform(vectors)
+    if min(len(train), vectors.shape[1]) > DIMENSIONS_MAX:
+        # Both are exact, and each is fast where the other is slow.
+        few = len(train) <= vectors.shape[1]
+        components = PCA(DIMENSIONS_MAX, svd_solver="full" if few else "covariance_eigh").fit(vectors[train])
+        vectors = components.transform(vectors)
     return np.hstack([vectors, block.numbers]).astype(np.float32)
 
 

@@ -11,8 +11,8 @@ from .problems import ConstantError, TooLittleDataError
 from .statistics import VIF_MAX, Fit, Floats, Names, is_constant, least_squares
 from .tables import Games
 
-SHARE_DEFINED_MIN = 0.5
-"""A metric that is defined in fewer of the games is left out, rather than the games."""
+SHARE_DEFINED_MIN = 0.9
+"""A metric that is defined in fewer of the games is left out, rather than the games: a silent model is a model, too."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,10 @@ def _sample(games: Games, task: str, metrics: Sequence[str], definition: Definit
         notes.append(f"{int((~complete).sum())} of {len(values)} games lack a metric and are left out.")
     values, episodes = values.loc[complete], chosen.episodes.loc[complete]
     constant = [name for name in metrics if name not in rare and is_constant(values[name].to_numpy())]
-    for names, why in ((rare, "undefined in most games"), (constant, "the same in all games")):
+    for names, why in (
+        (rare, f"undefined in more than {1 - SHARE_DEFINED_MIN:.0%} of the games"),
+        (constant, "the same in all games"),
+    ):
         if names:
             notes.append(f"Left out, as {why}: {', '.join(names)}.")
     kept = [name for name in metrics if name not in {*rare, *constant}]
@@ -168,7 +171,9 @@ def _blocks_of_task(games: Games, task: str, definition: Definition) -> list[dic
     }
     if not all(parts.values()):
         absent = " and ".join(name for name, columns in parts.items() if not columns)
-        raise ConstantError(f"{task}: no metric of the block {absent} differs between the games")
+        raise ConstantError(
+            f"{task}: no metric of the block {absent} is defined in most games and differs between them"
+        )
     fits = {name: least_squares(sample.x[:, columns], sample.y, sample.models) for name, columns in parts.items()}
     rows: list[dict[str, object]] = []
     for name, other in (("physical", "communication"), ("communication", "physical")):
