@@ -402,9 +402,11 @@ def test_a_game_that_ended_early_keeps_its_score_and_none_falls(tmp_path: Path) 
     own = trends[(trends["task"] == "Pursuit") & (trends["model"] == "model-a")]
     assert own["round"].tolist() == list(range(swarm_tables.ROUNDS + 1))
     assert set(own["mean"][5:]) == {own["mean"].iloc[5]}
-    falls = swarm_tables.write(
-        tmp_path / "falls", change=lambda t: t["rounds"].__setitem__("score", -t["rounds"]["round"])
-    )
+
+    def fall(tables: Tables) -> None:
+        tables["rounds"]["score"] = -tables["rounds"]["round"]
+
+    falls = swarm_tables.write(tmp_path / "falls", change=fall)
     with pytest.raises(analysis.FilesError, match="falls"):
         analysis.score_trends(analysis.load(falls))
 

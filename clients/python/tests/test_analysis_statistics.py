@@ -8,6 +8,7 @@ from scipy import stats
 from swarmbench.analysis.problems import TooLittleDataError
 from swarmbench.analysis.statistics import (
     RIDGE_PENALTIES,
+    Names,
     benjamini_hochberg,
     bootstrap_interval,
     correlate,
@@ -66,7 +67,7 @@ LONGLEY_ERROR = [
 ]
 
 
-def models(n: int, each: int = 1) -> np.ndarray:
+def models(n: int, each: int = 1) -> Names:
     return np.array([f"model {at // each}" for at in range(n)], object)
 
 
@@ -159,7 +160,7 @@ def test_p_follows_from_published_r() -> None:
 
 
 def test_correlations_that_are_not_defined_are_missing() -> None:
-    x = np.arange(4.0)
+    x = np.array([0.0, 1.0, 2.0, 3.0])
     assert np.isnan(correlate(x[:2], x[:2], models(2)).r)
     assert np.isnan(correlate(x, np.full(4, 0.1 + 0.2), models(4)).p)
     assert is_constant(np.array([0.3, 0.1 + 0.2]))

@@ -8,7 +8,7 @@ import pandas as pd
 
 from .metrics import TWELVE, Definition, column
 from .problems import ConstantError, TooLittleDataError
-from .statistics import Correlation, Floats, benjamini_hochberg, correlate, is_constant, stars
+from .statistics import Correlation, Floats, Names, benjamini_hochberg, correlate, is_constant, stars
 from .tables import Games
 
 GAMES_MIN = 3
@@ -56,12 +56,12 @@ def _of_task(games: Games, task: str, metrics: Sequence[str], definition: Defini
         x, y, models = _pairs(games.episodes, column(metric, definition))
         rows.append({"task": task, "metric": metric, **correlate(x, y, models)._asdict(), "note": _note(x, y)})
     table = pd.DataFrame(rows)
-    table.insert(5, "q", benjamini_hochberg(table["p"].to_numpy(float)))
+    table.insert(5, "q", pd.Series(benjamini_hochberg(table["p"].to_numpy(float))))
     table["stars"] = [stars(p) for p in table["p"]]
     return table.sort_values("r", key=lambda r: -r.abs(), kind="stable", na_position="last", ignore_index=True)
 
 
-def _pairs(episodes: pd.DataFrame, name: str) -> tuple[Floats, Floats, np.ndarray]:
+def _pairs(episodes: pd.DataFrame, name: str) -> tuple[Floats, Floats, Names]:
     """Values, scores and models of the games in which the metric is defined."""
     known = episodes[episodes[name].notna()]
     return known[name].to_numpy(float), known["score"].to_numpy(float), known["model"].to_numpy(object)

@@ -209,7 +209,7 @@ def plot_correlation_matrix(
     figure = _figure(6.4, 5.4)
     axes = figure.add_subplot()
     colours = mpl.colormaps[DIVERGING].with_extremes(bad="#DDDDDD")
-    image = axes.imshow(np.ma.masked_invalid(matrix.to_numpy()), cmap=colours, vmin=-1, vmax=1)
+    image = axes.imshow(matrix.to_numpy(), cmap=colours, vmin=-1, vmax=1)
     axes.set_xticks(range(len(names)), names, rotation=90)
     axes.set_yticks(range(len(names)), names)
     for (row, place), r in np.ndenumerate(matrix.to_numpy()):
@@ -242,7 +242,7 @@ def plot_correlations(table: pd.DataFrame, task: str) -> Figure:
     low, high = own["low"].fillna(own["r"]), own["high"].fillna(own["r"])
     places = np.arange(len(own))
     axes.errorbar(own["r"], places, xerr=[own["r"] - low, high - own["r"]], fmt="none", ecolor="black", linewidth=0.6)
-    for place, r, marks in zip(places, own["r"], own["stars"], strict=True):
+    for place, r, marks in zip(places.tolist(), own["r"], own["stars"], strict=True):
         axes.annotate(
             marks, (r, place), (3 if r >= 0 else -3, 2), textcoords="offset points", ha="left" if r >= 0 else "right"
         )

@@ -73,7 +73,7 @@ def score_trends(games: Games) -> pd.DataFrame:
 def _series(games: Games, name: str) -> list[tuple[tuple[str, str], Floats]]:
     """For each task and model a row a game and a column a round, filled to `max_round`."""
     rounds = games.table("rounds", ["round", name])
-    found = []
+    found: list[tuple[tuple[str, str], Floats]] = []
     for (task, model), own in games.episodes.groupby(["task", "model"]):
         length = int(own["max_round"].max()) + 1
         wide = rounds[rounds["episode"].isin(own["episode"])].pivot_table(index="episode", columns="round", values=name)

@@ -61,9 +61,10 @@ class SentenceTransformers:
 
     def vectors(self, texts: Sequence[str]) -> Floats:
         """A row for each text."""
-        rows = np.asarray(self._encoder.encode(list(texts), show_progress_bar=False), np.float64)
+        rows: Floats = np.array(self._encoder.encode(list(texts), show_progress_bar=False), np.float64)
         lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-        return rows / np.where(lengths > 0, lengths, 1.0)
+        rows /= np.where(lengths > 0, lengths, 1.0)
+        return rows
 
 
 def _sentence_transformer(model: str) -> Any:
@@ -86,8 +87,7 @@ def hash_1(text: str) -> Floats:
     for feature, count in sorted(Counter(words + triples or [f"r:{text}"]).items()):
         hashed = _fnv_1a(feature.encode())
         vector[hashed % DIMENSIONS] += (-1 if hashed >> 63 else 1) * (1 + math.log(count))
-    length = float(np.linalg.norm(vector))
-    vector = vector / length if length > 0 else vector
+    vector /= np.linalg.norm(vector) or 1.0
     vector.flags.writeable = False
     return vector
 

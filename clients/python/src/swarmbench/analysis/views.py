@@ -84,9 +84,9 @@ def _window(seat: Seat, encoded: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = encoded.shape[1:] if seat.radius is None else (2 * seat.radius + 1,) * 2
     top, left = (0, 0) if seat.radius is None else (seat.i, seat.j)
     window = encoded[:, top : top + height, left : left + width].copy()
-    own = (seat.i, seat.j) if seat.radius is None else (seat.radius, seat.radius)
-    window[(slice(None), *own)] = 0
-    window[(CHANNELS.index("self"), *own)] = 1
+    row, column = (seat.i, seat.j) if seat.radius is None else (seat.radius, seat.radius)
+    window[:, row, column] = 0
+    window[CHANNELS.index("self"), row, column] = 1
     return window
 
 
