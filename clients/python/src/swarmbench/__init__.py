@@ -1,9 +1,11 @@
-"""Client and PettingZoo environment for the swarmbench server.
+"""Client, PettingZoo environment and analysis for the swarmbench server.
 
 `Client` and `AsyncClient` speak its protocol, `Server` starts one on this machine, and `parallel_env` makes an
-episode an environment for reinforcement learning. docs/play/python.md in the repository shows all of it.
+episode an environment for reinforcement learning. docs/play/python.md in the repository shows all of it. `analysis`
+evaluates exported games (docs/evaluate/analysis.md).
 """
 
+from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from .exchange import Event, Retry
 from .server import Server
 
 if TYPE_CHECKING:
+    from . import analysis
     from .environment import SwarmEnv, parallel_env
 
 __all__ = [
@@ -28,6 +31,7 @@ __all__ = [
     "SwarmEnv",
     "SwarmbenchError",
     "UnexpectedAnswerError",
+    "analysis",
     "is_problem",
     "parallel_env",
     "wire",
@@ -37,7 +41,9 @@ __version__ = version("swarmbench")
 
 
 def __getattr__(name: str) -> Any:
-    """Loads the environment, and with it numpy and PettingZoo, only where it is used."""
+    """Loads the environment and the analysis, and with them NumPy and others, only where they are used."""
+    if name == "analysis":
+        return import_module(".analysis", __name__)
     if name in {"SwarmEnv", "parallel_env"}:
         try:
             from . import environment  # noqa: PLC0415 - that is the purpose

@@ -6,14 +6,18 @@ import os
 import ssl
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
 import httpx
 
 from ._compat import Self
-from .exchange import ANSWER_S_MAX, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, converse
+from .errors import ConnectionFailedError
+from .exchange import ANSWER_S_MAX, Call, Event, EventStream, Flow, NoReply, Pause, Reply, Retry, call, converse
 from .operations import EPISODE, RUN, Operations
 from .wire import Page
 
@@ -114,11 +118,50 @@ class Client(_Base):
         """The games of a run as they are opened and end, to its end. Where the connection broke, all come again."""
         return self._events(EventStream(RUN + "/events", run))
 
+    def export(self, file: str, to: str | os.PathLike[str], **filters: str | bool) -> None:
+        """Downloads games as one file, such as `rounds.parquet`, without holding it in memory.
+
+        docs/evaluate/dataset.md says which there are.
+
+        Args:
+            file: One of the files of `/api/v1/exports`.
+            to: Where it is written; only a complete file gets that name.
+            **filters: Which games, such as `task` and `model`.
+
+        Raises:
+            ConnectionFailedError: The answer was interrupted.
+        """
+        query = {name: str(value).lower() if isinstance(value, bool) else value for name, value in filters.items()}
+        partial = Path(f"{os.fspath(to)}.partial")
+        try:
+            with (
+                self._stream(call("GET", "/api/v1/exports/{}", file, query=query)) as answer,
+                partial.open("wb") as written,
+            ):
+                for piece in answer.iter_bytes():
+                    written.write(piece)
+            partial.replace(to)
+        except httpx.TransportError as error:
+            raise ConnectionFailedError(f"the export {file} was interrupted ({error}): try again") from error
+        finally:
+            partial.unlink(missing_ok=True)
+
     def _events(self, stream: EventStream) -> Iterator[Event]:
+        while not stream.finished:
+            try:
+                with self._stream(stream.request(), EVENTS_SILENT_S_MAX) as answer:
+                    for line in answer.iter_lines():
+                        yield from stream.feed(line)
+            except httpx.TransportError:
+                time.sleep(self.retry.first_pause_s)
+
+    @contextmanager
+    def _stream(self, request: Call[Any], silent_s_max: float = ANSWER_S_MAX) -> Iterator[httpx.Response]:
+        """An answer whose body has yet to be read, or else is no success and an error."""
         opened: list[httpx.Response] = []
 
         def open_stream(request: Call[Any]) -> Reply | NoReply:
-            arguments = self._arguments(request, EVENTS_SILENT_S_MAX)
+            arguments = self._arguments(request, silent_s_max)
             timeout = arguments.pop("timeout")
             try:
                 answer = self._http.send(self._http.build_request(timeout=timeout, **arguments), stream=True)
@@ -127,17 +170,13 @@ class Client(_Base):
             except httpx.TransportError as error:
                 return NoReply(error)
 
-        while not stream.finished:
-            try:
-                self._drive(converse(stream.request(), self.retry), open_stream)
-                for line in opened[-1].iter_lines():
-                    yield from stream.feed(line)
-            except httpx.TransportError:
-                time.sleep(self.retry.first_pause_s)
-            finally:
-                for answer in opened:
-                    answer.close()
-                opened.clear()
+        try:
+            # The body is for the caller.
+            self._drive(converse(replace(request, read=bytes), self.retry), open_stream)
+            yield opened[-1]
+        finally:
+            for answer in opened:
+                answer.close()
 
     def _reply(self, request: Call[Any]) -> Reply | NoReply:
         try:

@@ -1,0 +1,100 @@
+"""Analysis of exported games: tables and figures of the SwarmBench paper.
+
+`load` reads games; all else takes what it returns. Metrics are read from the export, never computed again. It needs
+`pip install 'swarmbench[analysis]'`; docs/evaluate/analysis.md in the repository shows how to use it.
+"""
+
+from . import _extra  # noqa: F401 - it is imported first to say what is missing
+from .attribution import action_attribution
+from .correlations import (
+    convergence_by_model,
+    convergence_by_task,
+    correlation_matrix,
+    correlations,
+    failure_modes,
+)
+from .figures import (
+    plot_attribution,
+    plot_blocks,
+    plot_correlation_matrix,
+    plot_correlations,
+    plot_dynamics,
+    plot_keywords,
+    plot_scatter,
+    plot_score_trends,
+    plot_scores,
+    plot_sensitivity,
+    plot_shap,
+    save,
+)
+from .problems import (
+    AnalysisError,
+    ConstantError,
+    FilesError,
+    MissingColumnsError,
+    MixedMeasuresError,
+    MixedSettingsError,
+    TooLittleDataError,
+)
+from .regression import Regression, blocks, regression
+from .reporting import Report, report
+from .scores import dynamics, score_table, score_trends, scores
+from .tables import Games, load
+from .texts import (
+    Hash1,
+    SentenceTransformers,
+    compare_embedders,
+    hash_1,
+    homogeneity,
+    homogeneity_of_games,
+    relate_to_edits,
+)
+from .words import distinctive_words, keywords
+
+__all__ = [
+    "AnalysisError",
+    "ConstantError",
+    "FilesError",
+    "Games",
+    "Hash1",
+    "MissingColumnsError",
+    "MixedMeasuresError",
+    "MixedSettingsError",
+    "Regression",
+    "Report",
+    "SentenceTransformers",
+    "TooLittleDataError",
+    "action_attribution",
+    "blocks",
+    "compare_embedders",
+    "convergence_by_model",
+    "convergence_by_task",
+    "correlation_matrix",
+    "correlations",
+    "distinctive_words",
+    "dynamics",
+    "failure_modes",
+    "hash_1",
+    "homogeneity",
+    "homogeneity_of_games",
+    "keywords",
+    "load",
+    "plot_attribution",
+    "plot_blocks",
+    "plot_correlation_matrix",
+    "plot_correlations",
+    "plot_dynamics",
+    "plot_keywords",
+    "plot_scatter",
+    "plot_score_trends",
+    "plot_scores",
+    "plot_sensitivity",
+    "plot_shap",
+    "regression",
+    "relate_to_edits",
+    "report",
+    "save",
+    "score_table",
+    "score_trends",
+    "scores",
+]

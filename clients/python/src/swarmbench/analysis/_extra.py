@@ -1,0 +1,9 @@
+"""Says what to install where the extra `analysis` is missing."""
+
+from importlib.util import find_spec
+
+NEEDED = ("matplotlib", "numpy", "pandas", "pyarrow", "scipy", "sklearn", "statsmodels")
+
+for name in NEEDED:
+    if find_spec(name) is None:
+        raise ModuleNotFoundError(f"swarmbench.analysis needs {name}: pip install 'swarmbench[analysis]'", name=name)

@@ -1,0 +1,336 @@
+"""Reads exported tables, and decides which games may be compared."""
+
+import difflib
+import json
+import shutil
+import tempfile
+import weakref
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.json
+import pyarrow.parquet
+
+from ..client import Client
+from ..errors import ApiError
+from .metrics import Definition, column
+from .problems import (
+    AnalysisError,
+    FilesError,
+    MissingColumnsError,
+    MixedMeasuresError,
+    MixedSettingsError,
+    TooLittleDataError,
+)
+
+TABLES = ("episodes", "rounds", "acts", "heard", "views")
+OPTIONAL_TABLES = frozenset({"heard", "views"})
+
+SETTINGS = (
+    "num_agents",
+    "width",
+    "height",
+    "view_size",
+    "memory",
+    "max_round",
+    "noise",
+    "max_delay",
+    "rules",
+    "control",
+    "prompt_template",
+)
+"""Games that differ in one of these are not averaged."""
+
+REQUIRED = ("episode", "task", "model", "score", "reason", *SETTINGS)
+
+SAMPLING = ("temperature", "top_p")
+"""The same for the games of one model. They are read from `agent_meta`."""
+
+LINE_BYTES_MAX = 64 * 1024 * 1024
+"""How long a line of a JSON Lines file may be."""
+
+VALUES_SHOWN_MAX = 5
+"""How many values an error lists."""
+
+# Types are guessed from the rows otherwise: a message that looks like a time would become one.
+_TEXTS = """
+    episode run task model rules control models start_mode visibility agent_meta prompt_template fill_with player
+    status reason journal_head void_reason suite suite_digest embedder source action message receiver response
+    reasoning grid view
+""".split()  # noqa: SIM905 - it is shorter
+
+HOW_TO_EXPORT = "make a complete export with `swarmbench export FOLDER --format parquet --with heard`"
+
+
+class _Download:
+    """A temporary folder, which is removed with the last `Games` that reads it."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="swarmbench-"))
+        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class Games:
+    """Games that ended, with their tables.
+
+    Attributes:
+        source: Where they come from.
+        folder: The folder with the files of the tables.
+        episodes: A row for each game, with `temperature` and `top_p` from `agent_meta`.
+        left_out: How many games were left out, and why, in sentences.
+    """
+
+    source: str
+    folder: Path
+    episodes: pd.DataFrame
+    left_out: tuple[str, ...] = ()
+    _download: "_Download | None" = field(default=None, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    @property
+    def tasks(self) -> list[str]:
+        """The tasks that were played, by name."""
+        return sorted(self.episodes["task"].unique())
+
+    @property
+    def models(self) -> list[str]:
+        """The models that played, by name."""
+        return sorted(self.episodes["model"].unique())
+
+    def has(self, table: str) -> bool:
+        """Whether the export has this table."""
+        return _file(self.folder, table) is not None
+
+    def table(self, name: str, columns: Iterable[str] | None = None) -> pd.DataFrame:
+        """The rows of a table that belong to these games.
+
+        Args:
+            name: One of `TABLES`.
+            columns: The columns that are needed; all where it is left out.
+
+        Raises:
+            FilesError: The file is missing or damaged.
+            MissingColumnsError: It has no such column.
+        """
+        path = _file(self.folder, name)
+        if path is None:
+            raise FilesError(f"{self.source} has no table {name!r}: {HOW_TO_EXPORT}")
+        wanted = None if columns is None else list(dict.fromkeys(["episode", *columns]))
+        rows = _read(path, wanted)
+        return rows[rows["episode"].isin(self.episodes["episode"])].reset_index(drop=True)
+
+    def where(self, **values: Any) -> "Games":
+        """The games in which the columns have these values; a list allows several.
+
+        Raises:
+            AnalysisError: There is no such column.
+            TooLittleDataError: No game has these values.
+        """
+        kept = self.episodes
+        for name, wanted in values.items():
+            if name not in kept:
+                near = difflib.get_close_matches(name, kept.columns, n=3) or kept.columns[:10]
+                raise AnalysisError(f"games have no column {name!r}: choose by {', '.join(near)}")
+            choices = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Collection) else list(wanted)
+            found = kept[kept[name].isin(choices)]
+            if found.empty:
+                raise TooLittleDataError(f"no game has {name} {_listed(choices)}: there are {_values(kept[name])}")
+            kept = found
+        return replace(self, episodes=kept.reset_index(drop=True))
+
+    def require(self, names: Collection[str], definition: Definition = "paper") -> None:
+        """Checks that the games were measured.
+
+        Raises:
+            MissingColumnsError: The export has no such metric.
+        """
+        missing = [name for name in names if column(name, definition) not in self.episodes]
+        if missing:
+            raise MissingColumnsError(
+                f"the table episodes of {self.source} has no metric {_listed(missing)}: it is of an earlier version or "
+                f"lacks that definition; {HOW_TO_EXPORT}"
+            )
+
+    def one_setting(self, but: Collection[str] = ()) -> None:
+        """Checks that the games of each task may be compared.
+
+        Args:
+            but: Columns that may differ.
+
+        Raises:
+            MixedSettingsError: Games differ in another setting.
+        """
+        for names, by in ((SETTINGS, ["task"]), (SAMPLING, ["task", "model"])):
+            for keys, games in self.episodes.groupby(by):
+                for name in names:
+                    if name not in but and games[name].nunique(dropna=False) > 1:
+                        raise MixedSettingsError(
+                            f"{', '.join(map(str, keys))}: games with {name} {_values(games[name])} are not averaged; "
+                            f"choose one, as in load(…, {name}={_python(games[name].iloc[0])})"
+                        )
+
+    def differing(self) -> list[str]:
+        """The settings in which games of the same task (and model) differ."""
+        found = [name for name in SETTINGS if self._differs(name, ["task"])]
+        return found + [name for name in SAMPLING if self._differs(name, ["task", "model"])]
+
+    def _differs(self, name: str, by: list[str]) -> bool:
+        return bool((self.episodes.groupby(by)[name].nunique(dropna=False) > 1).any())
+
+
+def load(source: str | Path, *, token: str | None = None, **where: Any) -> Games:
+    """Reads the games of an export, or of a server.
+
+    Games that have not ended, that were voided, or whose seats had several holders are left out, unless `status`,
+    `void_reason` or `mixed` are chosen.
+
+    Args:
+        source: A folder with `episodes`, `rounds`, `acts` and perhaps `heard` and `views` (`.parquet` or `.jsonl`), or
+            the address of a server.
+        token: A key for that server; by default that of the environment.
+        **where: Values of columns, as in `load("games", task="Pursuit", num_agents=12)`; a list allows several.
+
+    Raises:
+        FilesError: A file is missing or damaged.
+        TooLittleDataError: There is no game.
+        MixedMeasuresError: The games were measured with different embedders or revisions.
+    """
+    download = None
+    if isinstance(source, str) and source.startswith(("http://", "https://")):
+        download = _Download()
+        folder = download.folder
+        with Client(source, token) as client:
+            _fetch(client, folder)
+    else:
+        folder = Path(source)
+    path = _file(folder, "episodes")
+    if path is None:
+        found = "has no table 'episodes'" if folder.is_dir() else "is no folder"
+        raise FilesError(f"{source} {found}: {HOW_TO_EXPORT}")
+    games = Games(str(source), folder, _with_sampling(_read(path, None)), (), download)
+    missing = [name for name in REQUIRED if name not in games.episodes]
+    if missing and not games.episodes.empty:
+        raise MissingColumnsError(f"{path} has no column {_listed(missing)}: {HOW_TO_EXPORT}")
+    if games.episodes.empty:
+        raise TooLittleDataError(
+            f"{source} has no games: play some, for example with `swarmbench eval`, and export them"
+        )
+    games = _comparable(games.where(**where), where)
+    _one_measure(games.episodes)
+    return games
+
+
+def _fetch(client: Client, folder: Path) -> None:
+    for table in TABLES:
+        name = f"{table}.parquet"
+        try:
+            client.export(name, folder / name)
+        except ApiError as error:
+            # A server of an earlier version has fewer tables.
+            if table not in OPTIONAL_TABLES or error.status not in {400, 404}:
+                raise
+
+
+def _file(folder: Path, table: str) -> Path | None:
+    return next((path for end in ("parquet", "jsonl") if (path := folder / f"{table}.{end}").is_file()), None)
+
+
+def _read(path: Path, columns: list[str] | None) -> pd.DataFrame:
+    try:
+        table = _parquet(path, columns) if path.suffix == ".parquet" else _lines(path, columns)
+    except (pa.ArrowInvalid, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise FilesError(f"{path} is damaged or cut ({reason}): {HOW_TO_EXPORT}") from error
+    missing = [name for name in columns or ["episode"] if name not in table.column_names]
+    if missing:
+        raise MissingColumnsError(f"{path} has no column {_listed(missing)}: {HOW_TO_EXPORT}")
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
+
+
+def _parquet(path: Path, columns: list[str] | None) -> pa.Table:
+    with pyarrow.parquet.ParquetFile(path) as file:
+        present = file.schema_arrow.names
+        return file.read(columns=None if columns is None else [name for name in columns if name in present])
+
+
+def _lines(path: Path, columns: list[str] | None) -> pa.Table:
+    if path.stat().st_size == 0:
+        return pa.table({name: pa.array([], pa.string()) for name in columns or ["episode"]})
+    # In the table acts the receiver is a name, in heard a number.
+    texts = [name for name in _TEXTS if (path.stem, name) != ("heard", "receiver")]
+    schema = pa.schema([(name, pa.string()) for name in texts])
+    table = pyarrow.json.read_json(
+        path,
+        read_options=pyarrow.json.ReadOptions(block_size=LINE_BYTES_MAX),
+        parse_options=pyarrow.json.ParseOptions(explicit_schema=schema),
+    )
+    # Columns of the schema that the file does not have were added, without any value.
+    with path.open(encoding="utf-8") as file:
+        first = json.loads(file.readline())
+    return table.select([name for name in table.column_names if name in first and (columns is None or name in columns)])
+
+
+def _with_sampling(episodes: pd.DataFrame) -> pd.DataFrame:
+    metas = [_object(text) for text in episodes.get("agent_meta", pd.Series(index=episodes.index, dtype=object))]
+    found = {name: pd.to_numeric(pd.Series([meta.get(name) for meta in metas]), errors="coerce") for name in SAMPLING}
+    return episodes.reset_index(drop=True).assign(**found)
+
+
+def _object(text: object) -> Mapping[str, Any]:
+    try:
+        value = json.loads(text) if isinstance(text, str) else {}
+    except ValueError:
+        value = {}
+    return value if isinstance(value, dict) else {}
+
+
+def _comparable(games: Games, where: Mapping[str, Any]) -> Games:
+    episodes, left_out = games.episodes, []
+    rules = (
+        ("status", episodes["score"].isna() | episodes["reason"].isna(), "have not ended"),
+        ("void_reason", _column(episodes, "void_reason").notna(), "were voided"),
+        ("mixed", _column(episodes, "mixed").eq(True).fillna(False).astype(bool), "had seats of several holders"),
+    )
+    keep = pd.Series(True, index=episodes.index)
+    for name, wrong, why in rules:
+        if name not in where and wrong.any():
+            left_out.append(f"{int(wrong.sum())} of {len(episodes)} games {why}, and are left out.")
+            keep &= ~wrong
+    if not keep.any():
+        raise TooLittleDataError(f"{games.source} has no game that can be compared: {' '.join(left_out)}")
+    return replace(games, episodes=episodes[keep].reset_index(drop=True), left_out=tuple(left_out))
+
+
+def _column(frame: pd.DataFrame, name: str) -> "pd.Series[Any]":
+    return frame[name] if name in frame else pd.Series(None, index=frame.index, dtype=object)
+
+
+def _one_measure(episodes: pd.DataFrame) -> None:
+    for name, what in (("metrics_revision", "revisions of the metrics"), ("embedder", "embedders")):
+        values = _column(episodes, name).dropna()
+        if values.nunique() > 1:
+            raise MixedMeasuresError(
+                f"the games were measured with two or more {what} ({_values(values)}), whose values cannot be compared"
+                f": choose one, as in load(…, {name}={_python(values.iloc[0])}), or measure all again"
+            )
+
+
+def _values(values: "pd.Series[Any]") -> str:
+    return _listed(sorted(values.unique().tolist(), key=str))
+
+
+def _listed(values: Collection[object]) -> str:
+    shown = [str(value) for value in list(values)[:VALUES_SHOWN_MAX]]
+    return ", ".join(shown) + (" …" if len(values) > VALUES_SHOWN_MAX else "")
+
+
+def _python(value: Any) -> str:
+    return repr(value.item() if hasattr(value, "item") else value)

@@ -1,0 +1,597 @@
+"""The analysis of small exports: what it reads, computes, writes and refuses."""
+
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import swarm_tables
+from conftest import ROOT
+from numpy.typing import NDArray
+from swarm_tables import MODELS, Tables
+
+from swarmbench import Client, Server, analysis
+from swarmbench.analysis import attribution, figures, reporting, views, words, write
+from swarmbench.analysis.metrics import TWELVE
+from swarmbench.analysis.statistics import correlate
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return swarm_tables.write(tmp_path_factory.mktemp("export"))
+
+
+@pytest.fixture(scope="module")
+def games(folder: Path) -> analysis.Games:
+    return analysis.load(folder)
+
+
+def test_json_lines_and_parquet_are_the_same(folder: Path, tmp_path: Path) -> None:
+    lines = analysis.load(swarm_tables.write(tmp_path / "lines", kind="jsonl"))
+    packed = analysis.load(folder)
+    for table in ("episodes", "rounds", "acts", "heard"):
+        a, b = lines.table(table), packed.table(table)
+        # Columns without values have no type in JSON.
+        pd.testing.assert_frame_equal(
+            a.dropna(axis=1, how="all"), b[a.columns].dropna(axis=1, how="all"), check_dtype=False
+        )
+    assert len(lines) == 36
+
+
+def test_games_are_chosen_by_their_columns(games: analysis.Games) -> None:
+    chosen = games.where(task="Pursuit", model=list(MODELS[:2]))
+    assert (len(chosen), chosen.tasks, chosen.models) == (12, ["Pursuit"], sorted(MODELS[:2]))
+    assert set(chosen.table("acts", ["task"])["task"]) == {"Pursuit"}
+    assert games.episodes["temperature"].unique().tolist() == [0.5]
+
+
+def test_games_that_cannot_be_compared_are_left_out(tmp_path: Path) -> None:
+    def change(tables: Tables) -> None:
+        episodes = tables["episodes"]
+        episodes.loc[0, ["score", "reason"]] = None
+        episodes.loc[1, "void_reason"] = "a fault"
+        episodes.loc[2, "mixed"] = True
+
+    folder = swarm_tables.write(tmp_path, change=change)
+    games = analysis.load(folder)
+    assert len(games) == 33
+    assert [sentence.split(" games ")[1] for sentence in games.left_out] == [
+        "have not ended, and are left out.",
+        "were voided, and are left out.",
+        "had seats of several holders, and are left out.",
+    ]
+    assert len(analysis.load(folder, mixed=True)) == 1
+
+
+BAD: list[tuple[Callable[[Tables], Any], type[Exception], str]] = [
+    (lambda t: t.update(episodes=t["episodes"][:0]), analysis.TooLittleDataError, "has no games: play some"),
+    (lambda t: t.update(episodes=t["episodes"].drop(columns="explored")), analysis.MissingColumnsError,
+     "no metric explored"),
+    (lambda t: t["episodes"].__setitem__("embedder", ["hash-1", "other"] * 18), analysis.MixedMeasuresError,
+     r"embedders \(hash-1, other\).*load\(…, embedder='hash-1'\)"),
+    (lambda t: t["episodes"].__setitem__("metrics_revision", [1, 2] * 18), analysis.MixedMeasuresError, "revisions"),
+    (lambda t: t["episodes"].__setitem__("num_agents", [8, 12] * 18), analysis.MixedSettingsError,
+     r"Foraging: games with num_agents 12, 8 are not averaged; choose one, as in load\(…, num_agents=8\)"),
+    (lambda t: t["episodes"].__setitem__("agent_meta", ['{"top_p": 0.5}', "damaged"] * 18), analysis.MixedSettingsError,
+     "Foraging, built-in/random: games with top_p"),
+    (lambda t: t["episodes"].__setitem__("score", 1.0), analysis.ConstantError, "add games of other models"),
+    (lambda t: t.update(episodes=t["episodes"][:1]), analysis.TooLittleDataError, "needs 3 games of a task"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "error", "says"), BAD)
+def test_bad_input_gets_a_sentence(
+    change: Callable[[Tables], object], error: type[Exception], says: str, tmp_path: Path
+) -> None:
+    swarm_tables.write(tmp_path, change=change)
+    with pytest.raises(error, match=says):
+        analysis.correlations(analysis.load(tmp_path))
+
+
+def test_missing_and_damaged_files_are_named(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(analysis.FilesError, match="is no folder: make a complete export"):
+        analysis.load(tmp_path / "nothing")
+    with pytest.raises(analysis.FilesError, match="has no table 'episodes'"):
+        analysis.load(tmp_path)
+    cut = (folder / "episodes.parquet").read_bytes()[:-100]
+    (tmp_path / "episodes.parquet").write_bytes(cut)
+    with pytest.raises(analysis.FilesError, match=r"episodes\.parquet is damaged or cut"):
+        analysis.load(tmp_path)
+    (tmp_path / "episodes.parquet").unlink()
+    (tmp_path / "episodes.jsonl").write_text('{"episode": "a"')
+    with pytest.raises(analysis.FilesError, match=r"episodes\.jsonl is damaged or cut"):
+        analysis.load(tmp_path)
+    (tmp_path / "episodes.jsonl").write_text("")
+    with pytest.raises(analysis.TooLittleDataError):
+        analysis.load(tmp_path)
+    (tmp_path / "episodes.jsonl").write_text('{"episode": "a"}\n')
+    with pytest.raises(analysis.MissingColumnsError, match="score"):
+        analysis.load(tmp_path)
+    games = analysis.load(swarm_tables.write(tmp_path / "few", change=lambda tables: tables.pop("heard")))
+    with pytest.raises(analysis.FilesError, match="has no table 'heard'"):
+        games.table("heard")
+    with pytest.raises(analysis.MissingColumnsError, match="no column views"):
+        games.table("acts", ["views"])
+
+
+def test_choices_that_do_not_exist_are_named(games: analysis.Games) -> None:
+    with pytest.raises(analysis.AnalysisError, match="choose by num_agents"):
+        games.where(num_agent=3)
+    with pytest.raises(analysis.TooLittleDataError, match="no game has task Transport: there are Foraging, Pursuit"):
+        games.where(task="Transport")
+
+
+def test_correlations_are_those_of_the_columns(games: analysis.Games) -> None:
+    table = analysis.correlations(games)
+    own = games.where(task="Pursuit").episodes
+    row = table[(table["task"] == "Pursuit") & (table["metric"] == "pushes")].iloc[0]
+    expected = correlate(own["pushes"].to_numpy(), own["score"].to_numpy(), own["model"].to_numpy(object))
+    assert (row["r"], row["p"], row["n"]) == pytest.approx((expected.r, expected.p, 18))
+    assert len(table) == 2 * len(TWELVE)
+    assert table[table["task"] == "Pursuit"]["r"].abs().is_monotonic_decreasing
+    matrix = analysis.correlation_matrix(games, "Pursuit")
+    assert matrix.loc["score", "pushes"] == pytest.approx(expected.r)
+    assert np.diag(matrix) == pytest.approx(1.0)
+    # The values of the other definition are all the same in these tables.
+    with pytest.raises(analysis.ConstantError):
+        analysis.correlations(games, definition="toolkit")
+
+
+def test_missing_values_leave_out_pairs_and_constant_metrics_say_so(tmp_path: Path) -> None:
+    def change(tables: Tables) -> None:
+        tables["episodes"].loc[:3, "kept_pairs"] = None
+        tables["episodes"].loc[:0, "pushes"] = None
+        tables["episodes"]["stillness"] = 1.0
+
+    games = analysis.load(swarm_tables.write(tmp_path, tasks=["Foraging"], change=change))
+    table = analysis.correlations(games).set_index("metric")
+    assert table.loc[["kept_pairs", "pushes"], "n"].tolist() == [14, 17]
+    assert table.loc["stillness", "note"] == "the metric is the same in all games"
+    assert analysis.correlation_matrix(games, "Foraging")["score"].isna()["stillness"]
+    found = analysis.regression(games, "Foraging", ["pushes", "stillness", "explored", "kept_pairs"])
+    assert found.notes[:3] == (
+        "1 of 18 games lack a metric and are left out.",
+        "Left out, as undefined in more than 10% of the games: kept_pairs.",
+        "Left out, as the same in all games: stillness.",
+    )
+
+
+def test_shap_values_add_up(games: analysis.Games) -> None:
+    found = analysis.regression(games, "Foraging")
+    sums = found.shap.groupby("episode")["shap"].sum()
+    assert (sums - (found.predicted - found.mean)).abs().max() < 1e-9
+    importance = found.shap["shap"].abs().groupby(found.shap["metric"]).mean()
+    table = found.coefficients.set_index("metric")["importance"]
+    assert table.to_dict() == pytest.approx(importance.to_dict())
+    residual = games.where(task="Foraging").episodes.set_index("episode")["score"] - found.predicted
+    assert residual.sum() == pytest.approx(0, abs=1e-9)
+
+
+def test_shapley_shares_add_up(games: analysis.Games) -> None:
+    table = analysis.blocks(games)
+    assert len(table) == 4
+    for _, own in table.groupby("task"):
+        assert own["share"].sum() == pytest.approx(own["r2_both"].iloc[0])
+        assert (own["r2"] <= own["r2_both"] + 1e-12).all()
+
+
+def test_a_task_with_few_games_says_so_among_the_blocks(tmp_path: Path) -> None:
+    games = analysis.load(swarm_tables.write(tmp_path, seeds=2))
+    table = analysis.blocks(games)
+    assert table["note"].str.contains("needs at least 14 games").all()
+    with pytest.raises(analysis.TooLittleDataError):
+        figures.plot_blocks(table)
+
+
+def test_convergence_and_failure_modes(games: analysis.Games) -> None:
+    by_task = analysis.convergence_by_task(games)
+    assert set(by_task["metric"]) == {"homogeneity_increase", "edit_consistency_increase"}
+    by_model = analysis.convergence_by_model(games)
+    own = games.where(model="model-a").episodes
+    row = by_model[(by_model["model"] == "model-a") & (by_model["metric"] == "homogeneity_increase")].iloc[0]
+    assert row["r"] == pytest.approx(np.corrcoef(own["homogeneity_increase"], own["score"])[0, 1])
+    standard = own.groupby("task")[["homogeneity_increase", "score"]].transform(
+        lambda x: (x - x.mean()) / x.std(ddof=0)
+    )
+    assert row["within_r"] == pytest.approx(standard.corr().iloc[0, 1])
+    modes = analysis.failure_modes(games)
+    assert modes[["task", "metric"]].to_numpy().tolist() == [
+        ["Pursuit", "direction_imbalance"],
+        ["Foraging", "separation"],
+    ]
+
+
+def block(values: NDArray[Any]) -> attribution.Block:
+    return attribution.Block(np.zeros((len(values), 1)), values.reshape(len(values), -1).astype(float))
+
+
+def test_a_random_block_has_no_importance_and_the_cause_has() -> None:
+    random = np.random.default_rng(7)
+    cause, noise = random.integers(0, 3, 400), random.normal(size=(400, 4))
+    actions = np.array(["UP", "DOWN", "STAY"], object)[cause]
+    episodes = np.repeat(np.arange(10).astype(str), 40).astype(object)
+    found = attribution.attribute({"cause": block(cause), "noise": block(noise)}, actions, episodes, trees=40)
+    mean, deviation = found.importance["noise"]
+    assert abs(mean) <= 3 * max(deviation, 1 / 400)
+    assert found.importance["cause"][0] > 0.5
+    assert found.has_model
+    assert found.alone["cause"] == 1.0
+    # Nothing predicts these actions.
+    lost = attribution.attribute({"noise": block(noise)}, actions, episodes, trees=40)
+    assert lost.f1 < 0.45
+    # Always the most frequent of three: at most a third of what is possible.
+    assert 0 < lost.guess_most <= 1 / 3
+
+
+def test_a_forest_needs_two_games_and_two_actions() -> None:
+    noise = np.random.default_rng(1).normal(size=20)
+    actions = np.array(["UP", "DOWN"] * 10, object)
+    with pytest.raises(analysis.TooLittleDataError, match="one game only"):
+        attribution.attribute({"noise": block(noise)}, actions, np.full(20, "a", object))
+    with pytest.raises(analysis.TooLittleDataError, match="nothing to predict"):
+        attribution.attribute(
+            {"noise": block(noise)}, np.full(20, "UP", object), np.repeat(["a", "b"], 10).astype(object)
+        )
+
+
+def test_blocks_are_built_from_the_tables(games: analysis.Games) -> None:
+    chosen = games.where(task="Foraging", model="model-a")
+    blocks, actions, episodes = attribution.samples(chosen, "grid", analysis.Hash1())
+    assert len(actions) == len(episodes) == 6 * swarm_tables.ROUNDS * swarm_tables.AGENTS
+    acts = chosen.table("acts")
+    first = (acts["round"] == 0).to_numpy()
+    # Two others are heard from the second round on; own messages are a block of their own.
+    assert blocks["others"].numbers[first].sum() == 0
+    assert set(blocks["others"].numbers[~first, 0]) == {2.0}
+    heard = chosen.table("heard")
+    row = int(np.flatnonzero((acts["round"] == 3) & (acts["agent"] == 1))[0])
+    said = heard[
+        (heard["episode"] == acts["episode"][row]) & (heard["round"] == 3) & (heard["receiver"] == 1) & ~heard["own"]
+    ]
+    assert blocks["others"].vectors[row] == pytest.approx(
+        analysis.Hash1().vectors(said["message"].tolist()).mean(axis=0)
+    )
+    before = acts[(acts["episode"] == acts["episode"][row]) & (acts["round"] == 2) & (acts["agent"] == 1)].iloc[0]
+    assert blocks["own"].vectors[row] == pytest.approx(analysis.hash_1(before["message"]))
+    assert (blocks["observation"].vectors.sum(axis=1) == 9).all()
+    with pytest.raises(analysis.FilesError, match="'views'"):
+        attribution.samples(chosen, "text", analysis.Hash1())
+
+
+def test_attribution_has_a_row_for_each_block(games: analysis.Games) -> None:
+    table = analysis.action_attribution(games.where(task="Pursuit", model="model-a"), trees=15, repeats=3)
+    assert table["block"].tolist() == ["others", "own", "observation"]
+    assert table["importance"].idxmax() == 2
+
+
+def test_keywords_of_a_small_example(tmp_path: Path) -> None:
+    def change(tables: Tables) -> None:
+        acts = tables["acts"]
+        acts["message"] = None
+        own = acts["model"] == "model-a"
+        acts.loc[acts.index[own][:4], "message"] = ["Hold (3,4)! HOLD", "the wall; don't", "hold slot-7b", "…"]
+        acts.loc[acts.index[~own][:1], "message"] = "wall"
+
+    games = analysis.load(swarm_tables.write(tmp_path, tasks=["Pursuit"], models=MODELS[:2], seeds=1, change=change))
+    table = analysis.keywords(games)
+    own = table[table["model"] == "model-a"]
+    # hold 3 4 hold | the wall don t | hold slot 7b |
+    assert own["word"].tolist() == ["hold", "7b", "slot", "wall"]
+    assert own["count"].tolist() == [3, 1, 1, 1]
+    assert own["per_1000_words"].tolist() == pytest.approx([3000 / 11, 1000 / 11, 1000 / 11, 1000 / 11])
+    assert own["share"].tolist() == [0.5, 0.25, 0.25, 0.25]
+    distinctive = analysis.distinctive_words(games)
+    assert distinctive[distinctive["model"] == "model-a"]["word"].iloc[0] == "hold"
+
+
+def test_log_odds_of_a_small_example() -> None:
+    table = words.log_odds(Counter(up=8, down=2), Counter(up=5, down=5), prior_words=20).set_index("word")
+    # Prior: up 13, down 7. Log-odds: log(21/9) - log(18/12), variance 1/21 + 1/18.
+    difference = np.log(21 / 9) - np.log(18 / 12)
+    assert table.loc["up", "log_odds"] == pytest.approx(difference)
+    assert table.loc["up", "z"] == pytest.approx(difference / np.sqrt(1 / 21 + 1 / 18))
+    assert table.loc["down", "z"] == pytest.approx(-difference / np.sqrt(1 / 9 + 1 / 12))
+
+
+def test_silent_games_have_no_words(tmp_path: Path) -> None:
+    games = analysis.load(
+        swarm_tables.write(tmp_path, change=lambda tables: tables["acts"].__setitem__("message", None))
+    )
+    for function in (analysis.keywords, analysis.distinctive_words):
+        with pytest.raises(analysis.TooLittleDataError, match="no message was sent"):
+            function(games)
+
+
+def test_hash_1_has_unit_vectors_and_masks_digits() -> None:
+    vector = analysis.hash_1("Agent 12 holds (3,4)")
+    assert vector.shape == (1024,)
+    assert np.linalg.norm(vector) == pytest.approx(1)
+    assert analysis.hash_1("AGENT 12 HOLDS (3,4)") is not vector
+    assert analysis.hash_1("agent 12 holds 3 4") == pytest.approx(vector)
+    alike = analysis.hash_1("slot (2,4)") @ analysis.hash_1("slot (3,1)")
+    assert 0.5 < alike < 1
+    # Without a letter or digit the text itself is the only feature.
+    assert np.count_nonzero(analysis.hash_1("?!")) == 1
+    assert np.count_nonzero(analysis.hash_1("")) == 1
+
+
+def test_hash_1_of_one_letter_by_hand() -> None:
+    # FNV-1a of "w:a" and "c: a ", computed step by step.
+    def fnv(data: bytes) -> int:
+        value = 14695981039346656037
+        for byte in data:
+            value = ((value ^ byte) * 1099511628211) & (2**64 - 1)
+        return value
+
+    expected = np.zeros(1024)
+    for feature in (b"w:a", b"c: a "):
+        expected[fnv(feature) & 1023] += -1 if fnv(feature) & (1 << 63) else 1
+    assert analysis.hash_1("a") == pytest.approx(expected / np.linalg.norm(expected))
+    assert fnv(b"foobar") == 0x85944171F73967E8
+
+
+ACTS = pd.DataFrame(
+    [("a", 0, "up"), ("a", 0, "up"), ("a", 1, "up"), ("a", 2, "up"), ("a", 2, "down"), ("a", 2, None), ("a", 3, None)],
+    columns=["episode", "round", "message"],
+)
+
+
+class Encoder:
+    """Stands for a sentence model: right angles between texts of different length."""
+
+    def encode(self, texts: Sequence[str], *, show_progress_bar: bool) -> NDArray[Any]:
+        assert not show_progress_bar
+        return np.eye(200)[[len(text) for text in texts]] * 3
+
+
+def test_another_embedder_has_its_own_name() -> None:
+    table = analysis.homogeneity(ACTS, analysis.SentenceTransformers("small", Encoder()))
+    assert table["homogeneity"].tolist() == pytest.approx([1.0, np.nan, 0.0, np.nan], nan_ok=True)
+    assert table["round"].tolist() == [1, 2, 3, 4]
+    assert set(table["embedder"]) == {"sentence-transformers:small"}
+    assert analysis.homogeneity_of_games(table).iloc[0].tolist() == ["a", 0.5, 2, "sentence-transformers:small"]
+
+
+def test_embedders_are_compared_by_rank(games: analysis.Games) -> None:
+    acts = games.table("acts", ["round", "message"])
+    a, b = (
+        analysis.homogeneity(acts, e) for e in (analysis.Hash1(), analysis.SentenceTransformers("small", Encoder()))
+    )
+    found = analysis.compare_embedders(a, b)
+    both = a.merge(b, on=["episode", "round"]).dropna()
+    assert found["n"] == len(both)
+    assert found["spearman"] == pytest.approx(both["homogeneity_x"].rank().corr(both["homogeneity_y"].rank()))
+    with pytest.raises(analysis.MixedMeasuresError, match="both tables are of the embedder hash-1"):
+        analysis.compare_embedders(a, a)
+    with pytest.raises(analysis.MixedMeasuresError, match="one embedder, and this one has 2"):
+        analysis.compare_embedders(pd.concat([a, b]), b)
+    with pytest.raises(analysis.TooLittleDataError):
+        analysis.compare_embedders(a[:1], b[:1])
+
+
+def test_homogeneity_is_related_to_edits(games: analysis.Games) -> None:
+    found = analysis.relate_to_edits(games)
+    rounds = games.table("rounds").dropna(subset=["homogeneity", "edit_consistency"])
+    assert found["n"] == len(rounds) == 36 * swarm_tables.ROUNDS
+    assert found["spearman"] == pytest.approx(rounds["homogeneity"].rank().corr(rounds["edit_consistency"].rank()))
+
+
+def test_scores(games: analysis.Games) -> None:
+    table = analysis.scores(games).set_index(["model", "task"])
+    own = games.where(model="model-a", task="Pursuit").episodes["score"]
+    assert table.loc[("model-a", "Pursuit"), "deviation"] == pytest.approx(np.std(own))
+    wide = analysis.score_table(games).set_index("model")
+    assert wide.loc["model-a", "Pursuit"] == f"{own.mean():.2f} ± {np.std(own):.2f} (6)"
+    assert wide["total"].is_monotonic_decreasing
+
+
+def test_a_game_that_ended_early_keeps_its_score_and_none_falls(tmp_path: Path) -> None:
+    def short(tables: Tables) -> None:
+        tables["rounds"] = tables["rounds"].query("round <= 5")
+
+    games = analysis.load(swarm_tables.write(tmp_path / "short", change=short))
+    trends = analysis.score_trends(games)
+    own = trends[(trends["task"] == "Pursuit") & (trends["model"] == "model-a")]
+    assert own["round"].tolist() == list(range(swarm_tables.ROUNDS + 1))
+    assert set(own["mean"][5:]) == {own["mean"].iloc[5]}
+
+    def fall(tables: Tables) -> None:
+        tables["rounds"]["score"] = -tables["rounds"]["round"]
+
+    falls = swarm_tables.write(tmp_path / "falls", change=fall)
+    with pytest.raises(analysis.FilesError, match="falls"):
+        analysis.score_trends(analysis.load(falls))
+
+
+def test_figures_are_functions_of_the_data(games: analysis.Games, tmp_path: Path) -> None:
+    for name in ("a.svg", "b.svg", "a.png", "b.png", "a.pdf", "b.pdf"):
+        analysis.save(analysis.plot_scores(games), tmp_path / name)
+    for kind in ("svg", "png", "pdf"):
+        assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
+    ET.parse(tmp_path / "a.svg")
+
+
+def test_the_sensitivity_is_that_of_one_model(tmp_path: Path) -> None:
+    def change(tables: Tables) -> None:
+        tables["episodes"]["num_agents"] = [8, 12, 16] * 12
+        tables["episodes"]["view_size"] = [3, 5] * 18
+
+    games = analysis.load(swarm_tables.write(tmp_path, change=change))
+    with pytest.raises(analysis.TooLittleDataError, match="choose it"):
+        analysis.plot_sensitivity(games)
+    figure = analysis.plot_sensitivity(games.where(model="model-a"))
+    assert [axes.get_title() for axes in figure.axes] == ["Foraging", "Pursuit"]
+    made = reporting.report(games, tmp_path / "out", quick=True)
+    assert "tables/scores-by-setting.csv" in made.files
+    assert made.missing["Foraging: correlations"].startswith("Foraging: games with num_agents")
+
+
+def test_the_command_writes_everything(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert reporting.main(["report", str(folder), "--out", str(out), "--quick", "--formats", "svg"]) == 0
+    shown = capsys.readouterr()
+    assert shown.out == f"{out / 'report.html'}\n"
+    assert shown.err.startswith("[ 1/20] Scores\n")
+    assert "not made" not in shown.err
+    text, page = (out / "report.md").read_text(), (out / "report.html").read_text()
+    assert "model\\_b\\$1" in text
+    assert all(write.markdown_text(caution) in text for caution in reporting.CAUTIONS)
+    named = {
+        name
+        for name in (f"figures/{path.name}" for path in (out / "figures").iterdir())
+        if name in page and name in text
+    }
+    assert len(named) == len(list((out / "figures").iterdir())) == 18
+    assert r"\toprule" in (out / "tables" / "scores.tex").read_text()
+    assert len(pd.read_csv(out / "tables" / "correlations-Pursuit.csv")) == len(TWELVE)
+    # Nothing is overwritten.
+    assert reporting.main(["report", str(folder), "--out", str(out)]) == 1
+    assert "nothing is overwritten" in capsys.readouterr().err
+
+
+def test_one_game_gives_a_report_that_says_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = swarm_tables.write(tmp_path / "games", tasks=["Pursuit"], models=["only"], seeds=1)
+    assert reporting.main(["report", str(folder), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().err
+    assert "not made: Pursuit: correlations: a correlation needs 3 games of a task" in shown
+    assert "needs 3 games" in (tmp_path / "out" / "report.html").read_text()
+    assert (tmp_path / "out" / "figures" / "score-trends.png").is_file()
+
+
+def test_only_chosen_games_are_reported(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["report", str(folder), "--out", str(tmp_path / "out"), "--quick", "--formats", "svg"]
+    assert reporting.main([*arguments, "--where", "task=Pursuit", "--where", "num_agents=3"]) == 0
+    assert "12 games" not in (tmp_path / "out" / "report.md").read_text()
+    assert "18 games, 3 models, 1 tasks" in (tmp_path / "out" / "report.md").read_text()
+    for wrong in (["--where", "task"], ["--formats", "gif"]):
+        with pytest.raises(SystemExit):
+            reporting.main([*arguments, *wrong])
+    assert "is not COLUMN=VALUE" in capsys.readouterr().err
+
+
+def test_an_interrupt_ends_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(reporting, "keywords", interrupt)
+    assert reporting.main(["report", str(folder), "--out", str(tmp_path / "out"), "--quick", "--formats", "svg"]) == 130
+    assert "stopped: what was made until then" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "report.md").exists()
+
+
+def test_text_of_players_is_escaped() -> None:
+    table = pd.DataFrame({"model": ["<b>|a_b$&%#{}~^\\"], "n": [1.23456789], "none": [None]})
+    assert "<b>" not in write.html_table(table)
+    assert r"\<b\>\|a\_b\$" in write.markdown_table(table)
+    latex = write.latex_table(table, "50 %")
+    assert r"a\_b\$\&\%\#\{\}\textasciitilde{}\textasciicircum{}\textbackslash{} & 1.235 &  \\" in latex
+    assert r"\caption{50 \%}" in latex
+
+
+def test_without_the_extra_it_is_said_what_to_install() -> None:
+    program = """
+import importlib.util, sys
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: None if name == "pandas" else find(name, *more)
+import swarmbench
+try:
+    swarmbench.analysis
+except ModuleNotFoundError as error:
+    print(error)
+"""
+    shown = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
+    assert shown == "swarmbench.analysis needs pandas: pip install 'swarmbench[analysis]'\n"
+
+
+SETTINGS: dict[str, Any] = {"num_agents": 5, "width": 8, "height": 8, "max_round": 6, "view_size": 5}
+
+
+@pytest.mark.parametrize("rules", ["paper", "reference"])
+@pytest.mark.parametrize("control", ["decentralized", "centralized"])
+def test_a_server_is_read_and_windows_are_what_agents_saw(
+    client: Client, server: Server, rules: Any, control: Any
+) -> None:
+    seen: dict[tuple[str, int, int], list[list[str]]] = {}
+    tasks: Any = ("Foraging", "Synchronization", "Transport")
+    model = f"{rules} {control}"
+    for task in tasks:
+        episode = client.create_episode(task=task, seed=4, rules=rules, control=control, model=model, **SETTINGS)
+        swarm = client.with_token(episode["swarm_token"])
+        while not (now := swarm.swarm_obs(wait=30))["finished"]:
+            acts: Any = []
+            for seat in now["observations"]:
+                view: Any = seat["view"]
+                seen[episode["id"], seat["round"], int(seat["agent"].split("_")[1])] = view["cells"]
+                action = ["UP", "RIGHT", "DOWN", "SWITCH" if task == "Synchronization" else "LEFT"][
+                    (seat["round"] + len(acts)) % 4
+                ]
+                acts.append(
+                    {
+                        "episode": seat["episode"],
+                        "agent": seat["agent"],
+                        "round": seat["round"],
+                        "action": action,
+                        "message": "on",
+                    }
+                )
+            swarm.swarm_act(acts)
+    games = analysis.load(server.url, model=model)
+    assert len(games) == len(tasks)
+    acts = games.table("acts", ["round", "agent", "i", "j", "message"])
+    acts = acts.merge(games.episodes[["episode", "task", "rules", "control", "view_size"]], on="episode")
+    maps = views.maps_of(games.table("rounds", ["round", "grid"]))
+    keys = list(zip(acts["episode"], acts["round"], acts["agent"], strict=True))
+    for task, own in acts.groupby("task"):
+        rebuilt = views.windows(views.seats_of(own), maps)
+        expected = ["\n".join(" ".join(row) for row in seen[keys[at]]) for at in own.index]
+        assert (rebuilt == views.encode_views(expected, own["agent"])).all(), task
+    # What the server measured with the same embedder.
+    if "homogeneity" in games.table("rounds"):
+        ours = analysis.homogeneity(acts, analysis.Hash1())
+        both = ours.merge(games.table("rounds", ["round", "homogeneity"]), on=["episode", "round"])
+        np.testing.assert_allclose(both["homogeneity_x"], both["homogeneity_y"], atol=1e-12)
+
+
+def test_a_server_that_cannot_be_reached_is_an_error(tmp_path: Path) -> None:
+    from swarmbench import ConnectionFailedError, Retry
+
+    with Client("http://127.0.0.1:9", retry=Retry(times=0)) as client, pytest.raises(ConnectionFailedError):
+        client.export("rounds.parquet", tmp_path / "rounds.parquet")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_export_is_downloaded_completely(client: Client, tmp_path: Path) -> None:
+    episode = client.create_episode(task="Foraging", num_agents=1, max_round=1, model="to export")
+    with client.with_token(episode["swarm_token"]) as swarm:
+        swarm.swarm_act([{"episode": episode["id"], "agent": "Agent_0", "round": 0, "action": "STAY"}])
+    client.export("episodes.jsonl", tmp_path / "episodes.jsonl", model="to export", mixed=False)
+    rows = [json.loads(line) for line in (tmp_path / "episodes.jsonl").read_text().splitlines()]
+    assert [row["model"] for row in rows] == ["to export"]
+    assert [path.name for path in tmp_path.iterdir()] == ["episodes.jsonl"]
+
+
+def test_the_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    swarm_tables.write(tmp_path / "games")
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "evaluate" / "analysis.md").read_text()
+    names: dict[str, Any] = {}
+    blocks = re.findall(r"^(<!-- needs a model -->\n)?```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    for needs_model, code in blocks:
+        if needs_model:
+            monkeypatch.setattr("swarmbench.analysis.texts._sentence_transformer", lambda _: Encoder())
+        exec(code, names)
+    assert len(blocks) == 2
+    assert (tmp_path / "pursuit.svg").is_file()
+    assert "sentence-transformers:all-mpnet-base-v2" in capsys.readouterr().out
+    functions = set(re.findall(r"`(\w+)\(", page[page.index("| function |") : page.index("### Another embedder")]))
+    assert functions == {name for name in functions if hasattr(analysis, name)}
