@@ -454,3 +454,40 @@ async fn what_came_before_it_was_cancelled_is_kept() {
     let cancelled = embeddings.vectors(all, |_, _| {}, &cancel).await;
     assert_eq!(cancelled, Err(Error::Cancelled));
 }
+
+/// The program measures a journal with a model, keeps the vectors, and measures it again without the endpoint.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_journal_is_measured_with_a_model_and_again_from_its_recording() {
+    let endpoint = Endpoint::start(|_, seen| good(seen)).await;
+    let place = tempfile::tempdir().expect("a folder");
+    let vectors = place.path().join("vectors.jsonl").display().to_string();
+    let journal =
+        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/1/noise-and-delay-paper.jsonl");
+    let metrics = async |more: &[&str]| {
+        let first = ["metrics", journal, "--format", "json"];
+        let mut program = tokio::process::Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        let output = program.args(first).args(more).env_remove("OPENAI_API_KEY").output().await;
+        let output = output.expect("it runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).expect("JSON")
+    };
+    let model = ["--embedder", "endpoint:swarm-1"];
+    let url = endpoint.base();
+    let asked =
+        metrics(&[&model[..], &["--embedder-url", &url, "--embedder-record", &vectors]].concat())
+            .await;
+    let requests = endpoint.seen().len();
+    assert!(requests > 0);
+    let played = metrics(&[&model[..], &["--embedder-play", &vectors]].concat()).await;
+    assert_eq!((&played, endpoint.seen().len()), (&asked, requests));
+    let hashed = metrics(&[]).await;
+    assert_eq!(
+        (&asked["embedder"], &hashed["embedder"]),
+        (&json!("endpoint:swarm-1"), &json!("hash-1"))
+    );
+    for (metric, value) in hashed["values"].as_object().expect("values") {
+        let of_vectors =
+            swarmbench_analysis::Metric::parse(metric).expect("a metric").about().of_vectors;
+        assert_eq!(of_vectors, &asked["values"][metric] != value, "{metric}");
+    }
+}

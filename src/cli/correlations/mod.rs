@@ -15,21 +15,10 @@ use super::games::{Axes, Choice, Games, Selected};
 use super::sheet::{Cell, Column, Kind, Row, Sheet, Showing};
 use pairs::{Pairs, pairs, within_tasks};
 
-/// The metrics whose correlations with the score the paper shows.
-const OF_PAPER: [Metric; 12] = [
-    Metric::QuestionShare,
-    Metric::DigitShare,
-    Metric::MessageLength,
-    Metric::Homogeneity,
-    Metric::DirectionEntropy,
-    Metric::Stillness,
-    Metric::DominantAction,
-    Metric::Polarization,
-    Metric::StepLength,
-    Metric::Explored,
-    Metric::KeptPairs,
-    Metric::Pushes,
-];
+/// The metrics whose correlations with the score the paper shows: those that it draws.
+fn of_paper() -> impl Iterator<Item = Metric> {
+    Metric::ALL.into_iter().filter(|metric| metric.about().panel.is_some())
+}
 
 /// What the paper measures a failure mode by, and in which task.
 const FAILURES: [(TaskName, Metric); 3] = [
@@ -94,7 +83,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     } else if convergence {
         CONVERGENCE.iter().map(column).collect()
     } else if metrics.is_empty() {
-        OF_PAPER.iter().map(column).collect()
+        of_paper().map(|metric| column(&metric)).collect()
     } else {
         metrics
     };

@@ -103,3 +103,34 @@ async fn a_game_is_measured_after_its_end_and_again_by_the_rebuild() {
     app.start_again().await;
     assert_eq!(app.get(&episode.path("/metrics")).ok().await, first);
 }
+
+/// The program shows what the server says, and computes the same from the journal.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_program_measures_a_journal_as_the_server_does() {
+    let app = TestApp::start().await;
+    let episode = played(&app).await;
+    let place = tempfile::tempdir().expect("a folder");
+    let file = place.path().join("game.jsonl").display().to_string();
+    std::fs::write(&file, app.journal(&episode).await).expect("written");
+    for (query, options) in [
+        ("", &["--format", "json"][..]),
+        (
+            "?definition=toolkit&series=true",
+            &["--format", "json", "--definition", "toolkit", "--series"],
+        ),
+    ] {
+        let said = app.get(&episode.path(&format!("/metrics{query}"))).ok().await;
+        for game in
+            [&["metrics", &file][..], &["metrics", episode.id.as_str(), "--server", app.base()]]
+        {
+            let output = swarmbench(&[game, options].concat()).await;
+            let printed: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+            assert_eq!(printed, said, "{game:?} {options:?}");
+        }
+    }
+    let table = printed(&swarmbench(&["metrics", &file]).await);
+    assert!(table.contains("Mean message length") && table.contains("8.0000"), "{table}");
+    assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
+    let wrong = printed(&swarmbench(&["metrics", "nothing.jsonl"]).await);
+    assert!(wrong.contains("is no file, and no id of an episode"), "{wrong}");
+}
