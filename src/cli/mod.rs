@@ -8,8 +8,10 @@ mod competition;
 mod demo;
 mod eval;
 mod export;
+mod figure;
 mod healthcheck;
 mod import;
+mod journals;
 mod key;
 mod leaderboard;
 mod loadtest;
@@ -18,7 +20,9 @@ mod openapi;
 mod options;
 mod output;
 mod pages;
+mod partial;
 mod play;
+mod replay;
 mod serve;
 mod verify;
 
@@ -73,6 +77,10 @@ enum Command {
     Backup(backup::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
+    /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
+    Replay(replay::Args),
+    /// Draw figures of many games: scores, dynamics, correlations, boards.
+    Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),
     /// Load test your own server, and compare it with minimal programs on the same machine.
@@ -101,6 +109,8 @@ pub fn main() -> ExitCode {
         Command::Board(command) => with_runtime(board::run(command)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
+        Command::Replay(args) => with_runtime(replay::run(args)),
+        Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),

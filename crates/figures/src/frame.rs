@@ -375,6 +375,18 @@ impl Layout {
         Ok(Self { stage, shown, cell, map, views, messages, width, height, past })
     }
 
+    /// How many pixels a frame has.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "limited sides")]
+    pub fn pixels(&self) -> u64 {
+        (self.width * self.height) as u64
+    }
+
+    /// Adds a state to the curves without a frame.
+    pub fn skip(&mut self, moment: &Moment) {
+        self.past.add(moment);
+    }
+
     /// The next frame.
     pub fn frame(&mut self, moment: &Moment) -> Scene {
         self.past.add(moment);
@@ -545,6 +557,19 @@ fn draw_thing(scene: &mut Scene, (x, y): Point, cell: f64, symbol: char) {
     let inside = Area::new(x + 1.0, y + 1.0, cell - 1.0, cell - 1.0);
     let middle = (x + cell / 2.0, y + cell / 2.0);
     let r = cell * 0.34;
+    // In few pixels shapes cannot be told apart.
+    if cell < 8.0 {
+        let color = match symbol {
+            'W' => Color::grey(0x4D),
+            'N' => Color::YELLOW,
+            'B' => Color::ORANGE,
+            'F' => Color::GREEN,
+            'P' => Color::VERMILLION,
+            _ => return,
+        };
+        scene.rect(Area::new(x, y, cell, cell), Paint::fill(color));
+        return;
+    }
     match symbol {
         'W' => scene.rect(Area::new(x, y, cell, cell), Paint::fill(Color::grey(0x4D))),
         'N' => {
@@ -553,12 +578,8 @@ fn draw_thing(scene: &mut Scene, (x, y): Point, cell: f64, symbol: char) {
         }
         'B' => {
             scene.rect(inside, Paint::fill(Color::ORANGE));
-            if cell >= 8.0 {
-                let (left, top) = (x + cell * 0.28, y + cell * 0.28);
-                let side = cell * 0.48;
-                let look = Paint::line(Color::BLACK, 1.0);
-                scene.rect(Area::new(left, top, side, side), look);
-            }
+            let (left, top, side) = (x + cell * 0.28, y + cell * 0.28, cell * 0.48);
+            scene.rect(Area::new(left, top, side, side), Paint::line(Color::BLACK, 1.0));
         }
         'F' => {
             let (x, y) = middle;

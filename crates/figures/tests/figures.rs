@@ -9,9 +9,11 @@ use std::path::{Path, PathBuf};
 
 use resvg::usvg::roxmltree::Document;
 use samples::{HOSTILE, all};
+use swarmbench_engine::{Settings, TaskName};
+use swarmbench_figures::frame::{Layout, Moment, Shown, Stage};
 use swarmbench_figures::palette::{Color, OKABE_ITO};
 use swarmbench_figures::scene::{Anchor, Shape, printable};
-use swarmbench_figures::{Figure, font, png, svg};
+use swarmbench_figures::{Canvas, Figure, Film, Gif, font, png, svg};
 
 /// Write the golden files anew instead of comparing them.
 const UPDATE: &str = "SWARMBENCH_UPDATE_FIGURES";
@@ -31,7 +33,7 @@ fn the_same_numbers_give_the_same_bytes() {
         ("heat-map", Box::new(samples::heat_map("Pursuit", samples::names(4, 0)))),
         ("sensitivity", Box::new(samples::sensitivity(2, 3))),
         ("board", Box::new(samples::board(samples::names(3, 0)))),
-        ("frames", Box::new(samples::frames(swarmbench_engine::TaskName::Foraging, &[3], true))),
+        ("frames", Box::new(samples::frames(TaskName::Foraging, &[3], true))),
     ];
     for (name, figure) in figures {
         for (end, now) in [("svg", svg(&figure.scene())), ("csv", figure.data().csv())] {
@@ -182,4 +184,103 @@ fn a_png_has_the_size_of_its_scene() {
     assert_eq!([side(16), side(20)].map(|side| side.to_string()), expected);
     let refused = png(&scene, 1000.0).expect_err("too large");
     assert!(refused.to_string().contains("png_pixels_max"), "{refused}");
+}
+
+/// The stage of a game of the samples.
+fn stage(moments: &[Moment], agents: usize) -> Stage {
+    let rows = moments[0].grid.len();
+    Stage {
+        task: "Pursuit".to_owned(),
+        model: HOSTILE[4].to_owned(),
+        map: (rows, moments[0].grid[0].len()),
+        agents,
+        window: (5, 5),
+        max_round: 100,
+        scores: (0.0, moments.last().expect("the layout").score),
+    }
+}
+
+fn gif_of(moments: &[Moment], mut layout: Layout) -> (Vec<u8>, Canvas) {
+    let mut bytes = Vec::new();
+    let mut canvas = Canvas::new(&layout.clone().frame(&moments[0]));
+    let mut film = Box::new(Gif::new(&mut bytes, &canvas, 4).expect("a buffer"));
+    for moment in moments {
+        canvas.draw(&layout.frame(moment));
+        film.frame(&canvas).expect("a buffer");
+    }
+    film.finish().expect("a buffer");
+    (bytes, canvas)
+}
+
+#[test]
+fn a_replay_of_a_standard_game_is_a_small_file() {
+    let task = TaskName::Pursuit;
+    let moments = samples::moments(&Settings::standard(task, 27), task, 100, true);
+    let shown = Shown { cell: None, messages: true, views: true };
+    let layout = Layout::new(stage(&moments, 12), shown).expect("a small frame");
+    let (bytes, canvas) = gif_of(&moments, layout);
+    assert!(bytes.len() < 3_000_000, "{} bytes", bytes.len());
+    let mut decoder = gif::Decoder::new(bytes.as_slice()).expect("a GIF");
+    let size = (usize::from(decoder.width()), usize::from(decoder.height()));
+    assert_eq!(size, (canvas.width(), canvas.height()));
+    let mut frames = 0;
+    while let Some(frame) = decoder.read_next_frame().expect("a frame") {
+        assert_eq!(frame.delay, 25);
+        frames += 1;
+    }
+    assert_eq!(frames, moments.len());
+    if let Some(folder) = std::env::var_os(SHOW) {
+        std::fs::write(Path::new(&folder).join("game.gif"), bytes).expect("a folder");
+    }
+}
+
+#[test]
+fn frames_of_a_replay_look_the_same_in_all_outputs() {
+    for (name, task, agents, side, shown) in [
+        ("replay-transport", TaskName::Transport, 12, 10, Shown::default()),
+        (
+            "replay-all",
+            TaskName::Foraging,
+            12,
+            10,
+            Shown { cell: None, messages: true, views: true },
+        ),
+        ("replay-large", TaskName::Pursuit, 1024, 256, Shown::default()),
+    ] {
+        let mut settings = Settings::standard(task, 3);
+        (settings.num_agents, settings.width, settings.height) = (agents, side, side);
+        let moments = samples::moments(&settings, task, 3, shown.views);
+        let agents = usize::try_from(agents).expect("a number of agents");
+        let mut layout = Layout::new(stage(&moments, agents), shown).expect("a small frame");
+        let scenes: Vec<_> = moments.iter().map(|moment| layout.frame(moment)).collect();
+        let scene = &scenes[2];
+        let text = svg(scene);
+        Document::parse(&text).expect("XML");
+        let mut canvas = Canvas::new(scene);
+        canvas.draw(scene);
+        assert_eq!(canvas.pixels().len() as u64, layout.pixels());
+        if let Some(folder) = std::env::var_os(SHOW) {
+            let folder = Path::new(&folder);
+            let picture = png(scene, 1.0).expect("a small picture");
+            std::fs::write(folder.join(format!("{name}.png")), picture).expect("a folder");
+            let mut bytes = Vec::new();
+            let mut film = Box::new(Gif::new(&mut bytes, &canvas, 4).expect("a buffer"));
+            film.frame(&canvas).expect("a buffer");
+            film.finish().expect("a buffer");
+            std::fs::write(folder.join(format!("{name}.gif")), bytes).expect("a folder");
+        }
+    }
+}
+
+#[test]
+fn frames_that_are_too_large_name_their_limit() {
+    let moments =
+        samples::moments(&Settings::standard(TaskName::Pursuit, 1), TaskName::Pursuit, 1, false);
+    let stage = stage(&moments, 1024);
+    for shown in
+        [Shown { cell: Some(512), ..Shown::default() }, Shown { views: true, ..Shown::default() }]
+    {
+        let refused = Layout::new(stage.clone(), shown).expect_err("too large").to_string();
+        assert!(refused.contains("frame_side_max") && refused.contains("--scale"), "{refused}");
+    }
 }
