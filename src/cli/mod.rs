@@ -10,9 +10,11 @@ mod demo;
 mod embedder;
 mod eval;
 mod export;
+mod figure;
 mod games;
 mod healthcheck;
 mod import;
+mod journals;
 mod key;
 mod leaderboard;
 mod loadtest;
@@ -22,7 +24,9 @@ mod openapi;
 mod options;
 mod output;
 mod pages;
+mod partial;
 mod play;
+mod replay;
 mod serve;
 mod sheet;
 mod table;
@@ -85,6 +89,10 @@ enum Command {
     Backup(backup::Args),
     /// Export episodes in the data format of the public toolkit, or as tables.
     Export(export::Args),
+    /// Draw a game, round by round: as an animated GIF, as video, or as pictures.
+    Replay(replay::Args),
+    /// Draw figures of many games: scores, dynamics, correlations, boards.
+    Figure(Box<figure::Args>),
     /// Import games in the data format of the public toolkit.
     Import(import::Args),
     /// Load test your own server, and compare it with minimal programs on the same machine.
@@ -116,6 +124,8 @@ pub fn main() -> ExitCode {
         Command::Metrics(args) => with_runtime(metrics::run(*args)),
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
+        Command::Replay(args) => with_runtime(replay::run(args)),
+        Command::Figure(args) => with_runtime(figure::run(*args)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),

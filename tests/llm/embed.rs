@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::sync::{Arc, Mutex};
 
 use data_encoding::BASE64;
@@ -465,14 +466,15 @@ async fn a_journal_is_measured_with_a_model_and_again_from_its_recording() {
         concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/1/noise-and-delay-paper.jsonl");
     let metrics = async |more: &[&str]| {
         let first = ["metrics", journal, "--format", "json"];
-        let mut program = tokio::process::Command::new(env!("CARGO_BIN_EXE_swarmbench"));
-        let output = program.args(first).args(more).env_remove("OPENAI_API_KEY").output().await;
-        let output = output.expect("it runs");
+        let mut program = Command::new(env!("CARGO_BIN_EXE_swarmbench"));
+        program.args(first).args(more).env_remove("OPENAI_API_KEY");
+        let output = tokio::task::spawn_blocking(move || program.output()).await;
+        let output = output.expect("no panic").expect("it runs");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice::<Value>(&output.stdout).expect("JSON")
     };
     let model = ["--embedder", "endpoint:swarm-1"];
-    let url = endpoint.base();
+    let url = endpoint.base().to_owned();
     let asked =
         metrics(&[&model[..], &["--embedder-url", &url, "--embedder-record", &vectors]].concat())
             .await;

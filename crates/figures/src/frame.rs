@@ -1,0 +1,696 @@
+//! Frames of a game: the map with what agents chose, and beside it the score, counts, messages and windows.
+//!
+//! Frame `s` shows state `s` with what agents chose in round `s` and the messages that they sent in it. The last state
+//! has neither.
+
+use swarmbench_engine::{Act, Action, Direction, Seen, View, World};
+
+use crate::chart::{
+    HEADING, LABEL, MARGIN, Scale, TITLE, heading, heading_height, number, range, real,
+};
+use crate::font;
+use crate::palette::{AXIS, Color, GROUND, INK, MUTED, PAPER, RULE};
+use crate::scene::{Anchor, Area, Paint, Point, Scene};
+use crate::{Data, Figure, cell};
+
+/// The longest side of a frame of a replay, in pixels.
+pub const FRAME_SIDE_MAX: f64 = 4096.0;
+
+/// The most lines of messages below a map.
+pub const MESSAGE_LINES_MAX: usize = 24;
+
+/// A state of a game, and what was decided in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moment {
+    /// Rounds resolved.
+    pub round: u32,
+    /// The score so far.
+    pub score: f64,
+    /// One character a cell, `A` for agents; row by row.
+    pub grid: Vec<String>,
+    /// All agents in order of their numbers.
+    pub agents: Vec<Agent>,
+    /// The messages sent in this round.
+    pub messages: Vec<Said>,
+    /// What each agent on the map sees, if asked for.
+    pub windows: Vec<(u16, View)>,
+}
+
+/// An agent in a state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agent {
+    /// Its number.
+    pub number: u16,
+    /// Its row and column; `None` once it has escaped.
+    pub at: Option<(i32, i32)>,
+    /// Whether its light is on (Synchronization).
+    pub light_on: Option<bool>,
+    /// Whether it carries food (Foraging).
+    pub carries: bool,
+    /// What it chose; `None` in the last state and for an agent that has escaped.
+    pub choice: Option<Choice>,
+}
+
+/// What an agent chose to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// No action: it only spoke, its answer could not be read, or its clock expired.
+    Nothing,
+    /// To stay.
+    Stay,
+    /// To switch its light.
+    Switch,
+    /// To move.
+    Move {
+        /// Where to.
+        toward: Direction,
+        /// Whether it did not get there.
+        blocked: bool,
+    },
+}
+
+/// A message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Said {
+    /// The number of the agent that sent it.
+    pub from: u16,
+    /// The number of the only receiver, if there is one.
+    pub to: Option<u16>,
+    /// Its text.
+    pub text: String,
+}
+
+impl Moment {
+    /// A state before anything is decided in it; with what each agent sees if `windows`.
+    #[must_use]
+    pub fn of(world: &World, windows: bool) -> Self {
+        let view = world.spectator_view();
+        let agents = view.agents.iter().map(|state| Agent {
+            number: state.agent.0,
+            at: state.alive.then_some((state.at.i, state.at.j)),
+            light_on: state.light_on,
+            carries: state.carrying_food == Some(true),
+            choice: None,
+        });
+        let seen = |agent| world.observe(agent).view;
+        let living = world.agents().filter(|&agent| windows && world.is_alive(agent));
+        Self {
+            round: view.round,
+            score: view.score,
+            agents: agents.collect(),
+            messages: Vec::new(),
+            windows: living.filter_map(|agent| Some((agent.0, seen(agent)?))).collect(),
+            grid: view.grid,
+        }
+    }
+
+    /// Adds what was decided in it: the acts by the numbers of the agents, and the state to which they led.
+    pub fn decided(&mut self, acts: &[(u16, Act)], after: &World) {
+        let states: Vec<_> = after.agent_states().collect();
+        for (number, act) in acts {
+            let place = usize::from(*number);
+            if let (Some(agent), Some(state)) = (self.agents.get_mut(place), states.get(place)) {
+                let to = (state.at.i, state.at.j);
+                agent.choice = agent.at.map(|from| Choice::of(act.action, from, to));
+            }
+            if let Some(message) = &act.message {
+                self.messages.push(Said {
+                    from: *number,
+                    to: act.to.map(|to| to.0),
+                    text: message.as_str().to_owned(),
+                });
+            }
+        }
+    }
+
+    fn count(&self, wanted: impl Fn(Choice) -> bool) -> usize {
+        self.agents.iter().filter_map(|agent| agent.choice).filter(|&choice| wanted(choice)).count()
+    }
+
+    /// How many agents did not choose to move or switch.
+    fn still(&self) -> usize {
+        self.count(|choice| matches!(choice, Choice::Stay | Choice::Nothing))
+    }
+
+    fn blocked(&self) -> usize {
+        self.count(|choice| matches!(choice, Choice::Move { blocked: true, .. }))
+    }
+
+    fn is_decided(&self) -> bool {
+        self.agents.iter().any(|agent| agent.choice.is_some())
+    }
+}
+
+impl Choice {
+    fn of(action: Option<Action>, from: (i32, i32), to: (i32, i32)) -> Self {
+        match action {
+            None => Self::Nothing,
+            Some(Action::Stay) => Self::Stay,
+            Some(Action::Switch) => Self::Switch,
+            Some(action @ (Action::Up | Action::Down | Action::Left | Action::Right)) => {
+                let toward = action.direction().expect("a move has a direction");
+                let (i, j) = toward.offset();
+                // Pushing may carry an agent further or aside; it moved if it went that way at all.
+                let blocked = (to.0 - from.0) * i + (to.1 - from.1) * j <= 0;
+                Self::Move { toward, blocked }
+            }
+        }
+    }
+}
+
+/// Some moments of a game side by side.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frames {
+    /// Whose game.
+    pub title: String,
+    /// The moments.
+    pub moments: Vec<Moment>,
+    /// Whether the messages stand below each map.
+    pub messages: bool,
+}
+
+const SIGNS: &str = "Arrow: chosen move; empty arrow with a bar: blocked; ?: no action; S: switches its light; no sign: stays";
+
+impl Frames {
+    fn cell(&self) -> f64 {
+        let cells = self.moments.first().map_or(10, |moment| size(moment).0.max(size(moment).1));
+        (280.0 / real(cells)).floor().clamp(4.0, 28.0)
+    }
+
+    /// The lines of messages of a moment.
+    fn lines(&self, moment: &Moment, room: f64) -> Vec<String> {
+        if self.messages { message_lines(&moment.messages, room) } else { Vec::new() }
+    }
+}
+
+impl Figure for Frames {
+    fn scene(&self) -> Scene {
+        let cell = self.cell();
+        let (rows, columns) = self.moments.first().map_or((0, 0), size);
+        let (width, height) = (real(columns) * cell, real(rows) * cell);
+        // Text needs more room than a small map.
+        let room = if self.messages { width.max(220.0) } else { width.max(110.0) };
+        let across = self.moments.len().clamp(1, 4);
+        let page = MARGIN.mul_add(2.0, real(across) * (room + MARGIN) - MARGIN).max(360.0);
+        let notes = [SIGNS.to_owned()];
+        let line_height = LABEL + 4.0;
+        let below: Vec<f64> = (self.moments.chunks(across))
+            .map(|row| row.iter().map(|moment| self.lines(moment, room).len()).max().unwrap_or(0))
+            .map(|lines| height + 26.0 + real(lines) * line_height + MARGIN)
+            .collect();
+        let top = heading_height(page, &notes);
+        let mut scene = Scene::new(page, top + below.iter().sum::<f64>(), &self.title);
+        let mut y = heading(&mut scene, &self.title, &notes);
+        for (row, used) in self.moments.chunks(across).zip(below) {
+            for (place, moment) in row.iter().enumerate() {
+                let x = MARGIN + real(place) * (room + MARGIN);
+                draw_map(&mut scene, (x, y), cell, moment);
+                let caption = format!("round {}, score {}", moment.round, number(moment.score));
+                let at = (x, y + height + 16.0);
+                scene.text_within(at, room, (Anchor::Start, HEADING - 1.0, INK), &caption);
+                for (line, text) in self.lines(moment, room).iter().enumerate() {
+                    let at = (x, y + height + 32.0 + real(line) * line_height);
+                    scene.text(at, Anchor::Start, LABEL, INK, text);
+                }
+            }
+            y += used;
+        }
+        scene
+    }
+
+    fn data(&self) -> Data {
+        let mut data =
+            Data::new(&["round", "score", "agent", "i", "j", "choice", "blocked", "message"]);
+        for moment in &self.moments {
+            for agent in &moment.agents {
+                let said = moment.messages.iter().find(|said| said.from == agent.number);
+                let (name, blocked) = match agent.choice {
+                    None => (None, None),
+                    Some(Choice::Nothing) => (Some("none".to_owned()), None),
+                    Some(Choice::Stay) => (Some("STAY".to_owned()), None),
+                    Some(Choice::Switch) => (Some("SWITCH".to_owned()), None),
+                    Some(Choice::Move { toward, blocked }) => {
+                        (Some(format!("{toward:?}").to_uppercase()), Some(blocked))
+                    }
+                };
+                data.rows.push(vec![
+                    moment.round.to_string(),
+                    moment.score.to_string(),
+                    agent.number.to_string(),
+                    cell(agent.at.map(|(i, _)| i)),
+                    cell(agent.at.map(|(_, j)| j)),
+                    cell(name),
+                    cell(blocked),
+                    cell(said.map(|said| &said.text)),
+                ]);
+            }
+        }
+        data
+    }
+}
+
+/// Rows and columns of a map.
+fn size(moment: &Moment) -> (usize, usize) {
+    (moment.grid.len(), moment.grid.first().map_or(0, |row| row.chars().count()))
+}
+
+/// Messages as lines of a width, not more than [`MESSAGE_LINES_MAX`].
+fn message_lines(messages: &[Said], room: f64) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (shown, said) in messages.iter().enumerate() {
+        let to = said.to.map_or_else(String::new, |to| format!(" to {to}"));
+        let text = crate::scene::printable(&format!("{}{to}: {}", said.from, said.text));
+        let wrapped = font::wrap(&text, LABEL, room);
+        if lines.len() + wrapped.len() >= MESSAGE_LINES_MAX && shown + 1 < messages.len() {
+            lines.push(format!("… and {} more messages", messages.len() - shown));
+            return lines;
+        }
+        lines.extend(wrapped);
+    }
+    lines
+}
+
+/// What all frames of a replay share.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// The task.
+    pub task: String,
+    /// Who plays.
+    pub model: String,
+    /// Rows and columns of the map.
+    pub map: (usize, usize),
+    /// How many agents.
+    pub agents: usize,
+    /// Rows and columns of a window.
+    pub window: (usize, usize),
+    /// After how many rounds the game ends at the latest.
+    pub max_round: u32,
+    /// The highest and the lowest score of the game.
+    pub scores: (f64, f64),
+}
+
+/// What a frame of a replay shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shown {
+    /// Pixels along a side of a cell; by default as many as make a map of about 400 pixels.
+    pub cell: Option<u16>,
+    /// Whether messages stand below the map.
+    pub messages: bool,
+    /// Whether the windows of all agents are shown.
+    pub views: bool,
+}
+
+/// A frame would be too large.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "a frame of {width:.0} × {height:.0} pixels has a side longer than the limit frame_side_max = {FRAME_SIDE_MAX:.0}: \
+     take a smaller --scale, or leave out --views and --messages"
+)]
+pub struct TooLarge {
+    width: f64,
+    height: f64,
+}
+
+/// Lays out the frames of a replay.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    stage: Stage,
+    shown: Shown,
+    cell: f64,
+    map: Area,
+    views: Area,
+    messages: Area,
+    width: f64,
+    height: f64,
+    past: Past,
+}
+
+/// What the curves show: of each state so far.
+#[derive(Clone, Debug, Default)]
+struct Past {
+    first: u32,
+    scores: Vec<f64>,
+    messages: Vec<f64>,
+    still: Vec<f64>,
+    blocked: Vec<f64>,
+}
+
+const SIDE: f64 = 236.0;
+/// What stands beside the map needs this much.
+const SIDE_HEIGHT: f64 = 344.0;
+const LINE: f64 = 14.0;
+const VIEW_GAP: f64 = 8.0;
+
+impl Layout {
+    /// The layout of all frames of a replay.
+    ///
+    /// # Errors
+    /// Where a frame would have a side longer than [`FRAME_SIDE_MAX`].
+    pub fn new(stage: Stage, shown: Shown) -> Result<Self, TooLarge> {
+        let (rows, columns) = stage.map;
+        let fitting = (400.0 / real(rows.max(columns).max(1))).floor().clamp(4.0, 32.0);
+        let cell = shown.cell.map_or(fitting, f64::from);
+        let map = Area::new(MARGIN, MARGIN, real(columns) * cell, real(rows) * cell);
+        let width = map.right() + MARGIN + SIDE + MARGIN;
+        let room = width - 2.0 * MARGIN;
+        let mut bottom = map.bottom().max(MARGIN + SIDE_HEIGHT) + MARGIN;
+        let mut below = |height: f64| {
+            let area = Area::new(MARGIN, bottom, room, height);
+            bottom += if height > 0.0 { height + MARGIN } else { 0.0 };
+            area
+        };
+        let mut views = 0.0;
+        if shown.views {
+            let (across, _, high) = view_grid(&stage, room);
+            views = real(stage.agents.div_ceil(across)) * high;
+        }
+        let views = below(views);
+        let lines = (2 * stage.agents).min(MESSAGE_LINES_MAX);
+        let messages = below(if shown.messages { real(lines) * LINE } else { 0.0 });
+        let height = bottom;
+        if width > FRAME_SIDE_MAX || height > FRAME_SIDE_MAX {
+            return Err(TooLarge { width, height });
+        }
+        let past = Past::default();
+        Ok(Self { stage, shown, cell, map, views, messages, width, height, past })
+    }
+
+    /// How many pixels a frame has.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "limited sides")]
+    pub fn pixels(&self) -> u64 {
+        (self.width * self.height) as u64
+    }
+
+    /// Adds a state to the curves without a frame.
+    pub fn skip(&mut self, moment: &Moment) {
+        self.past.add(moment);
+    }
+
+    /// The next frame.
+    pub fn frame(&mut self, moment: &Moment) -> Scene {
+        self.past.add(moment);
+        let Stage { task, model, .. } = &self.stage;
+        let title = format!("{task}, {model}, round {}", moment.round);
+        let mut scene = Scene::new(self.width, self.height, &title);
+        draw_map(&mut scene, (self.map.x, self.map.y), self.cell, moment);
+        self.beside(&mut scene, moment);
+        if self.shown.views {
+            self.draw_views(&mut scene, moment);
+        }
+        if self.shown.messages {
+            let lines = message_lines(&moment.messages, self.messages.width);
+            for (number, line) in lines.iter().enumerate() {
+                let at = (self.messages.x, self.messages.y + (real(number) + 0.8) * LINE);
+                scene.text(at, Anchor::Start, LABEL, INK, line);
+            }
+        }
+        scene
+    }
+
+    fn beside(&self, scene: &mut Scene, moment: &Moment) {
+        let x = self.map.right() + MARGIN;
+        let mut y = MARGIN + 12.0;
+        let Stage { task, model, agents, max_round, scores, .. } = &self.stage;
+        scene.text_within((x, y), SIDE, (Anchor::Start, TITLE, INK), task);
+        y += 17.0;
+        scene.text_within((x, y), SIDE, (Anchor::Start, HEADING, MUTED), model);
+        y += 22.0;
+        let on_map = moment.agents.iter().filter(|agent| agent.at.is_some()).count();
+        let left = agents - on_map.min(*agents);
+        let round = format!("Round {} of {max_round}", moment.round);
+        scene.text((x, y), Anchor::Start, HEADING, INK, &round);
+        let left = if left > 0 {
+            format!("{on_map} agents, {left} left")
+        } else {
+            format!("{on_map} agents")
+        };
+        scene.text((x + SIDE, y), Anchor::End, LABEL, MUTED, &left);
+        y += 14.0;
+        let range = range([scores.0, scores.1]);
+        let n = real(*agents);
+        let past = &self.past;
+        let now = if moment.is_decided() {
+            number(real(moment.messages.len()))
+        } else {
+            "–".to_owned()
+        };
+        let count =
+            |count: usize| if moment.is_decided() { count.to_string() } else { "–".to_owned() };
+        let curves = [
+            ("Score", number(moment.score), &past.scores, range, 84.0),
+            ("Messages", now, &past.messages, (0.0, n), 34.0),
+            ("Staying", count(moment.still()), &past.still, (0.0, n), 34.0),
+            ("Blocked moves", count(moment.blocked()), &past.blocked, (0.0, n), 34.0),
+        ];
+        for (name, now, values, range, height) in curves {
+            y += 14.0;
+            scene.text((x, y), Anchor::Start, LABEL, MUTED, name);
+            scene.text((x + SIDE, y), Anchor::End, HEADING, INK, &now);
+            let area = Area::new(x, (y + 5.0).round(), SIDE, height);
+            curve(scene, area, values, (past.first, *max_round), range);
+            y += height + 8.0;
+        }
+    }
+
+    fn draw_views(&self, scene: &mut Scene, moment: &Moment) {
+        let (across, wide, high) = view_grid(&self.stage, self.views.width);
+        let cell = view_cell(&self.stage);
+        for (number, view) in &moment.windows {
+            let place = usize::from(*number);
+            let x = self.views.x + real(place % across) * wide;
+            let y = self.views.y + real(place / across) * high;
+            scene.text((x, y + 10.0), Anchor::Start, LABEL, INK, &number.to_string());
+            for (i, row) in view.rows().enumerate() {
+                for (j, seen) in row.iter().enumerate() {
+                    let at = (x + real(j) * cell, y + 14.0 + real(i) * cell);
+                    draw_seen(scene, at, cell, *seen);
+                }
+            }
+        }
+    }
+}
+
+impl Past {
+    fn add(&mut self, moment: &Moment) {
+        if self.scores.is_empty() {
+            self.first = moment.round;
+        }
+        self.scores.push(moment.score);
+        if moment.is_decided() {
+            self.messages.push(real(moment.messages.len()));
+            self.still.push(real(moment.still()));
+            self.blocked.push(real(moment.blocked()));
+        }
+    }
+}
+
+/// How many windows stand side by side, and how wide and high one is.
+fn view_grid(stage: &Stage, room: f64) -> (usize, f64, f64) {
+    let cell = view_cell(stage);
+    let wide = real(stage.window.1).mul_add(cell, VIEW_GAP);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
+    let across = ((room / wide).floor() as usize).max(1);
+    (across, wide, real(stage.window.0).mul_add(cell, 14.0 + VIEW_GAP))
+}
+
+fn view_cell(stage: &Stage) -> f64 {
+    (70.0 / real(stage.window.0.max(stage.window.1).max(1))).floor().clamp(2.0, 14.0)
+}
+
+/// A curve up to now, in a box.
+fn curve(
+    scene: &mut Scene,
+    area: Area,
+    values: &[f64],
+    (first, rounds): (u32, u32),
+    range: (f64, f64),
+) {
+    scene.rect(area, Paint::fill(GROUND));
+    for (value, base) in [(range.1, area.y + 9.0), (range.0, area.bottom() - 2.0)] {
+        scene.text((area.right() - 3.0, base), Anchor::End, LABEL - 1.0, MUTED, &number(value));
+    }
+    let room = Area { width: area.width - 24.0, ..area };
+    let x = Scale::new((0.0, f64::from(rounds)), room.x, room.right());
+    let y = Scale::new(range, area.bottom() - 2.0, area.y + 2.0);
+    // More points than pixels change nothing.
+    let step = (values.len() / 500).max(1);
+    let point = |place: usize| (x.within(real(place) + f64::from(first)), y.within(values[place]));
+    let mut points: Vec<Point> = (0..values.len()).step_by(step).map(point).collect();
+    let Some(last) = values.len().checked_sub(1).map(point) else { return };
+    points.push(last);
+    scene.path(points, Paint::line(Color::BLUE, 1.4));
+    scene.circle(last, 2.5, Paint::fill(INK));
+}
+
+/// The map with its agents and what they chose.
+fn draw_map(scene: &mut Scene, (x, y): Point, cell: f64, moment: &Moment) {
+    let (rows, columns) = size(moment);
+    let (width, height) = (real(columns) * cell, real(rows) * cell);
+    scene.rect(Area::new(x, y, width, height), Paint::fill(GROUND));
+    if cell >= 8.0 {
+        for i in 1..rows {
+            scene.rect(Area::new(x, y + real(i) * cell, width, 1.0), Paint::fill(RULE));
+        }
+        for j in 1..columns {
+            scene.rect(Area::new(x + real(j) * cell, y, 1.0, height), Paint::fill(RULE));
+        }
+    }
+    for (i, row) in moment.grid.iter().enumerate() {
+        for (j, symbol) in row.chars().enumerate() {
+            draw_thing(scene, (x + real(j) * cell, y + real(i) * cell), cell, symbol);
+        }
+    }
+    let corner = |(i, j): (i32, i32)| (x + f64::from(j) * cell, y + f64::from(i) * cell);
+    let placed = || moment.agents.iter().filter_map(|agent| Some((agent, corner(agent.at?))));
+    for (agent, at) in placed() {
+        draw_agent(scene, at, cell, *agent);
+    }
+    // Arrows reach into the next cell, above those who stand there.
+    for (agent, at) in placed() {
+        draw_choice(scene, at, cell, agent.choice);
+    }
+}
+
+/// What lies in a cell, by the symbol of a spectator's grid. Agents are drawn later.
+fn draw_thing(scene: &mut Scene, (x, y): Point, cell: f64, symbol: char) {
+    let inside = Area::new(x + 1.0, y + 1.0, cell - 1.0, cell - 1.0);
+    let middle = (x + cell / 2.0, y + cell / 2.0);
+    let r = cell * 0.34;
+    // In few pixels shapes cannot be told apart.
+    if cell < 8.0 {
+        let color = match symbol {
+            'W' => Color::grey(0x4D),
+            'N' => Color::YELLOW,
+            'B' => Color::ORANGE,
+            'F' => Color::GREEN,
+            'P' => Color::VERMILLION,
+            _ => return,
+        };
+        scene.rect(Area::new(x, y, cell, cell), Paint::fill(color));
+        return;
+    }
+    match symbol {
+        'W' => scene.rect(Area::new(x, y, cell, cell), Paint::fill(Color::grey(0x4D))),
+        'N' => {
+            scene.rect(inside, Paint::fill(Color::YELLOW));
+            letter(scene, middle, cell, Color::BLACK, "N");
+        }
+        'B' => {
+            scene.rect(inside, Paint::fill(Color::ORANGE));
+            let (left, top, side) = (x + cell * 0.28, y + cell * 0.28, cell * 0.48);
+            scene.rect(Area::new(left, top, side, side), Paint::line(Color::BLACK, 1.0));
+        }
+        'F' => {
+            let (x, y) = middle;
+            let corners = vec![(x - r, y), (x, y - r), (x + r, y), (x, y + r)];
+            scene.path(corners, Paint::fill(Color::GREEN));
+            letter(scene, middle, cell * 0.85, Color::BLACK, "F");
+        }
+        'P' => {
+            let (x, y) = middle;
+            let corners = vec![(x - r, y + r), (x, y - r * 1.2), (x + r, y + r)];
+            scene.path(corners, Paint::fill(Color::VERMILLION));
+            letter(scene, (x, y + r * 0.35), cell * 0.8, Color::BLACK, "P");
+        }
+        _ => {}
+    }
+}
+
+fn letter(scene: &mut Scene, (x, y): Point, cell: f64, color: Color, text: &str) {
+    // Smaller letters cannot be read.
+    const LEAST: f64 = 14.0;
+    if cell >= LEAST {
+        let digits = real(text.len());
+        let size = (cell * 0.42).min(cell * 1.05 / digits.max(1.0));
+        scene.text((x, y + size * 0.36), Anchor::Middle, size, color, text);
+    }
+}
+
+/// The colour of an agent: that of its light, its load, or that of all agents.
+fn color_of(light_on: Option<bool>, carries: bool) -> Color {
+    match (light_on, carries) {
+        (Some(true), _) => Color::YELLOW,
+        (Some(false), _) => Color::grey(0x33),
+        (None, true) => Color::ORANGE,
+        (None, false) => Color::BLUE,
+    }
+}
+
+fn draw_agent(scene: &mut Scene, (x, y): Point, cell: f64, agent: Agent) {
+    let color = color_of(agent.light_on, agent.carries);
+    let middle = (x + cell / 2.0, y + cell / 2.0);
+    if cell < 8.0 {
+        scene.rect(Area::new(x, y, cell, cell), Paint::fill(color));
+        return;
+    }
+    let outline = if agent.light_on == Some(true) { 1.5 } else { 0.8 };
+    scene.circle(middle, cell * 0.37, Paint::fill(color).outlined(INK, outline));
+    letter(scene, middle, cell, color.text_on(), &agent.number.to_string());
+    if agent.carries {
+        let (x, y, r) = (x + cell * 0.82, y + cell * 0.18, cell * 0.16);
+        let corners = vec![(x - r, y), (x, y - r), (x + r, y), (x, y + r)];
+        scene.path(corners, Paint::fill(Color::GREEN).outlined(PAPER, 0.8));
+    }
+}
+
+fn draw_choice(scene: &mut Scene, (x, y): Point, cell: f64, choice: Option<Choice>) {
+    let middle = (x + cell / 2.0, y + cell / 2.0);
+    match choice {
+        None | Some(Choice::Stay) => {}
+        Some(Choice::Nothing) => badge(scene, (x, y), cell, "?"),
+        Some(Choice::Switch) => badge(scene, (x, y), cell, "S"),
+        Some(Choice::Move { toward, blocked }) => draw_arrow(scene, middle, cell, toward, blocked),
+    }
+}
+
+/// An arrow from an agent to the next cell; empty, with a bar before it, where the move was blocked.
+fn draw_arrow(scene: &mut Scene, (x, y): Point, cell: f64, toward: Direction, blocked: bool) {
+    let (i, j) = toward.offset();
+    let (down, right) = (f64::from(i), f64::from(j));
+    let at = |along: f64, aside: f64| {
+        (x + cell * (along * right + aside * down), y + cell * (along * down + aside * right))
+    };
+    if cell < 8.0 {
+        let color = if blocked { Color::VERMILLION } else { INK };
+        scene.line((x, y), at(0.75, 0.0), Paint::line(color, 1.0));
+        return;
+    }
+    let head = vec![at(0.37, 0.17), at(0.6, 0.0), at(0.37, -0.17)];
+    if !blocked {
+        scene.path(head, Paint::fill(INK).outlined(PAPER, 0.8));
+        return;
+    }
+    scene.path(head, Paint::fill(PAPER).outlined(Color::VERMILLION, 1.4));
+    scene.line(at(0.63, 0.2), at(0.63, -0.2), Paint::line(Color::VERMILLION, 2.0));
+}
+
+/// A sign in the upper left corner of a cell.
+fn badge(scene: &mut Scene, (x, y): Point, cell: f64, sign: &str) {
+    if cell >= 14.0 {
+        let r = cell * 0.19;
+        let middle = (x + r, y + r);
+        scene.circle(middle, r, Paint::fill(PAPER).outlined(INK, 0.8));
+        scene.text((middle.0, middle.1 + r * 0.6), Anchor::Middle, r * 1.7, INK, sign);
+    }
+}
+
+/// A cell as an agent sees it.
+fn draw_seen(scene: &mut Scene, (x, y): Point, cell: f64, seen: Seen) {
+    let area = Area::new(x, y, cell - 1.0, cell - 1.0);
+    let (color, text) = match seen {
+        Seen::Outside => (AXIS, String::new()),
+        Seen::Empty => (GROUND, String::new()),
+        Seen::Wall => (Color::grey(0x4D), String::new()),
+        Seen::Nest => (Color::YELLOW, "N".to_owned()),
+        Seen::Food => (Color::GREEN, "F".to_owned()),
+        Seen::Block => (Color::ORANGE, "B".to_owned()),
+        Seen::Prey => (Color::VERMILLION, "P".to_owned()),
+        Seen::Yourself => (Color::BLUE, "Y".to_owned()),
+        Seen::Agent { number, marked } => {
+            (if marked { Color::YELLOW } else { Color::SKY_BLUE }, number.to_string())
+        }
+    };
+    scene.rect(area, Paint::fill(color));
+    letter(scene, (x + cell / 2.0 - 0.5, y + cell / 2.0 - 0.5), cell * 1.3, color.text_on(), &text);
+}

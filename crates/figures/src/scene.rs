@@ -1,0 +1,224 @@
+//! A picture as a list of shapes, in the order in which they are painted.
+
+use crate::font;
+use crate::palette::Color;
+
+/// A picture. One unit is one pixel of an unscaled PNG or of a frame of a replay; y grows downwards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Its width.
+    pub width: f64,
+    /// Its height.
+    pub height: f64,
+    /// What it shows, for readers that cannot see it.
+    pub title: String,
+    /// Its shapes, the lowest first.
+    pub shapes: Vec<Shape>,
+}
+
+/// A shape.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A rectangle.
+    Rect(Area, Paint),
+    /// A circle around a point.
+    Circle(Point, f64, Paint),
+    /// Straight lines through points; closed where it is filled.
+    Path(Vec<Point>, Paint),
+    /// A line of text.
+    Text(Text),
+}
+
+/// A point: x, y.
+pub type Point = (f64, f64);
+
+/// A rectangle whose sides are parallel to the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct Area {
+    pub x: f64,
+    pub y: f64,
+    pub width: f64,
+    pub height: f64,
+}
+
+/// How a shape is painted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Paint {
+    /// The colour of its inside and how opaque it is, from 0 to 1.
+    pub fill: Option<(Color, f64)>,
+    /// Its outline.
+    pub stroke: Option<Stroke>,
+}
+
+/// An outline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// Its colour.
+    pub color: Color,
+    /// How wide it is.
+    pub width: f64,
+    /// Lengths of dashes and gaps in turn; empty for a solid line.
+    pub dash: &'static [f64],
+}
+
+/// A line of text.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Text {
+    /// Where its base line begins, has its middle or ends.
+    pub at: Point,
+    /// Which of these.
+    pub anchor: Anchor,
+    /// The size of the font.
+    pub size: f64,
+    /// Its colour.
+    pub color: Color,
+    /// Whether it runs upwards instead of to the right.
+    pub upwards: bool,
+    /// What is written, without characters that no picture can show.
+    pub text: String,
+}
+
+/// Which part of a text is at its point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+impl Area {
+    /// A rectangle.
+    #[must_use]
+    pub const fn new(x: f64, y: f64, width: f64, height: f64) -> Self {
+        Self { x, y, width, height }
+    }
+
+    /// Its right side.
+    #[must_use]
+    pub fn right(self) -> f64 {
+        self.x + self.width
+    }
+
+    /// Its lower side.
+    #[must_use]
+    pub fn bottom(self) -> f64 {
+        self.y + self.height
+    }
+}
+
+impl Paint {
+    /// An inside without an outline.
+    #[must_use]
+    pub const fn fill(color: Color) -> Self {
+        Self { fill: Some((color, 1.0)), stroke: None }
+    }
+
+    /// A transparent inside without an outline.
+    #[must_use]
+    pub const fn veil(color: Color, opacity: f64) -> Self {
+        Self { fill: Some((color, opacity)), stroke: None }
+    }
+
+    /// A solid line.
+    #[must_use]
+    pub const fn line(color: Color, width: f64) -> Self {
+        Self::dashed(color, width, &[])
+    }
+
+    /// A dashed line.
+    #[must_use]
+    pub const fn dashed(color: Color, width: f64, dash: &'static [f64]) -> Self {
+        Self { fill: None, stroke: Some(Stroke { color, width, dash }) }
+    }
+
+    /// The same with a solid outline.
+    #[must_use]
+    pub const fn outlined(self, color: Color, width: f64) -> Self {
+        Self { stroke: Some(Stroke { color, width, dash: &[] }), ..self }
+    }
+}
+
+impl Scene {
+    /// An empty picture. Its sides are rounded up to even numbers, which encoders of video ask for.
+    #[must_use]
+    pub fn new(width: f64, height: f64, title: &str) -> Self {
+        let even = |side: f64| (side / 2.0).ceil() * 2.0;
+        let (width, height) = (even(width), even(height));
+        Self { width, height, title: printable(title), shapes: Vec::new() }
+    }
+
+    /// Adds a rectangle.
+    pub fn rect(&mut self, area: Area, paint: Paint) {
+        self.shapes.push(Shape::Rect(area, paint));
+    }
+
+    /// Adds a circle.
+    pub fn circle(&mut self, center: Point, radius: f64, paint: Paint) {
+        self.shapes.push(Shape::Circle(center, radius, paint));
+    }
+
+    /// Adds lines through points, or a polygon where `paint` fills.
+    pub fn path(&mut self, points: Vec<Point>, paint: Paint) {
+        self.shapes.push(Shape::Path(points, paint));
+    }
+
+    /// Adds a straight line.
+    pub fn line(&mut self, from: Point, to: Point, paint: Paint) {
+        self.path(vec![from, to], paint);
+    }
+
+    /// Adds a text.
+    pub fn text(&mut self, at: Point, anchor: Anchor, size: f64, color: Color, text: &str) {
+        let text = printable(text);
+        self.shapes.push(Shape::Text(Text { at, anchor, size, color, upwards: false, text }));
+    }
+
+    /// Adds a text that runs upwards.
+    pub fn text_upwards(&mut self, at: Point, anchor: Anchor, size: f64, color: Color, text: &str) {
+        let text = printable(text);
+        self.shapes.push(Shape::Text(Text { at, anchor, size, color, upwards: true, text }));
+    }
+
+    /// Adds a text, cut in its middle where it would be wider than `width`.
+    pub fn text_within(
+        &mut self,
+        at: Point,
+        width: f64,
+        (anchor, size, color): (Anchor, f64, Color),
+        text: &str,
+    ) {
+        self.text(at, anchor, size, color, &font::fit(&printable(text), size, width));
+    }
+
+    /// Adds lines at 45° that fill a rectangle, a sign for those who do not see its colour.
+    pub fn hatch(&mut self, area: Area, gap: f64, paint: Paint) {
+        let Area { x, y, width, height } = area;
+        let mut along = gap;
+        while along < width + height {
+            let from = (x + (along - height).max(0.0), y + along.min(height));
+            let to = (x + along.min(width), y + (along - width).max(0.0));
+            self.line(from, to, paint);
+            along += gap;
+        }
+    }
+}
+
+/// A text without characters that XML forbids or that change how the text around them is read: line breaks and tabs
+/// become spaces, all others `U+FFFD`.
+#[must_use]
+pub fn printable(text: &str) -> String {
+    let replace = |c: char| match c {
+        '\t' | '\n' | '\r' | '\u{85}' | '\u{2028}' | '\u{2029}' => ' ',
+        c if c.is_control() || is_invisible(c) => '\u{FFFD}',
+        c => c,
+    };
+    text.chars().map(replace).collect()
+}
+
+/// Marks of direction, characters without width, and those that no text may have.
+const fn is_invisible(c: char) -> bool {
+    matches!(c, '\u{61C}' | '\u{200B}'..='\u{200F}' | '\u{202A}'..='\u{202E}' | '\u{2060}'..='\u{206F}')
+        || matches!(c, '\u{FEFF}' | '\u{FFFE}' | '\u{FFFF}')
+}

@@ -1,0 +1,164 @@
+//! Journals as commands read them: files, or downloaded.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, anyhow, ensure};
+use serde::Deserialize;
+use swarmbench_engine::physics::Solver;
+use swarmbench_engine::{Act, AgentId, World};
+use swarmbench_figures::frame::Moment;
+use swarmbench_journal::record::{ActRecord, Opening, Record};
+use swarmbench_journal::replay::verify_seen;
+use tokio_util::sync::CancellationToken;
+
+use super::options::ServerArgs;
+
+/// A journal that can be read more than once.
+pub(super) enum Journal {
+    File(PathBuf),
+    Bytes(Vec<u8>),
+}
+
+impl Journal {
+    /// The file with this name, or else the journal of the episode with this id.
+    pub(super) async fn find(game: &str, server: ServerArgs) -> anyhow::Result<Self> {
+        let path = Path::new(game);
+        if path.is_file() {
+            return Ok(Self::File(path.to_owned()));
+        }
+        let is_id = game.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+        ensure!(
+            is_id && !path.exists(),
+            "{game} is neither a journal file nor the id of an episode"
+        );
+        let address = server.server.clone();
+        let bytes = server.client()?.journal(game, None).await.with_context(|| {
+            format!("there is no file {game}, and {address} does not give the journal of an episode {game}")
+        })?;
+        Ok(Self::Bytes(bytes))
+    }
+
+    fn open(&self) -> anyhow::Result<Box<dyn BufRead + '_>> {
+        Ok(match self {
+            Self::File(path) => {
+                let file = File::open(path).with_context(|| format!("{}", path.display()))?;
+                Box::new(BufReader::new(file))
+            }
+            Self::Bytes(bytes) => Box::new(bytes.as_slice()),
+        })
+    }
+}
+
+/// What is known of a game before it is replayed.
+pub(super) struct Outline {
+    pub(super) opening: Box<Opening>,
+    /// The score after each round.
+    pub(super) scores: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+struct Line<T> {
+    record: T,
+}
+
+#[derive(Deserialize)]
+struct Scored {
+    kind: String,
+    score: Option<f64>,
+}
+
+impl Outline {
+    /// Reads a journal without checking it.
+    pub(super) fn of(journal: &Journal) -> anyhow::Result<Self> {
+        let mut lines = journal.open()?.lines();
+        let first = lines.next().context("the journal is empty")??;
+        let first: Line<Record> = serde_json::from_str(&first)
+            .context("this is no journal; `swarmbench verify --help` says how to get one")?;
+        let Record::Opening(opening) = first.record else {
+            return Err(anyhow!("this is no journal: its first record is not an opening"));
+        };
+        let mut scores = Vec::new();
+        for (number, line) in (2..).zip(lines) {
+            let line: Line<Scored> = serde_json::from_str(&line?)
+                .with_context(|| format!("line {number} is not a line of a journal"))?;
+            scores.extend(line.record.score.filter(|_| line.record.kind == "round"));
+        }
+        Ok(Self { opening, scores })
+    }
+
+    /// The number of the last state.
+    pub(super) fn last(&self) -> u32 {
+        u32::try_from(self.scores.len()).unwrap_or(u32::MAX)
+    }
+}
+
+/// Replays a game up to the state `last`, and shows the wanted states, each with what was decided in it, and with what
+/// each agent sees if `windows`. `progress` gets the number of every state.
+///
+/// # Errors
+/// Where the journal does not verify up to there, `see` fails, or `stop` is cancelled.
+pub(super) fn replay(
+    journal: &Journal,
+    (last, windows): (u32, bool),
+    wanted: impl Fn(u32) -> bool,
+    stop: &CancellationToken,
+    progress: impl Fn(u32),
+    mut see: impl FnMut(&Moment) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let ended = Arc::new(AtomicBool::new(false));
+    let reader = Ending { journal: journal.open()?, ended: Arc::clone(&ended) };
+    let mut open: Option<Moment> = None;
+    let mut seen = Ok(());
+    let replayed = verify_seen(reader, None, Solver::Flow, |world, acts| {
+        if let Some(mut moment) = open.take() {
+            moment.decided(&decided(world, acts), world);
+            seen = see(&moment);
+        }
+        if stop.is_cancelled() {
+            seen = Err(anyhow!("cancelled"));
+        }
+        progress(world.round());
+        if seen.is_err() || world.round() > last {
+            ended.store(true, Ordering::Relaxed);
+        } else if wanted(world.round()) {
+            open = Some(Moment::of(world, windows));
+        }
+    });
+    seen?;
+    replayed.context("the journal cannot be replayed; `swarmbench verify` checks it")?;
+    // Nothing was decided in the last state.
+    open.as_ref().map_or(Ok(()), see)
+}
+
+/// The acts of a round for the engine. A replay has played them, so their names are known.
+fn decided(world: &World, acts: &[ActRecord]) -> Vec<(u16, Act)> {
+    let known =
+        |record: &ActRecord| Some((AgentId::parse(&record.agent)?.0, record.act(world.config())?));
+    acts.iter().filter_map(known).collect()
+}
+
+/// A journal that ends after the line that is being read, once that is asked for.
+struct Ending<R> {
+    journal: R,
+    ended: Arc<AtomicBool>,
+}
+
+impl<R: BufRead> Read for Ending<R> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        if self.ended.load(Ordering::Relaxed) { Ok(0) } else { self.journal.read(into) }
+    }
+}
+
+impl<R: BufRead> BufRead for Ending<R> {
+    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        if self.ended.load(Ordering::Relaxed) { Ok(&[]) } else { self.journal.fill_buf() }
+    }
+
+    fn consume(&mut self, bytes: usize) {
+        self.journal.consume(bytes);
+    }
+}
