@@ -143,7 +143,7 @@ pub async fn run(store: &Store, host: &Host, clock: &dyn Clock) {
             Ok(true) => {}
             Ok(false) => clock.sleep_until(after(clock.now(), PAUSE)).await,
             Err(error) => {
-                tracing::error!(%error, "games that have ended cannot be measured; trying again");
+                tracing::warn!(%error, "games that have ended cannot be measured; trying again");
                 clock.sleep_until(after(clock.now(), PAUSE)).await;
             }
         }
@@ -169,6 +169,7 @@ async fn measure_queued(store: &Store, host: &Host) -> Result<bool, RecoveryErro
             None => None,
         };
         store.keep(vec![Entry::Measured { number: Some(*number), metrics: row }]).await?;
+        metrics::counter!("swarmbench_games_measured_total").increment(1);
     }
     Ok(!queued.is_empty())
 }

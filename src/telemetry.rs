@@ -111,6 +111,7 @@ const COUNTERS: &[(&str, &str)] = &[
     ("swarmbench_evictions_total", "Idle episodes evicted because others needed their memory."),
     ("swarmbench_memory_refusals_total", "Worlds and answers for which no memory was free."),
     ("swarmbench_jobs_refused_total", "Jobs that the database refused; all others were stored."),
+    ("swarmbench_games_measured_total", "Games that were measured after their end."),
     ("swarmbench_begin_retries_total", "Retries for the database lock."),
     ("swarmbench_stopped_ms_total", "Time the process was stopped."),
     ("swarmbench_closing_failures_total", "Failed attempts to close a competition."),

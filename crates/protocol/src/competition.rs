@@ -1,11 +1,14 @@
 //! Competitions, their entrants, attempts and boards; and what organizers did.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Seconds;
 use crate::board::RowDifference;
 use crate::game_settings;
+use crate::metrics::MetricsMethod;
 use crate::time::Timestamp;
 
 /// What a competition is to be. The same shape in TOML is what `swarmbench competition create` takes.
@@ -392,6 +395,12 @@ pub struct CompetitionBoard {
     pub shows: String,
     /// A frozen board shows attempts that were over before this time.
     pub frozen_at: Option<Timestamp>,
+    /// The metrics that were asked for, in that order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub metrics: Vec<String>,
+    /// How their values were computed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metrics_method: Option<MetricsMethod>,
     /// Entrants with a rank, then those without a counting attempt, then those who withdrew or were disqualified.
     pub items: Vec<CompetitionRow>,
     /// Where the next page begins; null on the last.
@@ -436,6 +445,10 @@ pub struct CompetitionRow {
     /// `declared`: the entrant has all seats, and so can pool what they see; `enforced`: it cannot; null under
     /// centralized control.
     pub decentralization: Option<String>,
+    /// Of each task the metrics that were asked for: means over the games of the attempt that counts. Empty while seeds are
+    /// sealed.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub metrics: BTreeMap<String, BTreeMap<String, Option<f64>>>,
 }
 
 /// An action of an organizer in the audit log.

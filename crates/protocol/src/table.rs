@@ -41,7 +41,8 @@ pub fn names(list: &'static str) -> impl Iterator<Item = String> {
 }
 
 /// A value as a cell; empty without a value.
-pub(crate) fn maybe<T: ToString>(value: Option<T>) -> String {
+#[must_use]
+pub fn maybe<T: ToString>(value: Option<T>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 

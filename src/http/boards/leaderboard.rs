@@ -1,7 +1,5 @@
 //! `GET /api/v1/leaderboard`.
 
-use std::collections::BTreeMap;
-
 use axum::http::HeaderMap;
 use serde::Deserialize;
 use swarmbench_analysis::{Definition, Metric};
@@ -9,9 +7,10 @@ use utoipa::IntoParams;
 
 use super::super::page::cursor_by;
 use super::super::prelude::*;
+use super::metrics::{Means, of_tasks, wanted_metrics};
 use super::{Format, by_accept};
 use crate::measure::method;
-use crate::store::metrics::{RunTask, stored_method};
+use crate::store::metrics::stored_method;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::page::{self, read_cursor};
 use swarmbench_protocol::board::Leaderboard;
@@ -118,30 +117,6 @@ pub(in super::super) async fn show_leaderboard(
     app.answers.answer(asked, Box::pin(make)).await
 }
 
-/// Metrics that a board shows at once.
-const METRICS_MAX: usize = 16;
-
-/// By run and task, the means of the metrics that were asked for.
-type Means = BTreeMap<RunTask, Vec<Option<f64>>>;
-
-fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiError> {
-    let metrics: Vec<Metric> = names
-        .split(',')
-        .map(|name| {
-            Metric::parse(name.trim()).ok_or_else(|| {
-                let known = Metric::ALL.map(Metric::name).join(", ");
-                let detail = format!("metrics has {name:?}, which is none of {known}");
-                ApiError::new(Code::Malformed, detail)
-            })
-        })
-        .collect::<Result<_, _>>()?;
-    if metrics.len() > METRICS_MAX {
-        let detail = format!("a board shows at most {METRICS_MAX} metrics, not {}", metrics.len());
-        return Err(ApiError::new(Code::Malformed, detail));
-    }
-    Ok(metrics)
-}
-
 /// Adds metrics to the rows that have a run.
 fn with_metrics(mut board: Leaderboard, metrics: &[Metric], means: &Means) -> Leaderboard {
     if metrics.is_empty() {
@@ -151,17 +126,7 @@ fn with_metrics(mut board: Leaderboard, metrics: &[Metric], means: &Means) -> Le
     board.metrics_method = Some(method(Definition::Paper));
     for row in &mut board.items {
         let Some(run) = &row.run else { continue };
-        row.metrics = board
-            .tasks
-            .iter()
-            .map(|task| {
-                let means = means.get(&(run.clone(), task.clone()));
-                let of = metrics.iter().enumerate().map(|(place, metric)| {
-                    (metric.name().to_owned(), means.and_then(|means| means[place]))
-                });
-                (task.clone(), of.collect())
-            })
-            .collect();
+        row.metrics = of_tasks(run, &board.tasks, metrics, means);
     }
     board
 }

@@ -2,6 +2,7 @@
 
 pub(super) mod cross_play;
 pub(super) mod leaderboard;
+pub(super) mod metrics;
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};

@@ -1,26 +1,34 @@
 //! `GET /api/v1/competitions/{id}/board`.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize, Serializer};
+use swarmbench_analysis::{Definition, Metric};
 use utoipa::IntoParams;
 
 use super::super::boards::Format;
+use super::super::boards::metrics::{Means, of_tasks, wanted_metrics};
 use super::super::cache::Cached;
 use super::super::page::{cursor_by, page_limit};
 use super::super::prelude::*;
 use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
+use crate::measure::method;
 use crate::store::competitions::Declared;
+use crate::store::metrics::stored_method;
 use swarmbench_boards::competition::phase::{BoardView, board_view};
 use swarmbench_protocol::competition::{CompetitionBoard, CompetitionRow};
-use swarmbench_protocol::table::{Table, text as safe_cell};
+use swarmbench_protocol::table::{Table, maybe, text as safe_cell};
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct BoardParams {
+    /// Metrics that are shown for each task, by their names and with commas between them; 16 at most. While seeds are
+    /// sealed only organizers see them.
+    metrics: Option<String>,
     /// `json` or `csv`.
     #[param(example = "json")]
     format: Option<String>,
@@ -62,6 +70,7 @@ pub(in super::super) async fn show_board(
         asked => page_limit(&app, asked, 0)? as usize,
     };
     let after = cursor_by(params.cursor.as_deref(), read_cursor)?;
+    let metrics = params.metrics.as_deref().map_or(Ok(Vec::new()), wanted_metrics)?;
     let competition = app.competition(&caller, &id).await?;
     let is_revealed = competition.revealed_at.is_some();
     let view = if caller.is_organizer() {
@@ -76,7 +85,9 @@ pub(in super::super) async fn show_board(
         BoardView::All => ("all", None),
     };
     let start = Start { limit, after };
-    let question = format!("board of {id}: {view:?} {start:?} {format:?}");
+    // Games are measured after their results are known.
+    let measured = (!metrics.is_empty()).then(|| app.store.writer().changes().measured());
+    let question = format!("board of {id}: {view:?} {start:?} {format:?} {metrics:?} {measured:?}");
     let bytes_max = app.limits.answer_bytes_max;
     let make = async {
         let ranked = match view {
@@ -88,9 +99,20 @@ pub(in super::super) async fn show_board(
             }
         };
         let of = ranked.of;
+        let first = ranked.what.after(start.after.as_ref());
+        let means = match view {
+            BoardView::All if !metrics.is_empty() => {
+                let shown = ranked.what.rows.iter().skip(first).take(start.limit);
+                let runs: Vec<String> = shown.filter_map(|row| row.run.clone()).collect();
+                app.store.mean_metrics(&runs, &metrics, stored_method()).await?
+            }
+            _ => Means::new(),
+        };
         let write = move || {
-            let first = ranked.what.after(start.after.as_ref());
-            let page = |limit| Shown::page(&ranked.what, (shows, before), first, limit);
+            let page = |limit| {
+                let page = Shown::page(&ranked.what, (shows, before), first, limit);
+                if view == BoardView::All { page.with_metrics(&metrics, &means) } else { page }
+            };
             format.page(bytes_max, start.limit, page)
         };
         Ok((of, app.heavy.render(write).await?))
@@ -156,10 +178,27 @@ impl<'a> Shown<'a> {
         let board = CompetitionBoard {
             shows: shows.to_owned(),
             frozen_at: frozen_at.map(Into::into),
+            metrics: Vec::new(),
+            metrics_method: None,
             items,
             next_cursor,
         };
         Self { board, tasks: &ranking.tasks }
+    }
+
+    /// Adds metrics to the rows with an attempt that counts.
+    fn with_metrics(mut self, metrics: &[Metric], means: &Means) -> Self {
+        if !metrics.is_empty() {
+            self.board.metrics = metrics.iter().map(|metric| metric.name().to_owned()).collect();
+            self.board.metrics_method = Some(method(Definition::Paper));
+            for row in &mut self.board.items {
+                row.metrics = row
+                    .run
+                    .as_ref()
+                    .map_or_else(BTreeMap::new, |run| of_tasks(run, self.tasks, metrics, means));
+            }
+        }
+        self
     }
 }
 
@@ -201,11 +240,21 @@ impl Table for Shown<'_> {
             ["mean", "deviation", "games", "planned"].map(|column| format!("{task}_{column}"))
         };
         let tasks = self.tasks.iter().flat_map(task).collect();
-        [own(&declared), own(&status), own(&runs), tasks, own(&last), own(&below)].concat()
+        let metrics = self.tasks.iter().flat_map(|task| {
+            self.board.metrics.iter().map(move |metric| format!("{task}_{metric}"))
+        });
+        let metrics = metrics.collect();
+        [own(&declared), own(&status), own(&runs), tasks, own(&last), own(&below), metrics].concat()
     }
 
     fn record(&self, _: &[String], row: &CompetitionRow) -> Vec<String> {
-        cells(row, self.tasks)
+        let of_metrics = self.tasks.iter().flat_map(|task| {
+            let of = row.metrics.get(task);
+            self.board.metrics.iter().map(move |metric| maybe(of.and_then(|of| *of.get(metric)?)))
+        });
+        let mut cells = cells(row, self.tasks);
+        cells.extend(of_metrics);
+        cells
     }
 }
 

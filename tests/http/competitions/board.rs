@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use serde_json::json;
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
 
 use crate::app::list;
 use crate::cup::{Cup, pass_minutes, request, server};
@@ -126,4 +128,47 @@ async fn what_was_not_played_counts_as_nothing() {
     let row = &cup.rows(&app, None).await[0];
     assert_eq!((&row["total"], &row["run"]), (&shown["total"], &json!(attempt.run)));
     assert!(row["clock_share"].as_f64() > Some(0.0), "{row}");
+}
+
+#[tokio::test]
+async fn metrics_are_on_the_board_once_it_is_open_and_before_that_for_organizers() {
+    let app = server().await;
+    let cup = Cup::open(&app, json!({ "board": "public" })).await;
+    let blue = cup.enter(&app, "blue").await;
+    let attempt = cup.start(&app, &blue).await;
+    attempt.play(&app, 2).await;
+    let mut sums = BTreeMap::<String, (f64, u32)>::new();
+    for episode in attempt.episodes(&app).await {
+        let id = episode["id"].as_str().expect("an id");
+        let path = format!("/api/v1/episodes/{id}/metrics");
+        let metrics = app.get(&path).token(&app.organizer).ok().await;
+        let value = metrics["values"]["crowding"]["value"].as_f64().expect("a number");
+        let sum = sums.entry(metrics["task"].as_str().expect("a task").to_owned()).or_default();
+        *sum = (sum.0 + value, sum.1 + 1);
+    }
+    let path = cup.path("/board?metrics=crowding,stillness");
+    let check = |board: &Value| {
+        assert_eq!(board["metrics"], json!(["crowding", "stillness"]));
+        for (task, (sum, games)) in &sums {
+            let mean = board["items"][0]["metrics"][task]["crowding"].as_f64().expect("a mean");
+            assert!((mean - sum / f64::from(*games)).abs() < 1e-12, "{task} {mean}");
+        }
+    };
+    check(&app.get(&path).token(&app.organizer).ok().await);
+    for key in [None, Some(&blue.key)] {
+        let call = app.get(&path);
+        let sealed = match key {
+            Some(key) => call.token(key).ok().await,
+            None => call.ok().await,
+        };
+        assert_eq!((&sealed["shows"], sealed.get("metrics")), (&json!("totals"), None));
+        assert_eq!(sealed["items"][0].get("metrics"), None);
+    }
+    pass_minutes(&app, 60).await;
+    cup.closed(&app).await;
+    check(&app.get(&path).ok().await);
+    let csv = app.get(&cup.path("/board?metrics=crowding&format=csv")).send().await.text();
+    let head = csv.lines().next().expect("a head");
+    assert!(head.ends_with("Pursuit_crowding,Synchronization_crowding"), "{head}");
+    app.get(&cup.path("/board?metrics=score")).problem(400, "malformed").await;
 }

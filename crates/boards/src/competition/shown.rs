@@ -1,5 +1,7 @@
 //! What everybody sees of a competition, in the shapes of the wire.
 
+use std::collections::BTreeMap;
+
 use jiff::Timestamp;
 use swarmbench_engine::Settings;
 use swarmbench_protocol::Seconds;
@@ -135,5 +137,6 @@ pub fn row(standing: &Standing, entrant: &Entrant, with_tasks: bool) -> Competit
         attempts: row.attempts,
         voided_attempts: row.voided_attempts,
         decentralization: row.decentralization.clone(),
+        metrics: BTreeMap::new(),
     }
 }

@@ -13,7 +13,7 @@
 //!
 //! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown.
 //! - [`allowance`]: requests at once and tokens, shared by all models of an evaluation.
-//! - [`requests`]: how requests of any kind are sent, tried again and given up. [`route`]: the kinds.
+//! - `requests`: how requests of any kind are sent, tried again and given up. `route`: the kinds.
 //! - [`cassette`]: answers in a file.
 //! - [`completion`]: what an endpoint's answer says. [`stop`]: why there is none.
 

@@ -1,0 +1,49 @@
+//! Metrics as columns of boards.
+
+use std::collections::BTreeMap;
+
+use swarmbench_analysis::Metric;
+
+use super::super::error::{ApiError, Code};
+use crate::store::metrics::RunTask;
+
+/// Metrics that a board shows at once.
+const METRICS_MAX: usize = 16;
+
+/// By run and task, the means of the metrics that were asked for.
+pub(in super::super) type Means = BTreeMap<RunTask, Vec<Option<f64>>>;
+
+pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiError> {
+    let metrics: Vec<Metric> = names
+        .split(',')
+        .map(|name| {
+            Metric::parse(name.trim()).ok_or_else(|| {
+                let known = Metric::ALL.map(Metric::name).join(", ");
+                let detail = format!("metrics has {name:?}, which is none of {known}");
+                ApiError::new(Code::Malformed, detail)
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    if metrics.len() > METRICS_MAX {
+        let detail = format!("a board shows at most {METRICS_MAX} metrics, not {}", metrics.len());
+        return Err(ApiError::new(Code::Malformed, detail));
+    }
+    Ok(metrics)
+}
+
+/// Of each task the metrics of a run; `None` where no game has a value, or none was measured yet.
+pub(in super::super) fn of_tasks(
+    run: &str,
+    tasks: &[String],
+    metrics: &[Metric],
+    means: &Means,
+) -> BTreeMap<String, BTreeMap<String, Option<f64>>> {
+    let of_task = |task: &String| {
+        let means = means.get(&(run.to_owned(), task.clone()));
+        let of = metrics.iter().enumerate().map(|(place, metric)| {
+            (metric.name().to_owned(), means.and_then(|means| means[place]))
+        });
+        (task.clone(), of.collect())
+    };
+    tasks.iter().map(of_task).collect()
+}
