@@ -82,6 +82,9 @@ impl Figure for Bars {
                 Err(why) => {
                     let look = (Anchor::Middle, LABEL, MUTED);
                     let text = format!("undefined: {why}");
+                    let width = font::width(&text, LABEL).min(plot - 8.0) + 8.0;
+                    let below = Area::new(scale.at(0.0) - width / 2.0, middle - 8.0, width, 16.0);
+                    scene.rect(below, Paint::fill(PAPER));
                     scene.text_within((scale.at(0.0), middle + 3.5), plot - 8.0, look, &text);
                     numbers(&mut scene, middle + 3.5, MUTED, ["–", "–", &why.n().to_string()]);
                     continue;

@@ -316,8 +316,7 @@ async fn frames(args: FrameArgs) -> anyhow::Result<Frames> {
 
 async fn sensitivity(args: &SensitivityArgs) -> anyhow::Result<Sensitivity> {
     let SensitivityArgs { games: choice, across, lines } = args;
-    let selected = select(choice, &["task", across, lines]).await?;
-    let Selected { games, chosen, notes } = &selected;
+    let Selected { games, chosen, notes } = select(choice, &["task", across, lines]).await?;
     let number = |column: &str, game: usize| {
         let number = games.number(column, game);
         number.with_context(|| {
@@ -326,9 +325,9 @@ async fn sensitivity(args: &SensitivityArgs) -> anyhow::Result<Sensitivity> {
     };
     let mut values = Vec::new();
     for column in [across, lines] {
-        games.check_numbers(column, chosen)?;
+        games.check_numbers(column, &chosen)?;
     }
-    for (_, of_line) in groups(games, lines, chosen) {
+    for (_, of_line) in groups(&games, lines, &chosen) {
         values.push(number(lines, of_line[0])?);
     }
     ensure!(
@@ -337,21 +336,19 @@ async fn sensitivity(args: &SensitivityArgs) -> anyhow::Result<Sensitivity> {
         values.len()
     );
     let mut panels = Vec::new();
-    for (task, of_task) in groups(games, "task", chosen) {
+    for (task, of_task) in groups(&games, "task", &chosen) {
         let mut points = Vec::new();
-        for (_, of_line) in groups(games, lines, &of_task) {
+        for (_, of_line) in groups(&games, lines, &of_task) {
             let value = number(lines, of_line[0])?;
             let line = values.partition_point(|&other| other < value);
-            for (_, of_point) in groups(games, across, &of_line) {
+            for (_, of_point) in groups(&games, across, &of_line) {
                 let across = number(across, of_point[0])?;
-                let score = Summary::of(&scores(games, &of_point));
+                let score = Summary::of(&scores(&games, &of_point));
                 points.extend(score.map(|score| Point { line, across, score }));
             }
         }
         panels.push((task, points));
     }
-    let mut all_notes = vec![games.text("model", chosen[0])];
-    all_notes.extend(notes.iter().cloned());
     let name = |column: &str| column.replace('_', " ");
-    Ok(Sensitivity { notes: all_notes, across: name(across), line: name(lines), values, panels })
+    Ok(Sensitivity { notes, across: name(across), line: name(lines), values, panels })
 }
