@@ -8,6 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, anyhow, ensure};
 use serde::Deserialize;
+use swarmbench_analysis::game::{Setup, State};
+use swarmbench_analysis::journal::decisions;
+use swarmbench_analysis::{Hash1, Meter, Options};
 use swarmbench_engine::physics::Solver;
 use swarmbench_engine::{Act, AgentId, World};
 use swarmbench_figures::frame::Moment;
@@ -112,11 +115,20 @@ pub(super) fn replay(
     let ended = Arc::new(AtomicBool::new(false));
     let reader = Ending { journal: journal.open()?, ended: Arc::clone(&ended) };
     let mut open: Option<Moment> = None;
+    let mut meter: Option<Meter> = None;
     let mut seen = Ok(());
     let replayed = verify_seen(reader, None, Solver::Flow, |world, acts| {
-        if let Some(mut moment) = open.take() {
-            moment.decided(&decided(world, acts), world);
-            seen = see(&moment);
+        let state = State::of(world);
+        if let Some(meter) = &mut meter {
+            meter.round(&decisions(world.config(), acts), state, None);
+            if let Some(mut moment) = open.take() {
+                moment.decided(&decided(world, acts), world, *meter.now().0);
+                seen = see(&moment);
+            }
+        } else {
+            // Counts need no comparison of texts.
+            let options = Options { series: false, vectors: false, edits: false };
+            meter = Some(Meter::new(Setup::of(world), state, options, Arc::new(Hash1::new())));
         }
         if stop.is_cancelled() {
             seen = Err(anyhow!("cancelled"));

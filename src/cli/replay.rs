@@ -155,7 +155,9 @@ fn layout(args: &Args, outline: &Outline) -> anyhow::Result<Layout> {
         max_round: config.max_round,
         scores: scores.fold((0.0, 0.0), |(low, high), score| (low.min(score), high.max(score))),
     };
-    let shown = Shown { cell: args.scale, messages: args.messages, views: args.views };
+    let Args { scale: cell, messages, views, output, .. } = args;
+    let cut = output.gif.is_none() && output.y4m.is_none();
+    let shown = Shown { cell: *cell, messages: *messages, views: *views, cut };
     Ok(Layout::new(stage, shown)?)
 }
 

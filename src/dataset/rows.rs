@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 /// Bytes of a line at most.
 const LINE_BYTES_MAX: usize = 4 * 1024 * 1024;
 
-/// The cells of a row that have a value, by the names of their columns.
+/// The cells of a row by the names of their columns.
 pub type Row = Map<String, Value>;
 
 #[derive(Debug, thiserror::Error)]
@@ -108,6 +108,7 @@ pub fn read(path: &Path, mut each: impl FnMut(Row) -> io::Result<()>) -> Result<
 /// The kinds of values that tables have; times are left out.
 fn value(field: Field) -> Option<Value> {
     match field {
+        Field::Null => Some(Value::Null),
         Field::Bool(flag) => Some(flag.into()),
         Field::Int(number) => Some(number.into()),
         Field::Long(number) => Some(number.into()),
@@ -160,10 +161,7 @@ mod tests {
         }
         table.finish().expect("written");
 
-        let mut of_lines = rows_of(&lines).expect("lines");
-        for row in &mut of_lines {
-            row.retain(|_, value| !value.is_null());
-        }
+        let of_lines = rows_of(&lines).expect("lines");
         assert_eq!(of_lines[0]["model"], "a\nb");
         assert_eq!(of_lines, rows_of(&parquet).expect("Parquet"));
     }

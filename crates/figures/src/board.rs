@@ -44,7 +44,9 @@ pub struct Score {
 }
 
 const ROW: f64 = 26.0;
-const PLOT: f64 = 170.0;
+const PLOT: f64 = 180.0;
+/// Of it for the numbers.
+const NUMBERS: f64 = 86.0;
 const GAP: f64 = 14.0;
 const NAME: f64 = 240.0;
 
@@ -90,7 +92,7 @@ impl Figure for Board {
 impl Board {
     fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
-        notes.push("Mean final score ± deviation, (n) games".to_owned());
+        notes.push("Mean final score ± deviation, (n) games; –: no games".to_owned());
         if self.rows.iter().any(|row| row.reference) {
             notes.push("Hatched: published numbers, not games on this server".to_owned());
         }
@@ -102,8 +104,7 @@ impl Board {
         let score = |row: &Row| row.scores.get(task).copied().flatten();
         let ends = self.rows.iter().filter_map(score);
         let reach = range(ends.map(|score| score.mean + score.deviation.unwrap_or(0.0)));
-        // The rest of the width is for the numbers.
-        let scale = Scale::new(reach, area.x, area.right() - 74.0);
+        let scale = Scale::new(reach, area.x, area.right() - NUMBERS);
         for tick in ticks(reach, 3) {
             let at = scale.at(tick);
             scene.line((at, area.y), (at, area.bottom()), Paint::line(RULE, 1.0));
@@ -113,7 +114,7 @@ impl Board {
         for (place, row) in self.rows.iter().enumerate() {
             let middle = area.y + (real(place) + 0.5) * ROW;
             let Some(Score { mean, deviation, n }) = score(row) else {
-                scene.text((area.x + 5.0, middle + 3.5), Anchor::Start, LABEL, MUTED, "no games");
+                scene.text((area.x + 5.0, middle + 3.5), Anchor::Start, LABEL, MUTED, "–");
                 continue;
             };
             let (zero, end) = (scale.within(0.0), scale.at(mean));
@@ -122,13 +123,18 @@ impl Board {
             if row.reference {
                 scene.hatch(bar, 6.0, Paint::line(PAPER, 1.2));
             }
-            let deviation = deviation.unwrap_or(0.0);
-            let ends = [mean - deviation, mean + deviation].map(|score| scale.within(score));
-            for (color, width) in [(PAPER, 3.0), (INK, 1.2)] {
-                scene.line((ends[0], middle), (ends[1], middle), Paint::line(color, width));
+            let mut text = format!("{mean:.2}");
+            if let Some(deviation) = deviation {
+                let ends = [mean - deviation, mean + deviation].map(|score| scale.within(score));
+                for (color, width) in [(PAPER, 3.0), (INK, 1.2)] {
+                    scene.line((ends[0], middle), (ends[1], middle), Paint::line(color, width));
+                }
+                text += &format!("±{deviation:.2}");
             }
-            let n = n.map_or_else(String::new, |n| format!(" ({n})"));
-            let text = format!("{mean:.2}±{deviation:.2}{n}").replace('-', "−");
+            if let Some(n) = n {
+                text += &format!(" ({n})");
+            }
+            let text = text.replace('-', "−");
             let after = (scale.at(scale.most) + 6.0, middle + 3.5);
             scene.text(after, Anchor::Start, LABEL - 1.0, INK, &text);
         }

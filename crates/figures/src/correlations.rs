@@ -1,36 +1,15 @@
 //! Correlations of metrics, with the score as bars, and with each other as a heat map.
 
+use swarmbench_analysis::statistics::{Correlation, NoCorrelation, q_values, stars};
+
 use crate::chart::{HEADING, LABEL, MARGIN, Scale, counts, heading, heading_height, number, real};
 use crate::font;
 use crate::palette::{AXIS, Color, GROUND, INK, MUTED, PAPER, RULE};
 use crate::scene::{Anchor, Area, Paint, Scene};
 use crate::{Data, Figure, cell};
 
-/// A correlation of two quantities over games.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Correlation {
-    /// The coefficient, from −1 to 1; `None` where it is undefined.
-    pub r: Option<f64>,
-    /// The probability of one at least as large without any relation.
-    pub p: Option<f64>,
-    /// The interval of 95 %.
-    pub interval: Option<(f64, f64)>,
-    /// From how many games.
-    pub n: usize,
-}
-
-impl Correlation {
-    /// One star for p < 0.05, two for p < 0.01, three for p < 0.001.
-    #[must_use]
-    pub fn stars(&self) -> &'static str {
-        match self.p {
-            Some(p) if p < 0.001 => "***",
-            Some(p) if p < 0.01 => "**",
-            Some(p) if p < 0.05 => "*",
-            _ => "",
-        }
-    }
-}
+/// Of two quantities over games, or why there is none.
+pub type Found = Result<Correlation, NoCorrelation>;
 
 /// Of each metric with the score, as bars in the order of their size.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,7 +19,7 @@ pub struct Bars {
     /// Settings and definitions, for the reader.
     pub notes: Vec<String>,
     /// Metrics and their correlations with the score.
-    pub rows: Vec<(String, Correlation)>,
+    pub rows: Vec<(String, Found)>,
 }
 
 /// Of all pairs of quantities.
@@ -53,10 +32,12 @@ pub struct HeatMap {
     /// The quantities.
     pub names: Vec<String>,
     /// Row by row, the pairs of each with those before it and with itself.
-    pub cells: Vec<Vec<Correlation>>,
+    pub cells: Vec<Vec<Found>>,
 }
 
-const STARS: &str = "* p < 0.05, ** p < 0.01, *** p < 0.001 (not corrected)";
+const STARS: &str = "* p < 0.05, ** p < 0.01, *** p < 0.001";
+/// Where the columns of numbers end, at the right of the bars.
+const NUMBERS: [f64; 3] = [40.0, 108.0, 142.0];
 /// The widest room for a name.
 const NAME: f64 = 250.0;
 
@@ -68,12 +49,12 @@ impl Figure for Bars {
     fn scene(&self) -> Scene {
         const ROW: f64 = 20.0;
         let names = name_room(self.rows.iter().map(|(name, _)| name));
-        let plot = 360.0;
-        let width = MARGIN.mul_add(2.0, names + 10.0 + plot + 110.0);
+        let plot = 340.0;
+        let width = MARGIN.mul_add(2.0, names + 10.0 + plot + NUMBERS[2] + 4.0);
         let notes = self.notes();
-        let height = heading_height(width, &notes) + real(self.rows.len()) * ROW + 40.0;
+        let height = heading_height(width, &notes) + (real(self.rows.len()) + 1.0) * ROW + 40.0;
         let mut scene = Scene::new(width, height, &self.title);
-        let top = heading(&mut scene, &self.title, &notes);
+        let top = heading(&mut scene, &self.title, &notes) + ROW;
         let bottom = top + real(self.rows.len()) * ROW;
         let left = MARGIN + names + 10.0;
         let scale = Scale::new((-1.0, 1.0), left, left + plot);
@@ -82,52 +63,102 @@ impl Figure for Bars {
             scene.line((at, top), (at, bottom), Paint::line(color, 1.0));
             scene.text((at, bottom + 15.0), Anchor::Middle, LABEL, MUTED, &number(tick));
         }
-        let mut rows: Vec<_> = self.rows.iter().collect();
-        let size = |row: &(String, Correlation)| row.1.r.map_or(-1.0, f64::abs);
+        let numbers = |scene: &mut Scene, y: f64, color, texts: [&str; 3]| {
+            for (place, text) in NUMBERS.iter().zip(texts) {
+                let at = (scale.at(1.0) + place, y);
+                scene.text(at, Anchor::End, LABEL, color, text);
+            }
+        };
+        numbers(&mut scene, top - 6.0, MUTED, ["r", "q", "n"]);
+        let mut rows = self.tested();
+        let size = |row: &Tested| row.found.map_or(-1.0, |found| found.r.abs());
         rows.sort_by(|a, b| size(b).total_cmp(&size(a)));
-        for (place, (name, correlation)) in rows.into_iter().enumerate() {
+        for (place, Tested { name, found, q }) in rows.into_iter().enumerate() {
             let middle = top + (real(place) + 0.5) * ROW;
             let look = (Anchor::End, LABEL, INK);
             scene.text_within((MARGIN + names, middle + 3.5), names, look, name);
-            let after = (scale.at(1.0) + 8.0, middle + 3.5);
-            let Some(r) = correlation.r else {
-                let text = format!("undefined, n = {}", correlation.n);
-                scene.text(after, Anchor::Start, LABEL, MUTED, &text);
-                continue;
+            let found = match found {
+                Ok(found) => found,
+                Err(why) => {
+                    let look = (Anchor::Middle, LABEL, MUTED);
+                    let text = format!("undefined: {why}");
+                    let width = font::width(&text, LABEL).min(plot - 8.0) + 8.0;
+                    let below = Area::new(scale.at(0.0) - width / 2.0, middle - 8.0, width, 16.0);
+                    scene.rect(below, Paint::fill(PAPER));
+                    scene.text_within((scale.at(0.0), middle + 3.5), plot - 8.0, look, &text);
+                    numbers(&mut scene, middle + 3.5, MUTED, ["–", "–", &why.n().to_string()]);
+                    continue;
+                }
             };
-            let (zero, end) = (scale.at(0.0), scale.at(r));
+            let (zero, end) = (scale.at(0.0), scale.at(found.r));
             let bar = Area::new(zero.min(end), middle - 6.0, (end - zero).abs(), 12.0);
-            let color = if r < 0.0 { Color::VERMILLION } else { Color::BLUE };
+            let color = if found.r < 0.0 { Color::VERMILLION } else { Color::BLUE };
             scene.rect(bar, Paint::fill(color));
-            if r < 0.0 {
+            if found.r < 0.0 {
                 scene.hatch(bar, 6.0, Paint::line(PAPER, 1.0));
             }
-            if let Some((low, high)) = correlation.interval {
+            if let Some((low, high)) = found.interval {
                 whisker(&mut scene, (scale.at(low), scale.at(high)), middle);
             }
-            let sign = if r < 0.0 { "" } else { "+" };
-            let r = format!("{r:.2}").replace('-', "−");
-            let text = format!("{sign}{r}{}  n = {}", correlation.stars(), correlation.n);
-            scene.text(after, Anchor::Start, LABEL, INK, &text);
+            let r = signed(found.r);
+            let after = (scale.at(1.0) + NUMBERS[0], middle + 3.5);
+            scene.text(after, Anchor::Start, LABEL, INK, stars(found.p));
+            let q = q.map_or_else(String::new, probability);
+            numbers(&mut scene, middle + 3.5, INK, [&r, &q, &found.n.to_string()]);
         }
         scene
     }
 
     fn data(&self) -> Data {
-        let mut data = Data::new(&["metric", "r", "low", "high", "p", "stars", "n"]);
-        data.rows = self.rows.iter().map(|(name, of)| row(vec![name.clone()], of)).collect();
+        let mut data = Data::new(&["metric", "r", "low", "high", "p", "q", "rho", "stars", "n"]);
+        data.rows = (self.tested().into_iter())
+            .map(|Tested { name, found, q }| {
+                let mut row = row(vec![name.clone()], found);
+                row.insert(5, cell(q.map(exact)));
+                row
+            })
+            .collect();
         data
     }
 }
 
+/// A metric, and how its correlation with the score stands among those of all metrics.
+struct Tested<'a> {
+    name: &'a String,
+    found: &'a Found,
+    q: Option<f64>,
+}
+
 impl Bars {
+    fn tested(&self) -> Vec<Tested<'_>> {
+        let p: Vec<Option<f64>> =
+            self.rows.iter().map(|(_, found)| Some(found.as_ref().ok()?.p)).collect();
+        let rows = self.rows.iter().zip(q_values(&p));
+        rows.map(|((name, found), q)| Tested { name, found, q }).collect()
+    }
+
     fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
         notes.push(format!(
-            "Pearson correlation with the final score; lines: 95 % interval; negative bars are hatched; {STARS}"
+            "Pearson correlation r with the final score; lines: 95 % interval; negative bars are hatched; {STARS}; \
+             q: false discovery rate over these metrics; n: games"
         ));
         notes
     }
+}
+
+/// A coefficient with its sign.
+fn signed(r: f64) -> String {
+    format!("{r:+.2}").replace('-', "−")
+}
+
+/// All digits, with an exponent where it is small.
+fn exact(p: f64) -> String {
+    format!("{p:?}")
+}
+
+fn probability(p: f64) -> String {
+    if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
 }
 
 /// An interval that is seen on any ground.
@@ -141,14 +172,20 @@ fn whisker(scene: &mut Scene, (low, high): (f64, f64), middle: f64) {
 }
 
 /// A row of data: what is related, and how.
-fn row(mut cells: Vec<String>, of: &Correlation) -> Vec<String> {
+fn row(mut cells: Vec<String>, found: &Found) -> Vec<String> {
+    let (of, n) = match found {
+        Ok(found) => (Some(found), found.n),
+        Err(why) => (None, why.n()),
+    };
+    let interval = of.and_then(|of| of.interval);
     cells.extend([
-        cell(of.r),
-        cell(of.interval.map(|(low, _)| low)),
-        cell(of.interval.map(|(_, high)| high)),
-        cell(of.p),
-        of.stars().to_owned(),
-        of.n.to_string(),
+        cell(of.map(|of| of.r)),
+        cell(interval.map(|(low, _)| low)),
+        cell(interval.map(|(_, high)| high)),
+        cell(of.map(|of| exact(of.p))),
+        cell(of.map(|of| of.rho)),
+        cell(of.map(|of| stars(of.p))),
+        n.to_string(),
     ]);
     cells
 }
@@ -159,8 +196,11 @@ impl Figure for HeatMap {
         let names = name_room(self.names.iter());
         let count = real(self.names.len());
         let mut notes = self.notes.clone();
-        let n = counts(self.cells.iter().flatten().map(|correlation| correlation.n));
-        notes.push(format!("{n} games for each pair; {STARS}"));
+        let n = self.cells.iter().flatten().flatten().map(|found| found.n);
+        notes.push(format!(
+            "Pearson correlation; {} for each pair; {STARS} (of each pair alone); –: undefined",
+            counts(n)
+        ));
         let width = MARGIN.mul_add(2.0, names + 10.0 + (count * SIDE).max(200.0));
         let height = heading_height(width, &notes) + count * SIDE + names + 3.0 * MARGIN;
         let mut scene = Scene::new(width, height, &self.title);
@@ -170,9 +210,9 @@ impl Figure for HeatMap {
             let y = top + real(i) * SIDE;
             let look = (Anchor::End, LABEL, INK);
             scene.text_within((left - 8.0, y + SIDE / 2.0 + 3.5), names, look, name);
-            for (j, correlation) in cells.iter().enumerate() {
+            for (j, found) in cells.iter().enumerate() {
                 let area = Area::new(left + real(j) * SIDE, y, SIDE, SIDE);
-                draw_cell(&mut scene, area, correlation);
+                draw_cell(&mut scene, area, found, i == j);
             }
             let at = (left + (real(i) + 0.5) * SIDE + 3.5, top + count * SIDE + 8.0);
             let text = font::fit(name, LABEL, names);
@@ -182,30 +222,32 @@ impl Figure for HeatMap {
     }
 
     fn data(&self) -> Data {
-        let mut data = Data::new(&["row", "column", "r", "low", "high", "p", "stars", "n"]);
+        let mut data = Data::new(&["row", "column", "r", "low", "high", "p", "rho", "stars", "n"]);
         for (name, cells) in self.names.iter().zip(&self.cells) {
-            for (other, correlation) in self.names.iter().zip(cells) {
-                data.rows.push(row(vec![name.clone(), other.clone()], correlation));
+            for (other, found) in self.names.iter().zip(cells) {
+                data.rows.push(row(vec![name.clone(), other.clone()], found));
             }
         }
         data
     }
 }
 
-fn draw_cell(scene: &mut Scene, area: Area, correlation: &Correlation) {
+fn draw_cell(scene: &mut Scene, area: Area, found: &Found, is_same: bool) {
     let middle = area.x + area.width / 2.0;
-    let Some(r) = correlation.r else {
+    let Some(found) = found.as_ref().ok().filter(|_| !is_same) else {
         scene.rect(area, Paint::fill(GROUND).outlined(PAPER, 1.0));
-        let y = area.y + area.height / 2.0 + 4.0;
-        scene.text((middle, y), Anchor::Middle, HEADING, MUTED, "–");
+        if !is_same {
+            let y = area.y + area.height / 2.0 + 4.0;
+            scene.text((middle, y), Anchor::Middle, HEADING, MUTED, "–");
+        }
         return;
     };
-    let full = if r < 0.0 { Color::VERMILLION } else { Color::BLUE };
-    let color = PAPER.mixed(full, r.abs().min(1.0));
+    let full = if found.r < 0.0 { Color::VERMILLION } else { Color::BLUE };
+    let color = PAPER.mixed(full, found.r.abs());
     scene.rect(area, Paint::fill(color).outlined(PAPER, 1.0));
-    let text = format!("{r:.2}").replace('-', "−");
     let ink = color.text_on();
-    scene.text((middle, area.y + area.height / 2.0 + 1.0), Anchor::Middle, LABEL, ink, &text);
+    let above = (middle, area.y + area.height / 2.0 + 1.0);
+    scene.text(above, Anchor::Middle, LABEL, ink, &signed(found.r));
     let below = (middle, area.y + area.height / 2.0 + 13.0);
-    scene.text(below, Anchor::Middle, LABEL, ink, correlation.stars());
+    scene.text(below, Anchor::Middle, LABEL, ink, stars(found.p));
 }

@@ -3,6 +3,7 @@
 //! Frame `s` shows state `s` with what agents chose in round `s` and the messages that they sent in it. The last state
 //! has neither.
 
+use swarmbench_analysis::Counts;
 use swarmbench_engine::{Act, Action, Direction, Seen, View, World};
 
 use crate::chart::{
@@ -32,6 +33,8 @@ pub struct Moment {
     pub agents: Vec<Agent>,
     /// The messages sent in this round.
     pub messages: Vec<Said>,
+    /// What was chosen, said and done in this round, in numbers; `None` in the last state.
+    pub counts: Option<Counts>,
     /// What each agent on the map sees, if asked for.
     pub windows: Vec<(u16, View)>,
 }
@@ -99,13 +102,16 @@ impl Moment {
             score: view.score,
             agents: agents.collect(),
             messages: Vec::new(),
+            counts: None,
             windows: living.filter_map(|agent| Some((agent.0, seen(agent)?))).collect(),
             grid: view.grid,
         }
     }
 
-    /// Adds what was decided in it: the acts by the numbers of the agents, and the state to which they led.
-    pub fn decided(&mut self, acts: &[(u16, Act)], after: &World) {
+    /// Adds what was decided in it: the acts by the numbers of the agents, the state to which they led, and the counts of
+    /// that state.
+    pub fn decided(&mut self, acts: &[(u16, Act)], after: &World, counts: Counts) {
+        self.counts = Some(counts);
         let states: Vec<_> = after.agent_states().collect();
         for (number, act) in acts {
             let place = usize::from(*number);
@@ -121,23 +127,6 @@ impl Moment {
                 });
             }
         }
-    }
-
-    fn count(&self, wanted: impl Fn(Choice) -> bool) -> usize {
-        self.agents.iter().filter_map(|agent| agent.choice).filter(|&choice| wanted(choice)).count()
-    }
-
-    /// How many agents did not choose to move or switch.
-    fn still(&self) -> usize {
-        self.count(|choice| matches!(choice, Choice::Stay | Choice::Nothing))
-    }
-
-    fn blocked(&self) -> usize {
-        self.count(|choice| matches!(choice, Choice::Move { blocked: true, .. }))
-    }
-
-    fn is_decided(&self) -> bool {
-        self.agents.iter().any(|agent| agent.choice.is_some())
     }
 }
 
@@ -285,7 +274,7 @@ pub struct Stage {
     pub window: (usize, usize),
     /// After how many rounds the game ends at the latest.
     pub max_round: u32,
-    /// The highest and the lowest score of the game.
+    /// The lowest and the highest score of the game, or 0.
     pub scores: (f64, f64),
 }
 
@@ -298,6 +287,8 @@ pub struct Shown {
     pub messages: bool,
     /// Whether the windows of all agents are shown.
     pub views: bool,
+    /// Whether a frame ends below its last message; else all have one size, as a film needs.
+    pub cut: bool,
 }
 
 /// A frame would be too large.
@@ -330,9 +321,14 @@ pub struct Layout {
 struct Past {
     first: u32,
     scores: Vec<f64>,
-    messages: Vec<f64>,
-    still: Vec<f64>,
-    blocked: Vec<f64>,
+    counts: Vec<Counts>,
+}
+
+/// What the small panels show beside the score.
+const PANELS: [&str; 3] = ["Messages", "Standing still", "Pushes"];
+
+const fn of_panels(counts: &Counts) -> [u32; 3] {
+    [counts.messages, counts.still(), counts.pushes]
 }
 
 const SIDE: f64 = 236.0;
@@ -400,6 +396,10 @@ impl Layout {
         }
         if self.shown.messages {
             let lines = message_lines(&moment.messages, self.messages.width);
+            if self.shown.cut {
+                let end = if lines.is_empty() { 0.0 } else { real(lines.len()) * LINE + MARGIN };
+                scene.height = self.messages.y + end;
+            }
             for (number, line) in lines.iter().enumerate() {
                 let at = (self.messages.x, self.messages.y + (real(number) + 0.8) * LINE);
                 scene.text(at, Anchor::Start, LABEL, INK, line);
@@ -427,29 +427,22 @@ impl Layout {
         };
         scene.text((x + SIDE, y), Anchor::End, LABEL, MUTED, &left);
         y += 14.0;
-        let range = range([scores.0, scores.1]);
-        let n = real(*agents);
-        let past = &self.past;
-        let now = if moment.is_decided() {
-            number(real(moment.messages.len()))
-        } else {
-            "–".to_owned()
-        };
-        let count =
-            |count: usize| if moment.is_decided() { count.to_string() } else { "–".to_owned() };
-        let curves = [
-            ("Score", number(moment.score), &past.scores, range, 84.0),
-            ("Messages", now, &past.messages, (0.0, n), 34.0),
-            ("Staying", count(moment.still()), &past.still, (0.0, n), 34.0),
-            ("Blocked moves", count(moment.blocked()), &past.blocked, (0.0, n), 34.0),
-        ];
-        for (name, now, values, range, height) in curves {
+        let mut panel = |name: &str, now: &str, values: &[f64], range, height| {
             y += 14.0;
             scene.text((x, y), Anchor::Start, LABEL, MUTED, name);
-            scene.text((x + SIDE, y), Anchor::End, HEADING, INK, &now);
+            scene.text((x + SIDE, y), Anchor::End, HEADING, INK, now);
             let area = Area::new(x, (y + 5.0).round(), SIDE, height);
-            curve(scene, area, values, (past.first, *max_round), range);
+            curve(scene, area, values, (self.past.first, *max_round), range);
             y += height + 8.0;
+        };
+        let range = range([scores.0, scores.1]);
+        panel("Score", &number(moment.score), &self.past.scores, range, 84.0);
+        for (place, name) in PANELS.into_iter().enumerate() {
+            let values: Vec<f64> = (self.past.counts.iter())
+                .map(|counts| f64::from(of_panels(counts)[place]))
+                .collect();
+            let now = moment.counts.map(|counts| of_panels(&counts)[place].to_string());
+            panel(name, now.as_deref().unwrap_or("–"), &values, (0.0, real(*agents)), 34.0);
         }
     }
 
@@ -477,11 +470,7 @@ impl Past {
             self.first = moment.round;
         }
         self.scores.push(moment.score);
-        if moment.is_decided() {
-            self.messages.push(real(moment.messages.len()));
-            self.still.push(real(moment.still()));
-            self.blocked.push(real(moment.blocked()));
-        }
+        self.counts.extend(moment.counts);
     }
 }
 

@@ -1,5 +1,7 @@
 //! Series of several games, round by round, as a mean and a deviation.
 
+use swarmbench_analysis::statistics::mean_and_deviation;
+
 /// What several games of the same kind did, state by state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Band {
@@ -61,14 +63,8 @@ impl Summary {
     /// Of values; `None` without any.
     #[must_use]
     pub fn of(values: &[f64]) -> Option<Self> {
-        let n = values.len();
-        if n == 0 {
-            return None;
-        }
-        let count = crate::chart::real(n);
-        let mean = values.iter().sum::<f64>() / count;
-        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-        Some(Self { mean, deviation: (squares / count).sqrt(), n })
+        let (mean, deviation) = mean_and_deviation(values)?;
+        Some(Self { mean, deviation, n: values.len() })
     }
 }
 

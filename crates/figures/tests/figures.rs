@@ -214,12 +214,15 @@ fn gif_of(moments: &[Moment], mut layout: Layout) -> (Vec<u8>, Canvas) {
 
 #[test]
 fn a_replay_of_a_standard_game_is_a_small_file() {
+    // A fifth of a game; drawing all of it takes long without optimisation.
+    const ROUNDS: u32 = 20;
+    const BYTES_MAX: usize = 3_000_000 / 5;
     let task = TaskName::Pursuit;
-    let moments = samples::moments(&Settings::standard(task, 27), task, 100, true);
-    let shown = Shown { cell: None, messages: true, views: true };
+    let moments = samples::moments(&Settings::standard(task, 27), task, ROUNDS, true);
+    let shown = Shown { messages: true, views: true, ..Shown::default() };
     let layout = Layout::new(stage(&moments, 12), shown).expect("a small frame");
     let (bytes, canvas) = gif_of(&moments, layout);
-    assert!(bytes.len() < 3_000_000, "{} bytes", bytes.len());
+    assert!(bytes.len() < BYTES_MAX, "{} bytes", bytes.len());
     let mut decoder = gif::Decoder::new(bytes.as_slice()).expect("a GIF");
     let size = (usize::from(decoder.width()), usize::from(decoder.height()));
     assert_eq!(size, (canvas.width(), canvas.height()));
@@ -243,7 +246,7 @@ fn frames_of_a_replay_look_the_same_in_all_outputs() {
             TaskName::Foraging,
             12,
             10,
-            Shown { cell: None, messages: true, views: true },
+            Shown { messages: true, views: true, ..Shown::default() },
         ),
         ("replay-large", TaskName::Pursuit, 1024, 256, Shown::default()),
     ] {
@@ -270,6 +273,20 @@ fn frames_of_a_replay_look_the_same_in_all_outputs() {
             std::fs::write(folder.join(format!("{name}.gif")), bytes).expect("a folder");
         }
     }
+}
+
+#[test]
+fn a_picture_ends_below_its_messages() {
+    let task = TaskName::Pursuit;
+    let moments = samples::moments(&Settings::standard(task, 27), task, 2, false);
+    let shown = Shown { messages: true, ..Shown::default() };
+    let heights = [shown, Shown { cut: true, ..shown }].map(|shown| {
+        let mut layout = Layout::new(stage(&moments, 12), shown).expect("a small frame");
+        [0, 1, 2].map(|place| layout.frame(&moments[place]).height)
+    });
+    assert!(heights[0].iter().all(|height| *height == heights[0][0]), "{heights:?}");
+    // Nothing is said in the last state.
+    assert!(heights[1][2] < heights[1][0] && heights[1][0] <= heights[0][0], "{heights:?}");
 }
 
 #[test]

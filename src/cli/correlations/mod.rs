@@ -13,10 +13,11 @@ use swarmbench_engine::TaskName;
 
 use super::games::{Axes, Choice, Games, Selected};
 use super::sheet::{Cell, Column, Kind, Row, Sheet, Showing};
-use pairs::{Pairs, pairs, within_tasks};
+pub(super) use pairs::pairs;
+use pairs::{Pairs, within_tasks};
 
 /// The metrics whose correlations with the score the paper shows: those that it draws.
-fn of_paper() -> impl Iterator<Item = Metric> {
+pub(super) fn of_paper() -> impl Iterator<Item = Metric> {
     Metric::ALL.into_iter().filter(|metric| metric.about().panel.is_some())
 }
 
@@ -30,7 +31,7 @@ const FAILURES: [(TaskName, Metric); 3] = [
 /// Whether messages become alike over a game.
 const CONVERGENCE: [Metric; 2] = [Metric::HomogeneityIncrease, Metric::EditConsistencyIncrease];
 
-const SCORE: &str = "score";
+pub(super) const SCORE: &str = "score";
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -63,8 +64,16 @@ pub(super) struct Args {
     showing: Showing,
 }
 
-fn definition(name: &str) -> Result<Definition, &'static str> {
+pub(super) fn definition(name: &str) -> Result<Definition, &'static str> {
     Definition::parse(name).ok_or("must be paper or toolkit")
+}
+
+/// The column of a metric in the table of episodes.
+pub(super) fn column(metric: Metric, definition: Definition) -> String {
+    match definition {
+        Definition::Paper => metric.name().to_owned(),
+        Definition::Toolkit => format!("toolkit_{}", metric.name()),
+    }
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
@@ -74,10 +83,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let axes =
         Axes { apart: &["task", "model"].map(str::to_owned), ignored: &ignored, option: None };
     notes.extend(games.shared(&chosen, &axes)?);
-    let column = |metric: &Metric| match definition {
-        Definition::Paper => metric.name().to_owned(),
-        Definition::Toolkit => format!("toolkit_{}", metric.name()),
-    };
+    let column = |metric: &Metric| column(*metric, definition);
     let columns: Vec<String> = if failures {
         FAILURES.iter().map(|(_, metric)| column(metric)).collect()
     } else if convergence {

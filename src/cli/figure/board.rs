@@ -1,13 +1,15 @@
 //! Final scores, of games or of the board of a server.
 
+use std::collections::BTreeMap;
+
 use anyhow::ensure;
 use swarmbench_boards::collection::Question;
 use swarmbench_figures::board::{Board, Row, Score};
 use swarmbench_figures::series::Summary;
 use swarmbench_protocol::board::{BoardRow, Leaderboard};
 
-use super::super::options::ServerArgs;
-use super::{models, rows, tasks};
+use super::super::games::{Choice, Selected};
+use super::{groups, scores, select};
 
 /// The most rows of a figure.
 const ROWS_MAX: usize = 100;
@@ -15,27 +17,25 @@ const ROWS_MAX: usize = 100;
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
-    games: Option<rows::Selection>,
-    #[command(flatten)]
-    server: ServerArgs,
+    games: Choice,
     /// Of a server: the suite, its name, or name@digest where several have that name (standard).
-    #[arg(long, conflicts_with = "from")]
+    #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     suite: Option<String>,
     /// Of a server: the rule set, paper or reference (paper).
-    #[arg(long, conflicts_with = "from")]
+    #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     rules: Option<String>,
     /// Of a server: hide the results of the paper.
-    #[arg(long, conflicts_with = "from")]
+    #[arg(long, conflicts_with_all = ["from", "db", "conditions"])]
     no_reference: bool,
 }
 
 pub(super) async fn figure(args: Args) -> anyhow::Result<Board> {
-    let Args { games, server, suite, rules, no_reference } = args;
-    let board = if let Some(games) = games {
-        of_games(&games)?
-    } else {
+    let Args { games, suite, rules, no_reference } = args;
+    let board = if games.is_whole_server() {
         let question = Question { suite, rules, no_reference, ..Question::default() };
-        of_board(&server.client()?.leaderboard(&question).await?)
+        of_board(&games.source.server.client()?.leaderboard(&question).await?)
+    } else {
+        of_games(&games).await?
     };
     ensure!(!board.rows.is_empty(), "the board has no rows: no run has finished yet");
     ensure!(
@@ -47,20 +47,19 @@ pub(super) async fn figure(args: Args) -> anyhow::Result<Board> {
 }
 
 /// All games of a model, by the sum of the means, the highest first.
-fn of_games(args: &rows::Selection) -> anyhow::Result<Board> {
-    let games = args.games()?;
-    let notes = vec![rows::shared(&games, &[])?];
-    let tasks = tasks(&games);
-    let row = |model: String| {
+async fn of_games(choice: &Choice) -> anyhow::Result<Board> {
+    let Selected { games, chosen, notes } = select(choice, &["task", "model"]).await?;
+    let tasks: Vec<String> =
+        groups(&games, "task", &chosen).into_iter().map(|(task, _)| task).collect();
+    let row = |(model, of_model): (String, Vec<usize>)| {
+        let of_tasks: BTreeMap<_, _> = groups(&games, "task", &of_model).into_iter().collect();
         let score = |task: &String| {
-            let own = games.iter().filter(|game| game.model == model && game.task == *task);
-            let scores: Vec<f64> = own.map(|game| game.score).collect();
-            let Summary { mean, deviation, n } = Summary::of(&scores)?;
+            let Summary { mean, deviation, n } = Summary::of(&scores(&games, of_tasks.get(task)?))?;
             Some(Score { mean, deviation: Some(deviation), n: Some(n) })
         };
         Row { scores: tasks.iter().map(score).collect(), reference: false, model }
     };
-    let mut rows: Vec<Row> = models(&games).into_iter().map(row).collect();
+    let mut rows: Vec<Row> = groups(&games, "model", &chosen).into_iter().map(row).collect();
     let total = |row: &Row| row.scores.iter().flatten().map(|score| score.mean).sum::<f64>();
     rows.sort_by(|a, b| total(b).total_cmp(&total(a)));
     Ok(Board { title: "Final scores".to_owned(), notes, tasks, rows })

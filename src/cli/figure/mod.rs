@@ -2,14 +2,13 @@
 
 mod board;
 mod correlations;
-mod rows;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use swarmbench_analysis::Metric;
 use swarmbench_analysis::metric::Panel;
+use swarmbench_analysis::{Definition, Metric};
 use swarmbench_engine::TaskName;
 use swarmbench_figures::dynamics::{Curve, Dynamics};
 use swarmbench_figures::frame::Frames;
@@ -19,12 +18,12 @@ use swarmbench_figures::series::{Band, Summary, whole_score};
 use swarmbench_figures::{Figure, png, svg, trends};
 use tokio_util::sync::CancellationToken;
 
+use super::games::{Axes, Choice, Games, Selected, Series};
 use super::journals::{self, Journal, Outline};
 use super::options::ServerArgs;
 use super::output::{progress_bar, set};
 use super::partial::Partial;
 use super::play::task;
-use rows::{Game, Series};
 
 /// The most moments that stand side by side.
 const MOMENTS_MAX: usize = 24;
@@ -34,7 +33,7 @@ const MOMENTS_MAX: usize = 24;
     after_help = "The same games give the same bytes. docs/evaluate/figures.md shows every figure.\n\nExamples:\n  \
     swarmbench export games --format jsonl\n  \
     swarmbench figure trends --from games --out trends.svg --data trends.csv\n  \
-    swarmbench figure dynamics --from games --task Pursuit --model my-model --out dynamics.png\n  \
+    swarmbench figure dynamics --db swarmbench.db --task Pursuit --model my-model --out dynamics.png\n  \
     swarmbench figure frame game.jsonl --rounds 0,10,20 --out frames.svg"
 )]
 pub(super) struct Args {
@@ -54,7 +53,7 @@ pub(super) struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Kind {
     /// How scores rise over a game: a panel a task, a line a model.
-    Trends(rows::Selection),
+    Trends(Choice),
     /// Score, messages, choices and positions of a model in a task, round by round.
     Dynamics(DynamicsArgs),
     /// Moments of a game: the map, and what the agents chose.
@@ -70,7 +69,7 @@ enum Kind {
 #[derive(Debug, clap::Args)]
 struct DynamicsArgs {
     #[command(flatten)]
-    games: rows::Selection,
+    games: Choice,
     /// The task.
     #[arg(long, value_parser = task)]
     task: TaskName,
@@ -96,7 +95,7 @@ struct FrameArgs {
 #[derive(Debug, clap::Args)]
 struct SensitivityArgs {
     #[command(flatten)]
-    games: rows::Selection,
+    games: Choice,
     /// The setting along the horizontal axis.
     #[arg(long, default_value = "num_agents")]
     across: String,
@@ -115,11 +114,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let out = out.context("name the file with --out, such as --out figure.svg")?;
     let format = Format::of(&out)?;
     let figure: Box<dyn Figure> = match figure {
-        Kind::Trends(games) => Box::new(trends(&games)?),
-        Kind::Dynamics(args) => Box::new(dynamics(&args)?),
+        Kind::Trends(games) => Box::new(trends(&games).await?),
+        Kind::Dynamics(args) => Box::new(dynamics(args).await?),
         Kind::Frame(args) => Box::new(frames(args).await?),
-        Kind::Correlations(args) => correlations::figure(&args)?,
-        Kind::Sensitivity(args) => Box::new(sensitivity(&args)?),
+        Kind::Correlations(args) => correlations::figure(args).await?,
+        Kind::Sensitivity(args) => Box::new(sensitivity(&args).await?),
         Kind::Board(args) => Box::new(board::figure(args).await?),
     };
     let scene = figure.scene();
@@ -149,60 +148,100 @@ impl Format {
     }
 }
 
-/// The tasks that have games, in the usual order.
-fn tasks(games: &[Game]) -> Vec<String> {
-    let found: BTreeSet<&str> = games.iter().map(|game| game.task.as_str()).collect();
-    let known = TaskName::ALL.map(TaskName::name).into_iter();
-    known.filter(|task| found.contains(task)).map(str::to_owned).collect()
+/// Selects games with a score, and adds the sentences about their settings. They may differ in the columns `apart`.
+async fn select(choice: &Choice, apart: &[&str]) -> anyhow::Result<Selected> {
+    let Selected { games, chosen, mut notes } = choice.select().await?;
+    let apart: Vec<String> = apart.iter().map(|&name| name.to_owned()).collect();
+    let axes = Axes { apart: &apart, ignored: &choice.ignore, option: None };
+    notes.extend(games.shared(&chosen, &axes)?);
+    games.check_numbers("score", &chosen)?;
+    Ok(Selected { games, chosen, notes })
 }
 
-/// All models in the order of their names.
-fn models(games: &[Game]) -> Vec<String> {
-    let found: BTreeSet<&String> = games.iter().map(|game| &game.model).collect();
-    found.into_iter().cloned().collect()
+/// The games of each value of a column, in order.
+fn groups(games: &Games, column: &str, chosen: &[usize]) -> Vec<(String, Vec<usize>)> {
+    let groups = games.groups(column, chosen).into_iter();
+    groups.map(|(place, games)| (place.1.to_string(), games)).collect()
+}
+
+fn scores(games: &Games, chosen: &[usize]) -> Vec<f64> {
+    chosen.iter().filter_map(|&game| games.number("score", game)).collect()
+}
+
+/// How metrics of these games were computed, as a sentence.
+///
+/// # Errors
+/// If they were computed in different ways, or one of these columns is not there.
+fn method(
+    Selected { games, chosen, .. }: &Selected,
+    definition: Definition,
+    columns: &[String],
+) -> anyhow::Result<String> {
+    for column in columns {
+        games.check_numbers(column, chosen)?;
+    }
+    let of = |column| games.text(column, chosen[0]);
+    let (revision, embedder) = (of("metrics_revision"), of("embedder"));
+    Ok(format!(
+        "definition {}, metrics revision {revision}, embedder {embedder}",
+        definition.name()
+    ))
 }
 
 /// After how many rounds these games end at the latest.
-fn max_round(games: &[Game]) -> anyhow::Result<usize> {
-    let rounds = games.first().and_then(|game| game.row.number("max_round"));
-    let rounds = rounds.filter(|rounds| (1.0..=1e6).contains(rounds));
+fn max_round(Selected { games, chosen, .. }: &Selected) -> anyhow::Result<usize> {
+    let rounds = games.number("max_round", chosen[0]).filter(|rounds| (1.0..=1e6).contains(rounds));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
     rounds.map(|rounds| rounds as usize).context("the games have no column max_round")
 }
 
 /// The scores of all states of a game that ended early, too.
-fn scores(game: &Game, series: &Series, rounds: usize) -> anyhow::Result<Vec<Option<f64>>> {
-    let scores: Option<Vec<f64>> = series[0].iter().copied().collect();
-    let scores = scores.with_context(|| format!("{} has states without a score", game.episode))?;
-    whole_score(&scores, rounds).with_context(|| format!("{} cannot be drawn", game.episode))
+fn whole(episode: &str, scores: &[Option<f64>], rounds: usize) -> anyhow::Result<Vec<Option<f64>>> {
+    let scores: Option<Vec<f64>> = scores.iter().copied().collect();
+    let scores = scores.with_context(|| format!("{episode} has states without a score"))?;
+    whole_score(&scores, rounds).with_context(|| format!("{episode} cannot be drawn"))
 }
 
-fn trends(args: &rows::Selection) -> anyhow::Result<trends::Trends> {
-    let games = args.games()?;
-    let settings = rows::shared(&games, &[])?;
-    let (models, rounds) = (models(&games), max_round(&games)?);
+/// Columns of the rounds of selected games; the first is the score, also of the states after an early end.
+async fn series(
+    choice: &Choice,
+    selected: &Selected,
+    metrics: &[Metric],
+    rounds: usize,
+) -> anyhow::Result<Vec<Series>> {
+    let columns = ["score"].into_iter().chain(metrics.iter().map(|metric| metric.name()));
+    let mut series = choice.series(selected, columns.collect()).await?;
+    for (&game, series) in selected.chosen.iter().zip(&mut series) {
+        series[0] = whole(&selected.games.text("episode", game), &series[0], rounds)?;
+    }
+    Ok(series)
+}
+
+async fn trends(choice: &Choice) -> anyhow::Result<trends::Trends> {
+    let selected = select(choice, &["task", "model"]).await?;
+    let Selected { games, chosen, notes } = &selected;
+    let rounds = max_round(&selected)?;
+    let models: Vec<String> =
+        groups(games, "model", chosen).into_iter().map(|(model, _)| model).collect();
     ensure!(
         models.len() <= STYLES,
         "{} models are more than the {STYLES} that a figure can tell apart: select some with --where model=…",
         models.len()
     );
-    let series = args.series(&games, &["score"])?;
-    let mut of: BTreeMap<(&str, &str), Vec<Vec<Option<f64>>>> = BTreeMap::new();
-    for (game, series) in games.iter().zip(&series) {
-        let scores = scores(game, series, rounds)?;
-        of.entry((&game.task, &game.model)).or_default().push(scores);
-    }
-    let panel = |task: String| {
-        let line = |(model, name): (usize, &String)| {
-            let games = of.get(&(task.as_str(), name.as_str()))?;
-            let games: Vec<_> = games.iter().map(Vec::as_slice).collect();
-            Some(trends::Line { model, score: Band::of(&games) })
-        };
-        let lines = models.iter().enumerate().filter_map(line).collect();
-        trends::Panel { rounds, lines, task }
+    let series = series(choice, &selected, &[], rounds).await?;
+    let places: BTreeMap<usize, usize> = chosen.iter().copied().zip(0..).collect();
+    let panel = |(task, of_task): (String, Vec<usize>)| {
+        let of_models = groups(games, "model", &of_task).into_iter();
+        let lines = of_models.filter_map(|(name, of_model)| {
+            let scores: Vec<_> =
+                of_model.iter().map(|game| series[places[game]][0].as_slice()).collect();
+            let model = models.iter().position(|model| *model == name)?;
+            Some(trends::Line { model, score: Band::of(&scores) })
+        });
+        trends::Panel { rounds, lines: lines.collect(), task }
     };
-    let panels = tasks(&games).into_iter().map(panel).collect();
-    Ok(trends::Trends { notes: vec![settings], panels, models })
+    let panels = groups(games, "task", chosen).into_iter().map(panel).collect();
+    Ok(trends::Trends { notes: notes.clone(), panels, models })
 }
 
 /// What the paper draws in three panels: the sum of all steps stands for the step of each round.
@@ -212,28 +251,21 @@ fn drawn() -> Vec<(Metric, Panel)> {
     drawn.map(|(metric, panel)| (instead(metric), panel)).collect()
 }
 
-fn dynamics(args: &DynamicsArgs) -> anyhow::Result<Dynamics> {
-    let mut games = args.games.games()?;
-    let known = models(&games).join(", ");
-    games.retain(|game| game.model == args.model && game.task == args.task.name());
-    let (task, model) = (args.task.name(), &args.model);
-    ensure!(
-        !games.is_empty(),
-        "{model} has no finished game of {task}; there are games of {known}"
-    );
-    let notes =
-        vec![rows::shared(&games, &[])?, format!("definition paper, {}", rows::computed(&games)?)];
-    let rounds = max_round(&games)?;
-    let metrics = drawn();
-    let columns: Vec<&str> =
-        ["score"].into_iter().chain(metrics.iter().map(|(metric, _)| metric.name())).collect();
-    let mut series = args.games.series(&games, &columns)?;
-    for (game, series) in games.iter().zip(&mut series) {
-        series[0] = scores(game, series, rounds)?;
-    }
-    let best = (0..games.len()).max_by(|&a, &b| {
+async fn dynamics(args: DynamicsArgs) -> anyhow::Result<Dynamics> {
+    let DynamicsArgs { games: choice, task, model } = args;
+    let choice = choice.with("task", task.name()).with("model", &model);
+    let selected = select(&choice, &[]).await?;
+    let Selected { games, chosen, notes } = &selected;
+    let (metrics, panels): (Vec<Metric>, Vec<Panel>) = drawn().into_iter().unzip();
+    let names: Vec<String> = metrics.iter().map(|metric| metric.name().to_owned()).collect();
+    let mut notes = notes.clone();
+    notes.push(method(&selected, Definition::Paper, &names)?);
+    let rounds = max_round(&selected)?;
+    let series = series(&choice, &selected, &metrics, rounds).await?;
+    let best = (0..chosen.len()).max_by(|&a, &b| {
+        let score = |place: usize| games.number("score", chosen[place]).unwrap_or_default();
         // Of equal games the first.
-        games[a].score.total_cmp(&games[b].score).then(b.cmp(&a))
+        score(a).total_cmp(&score(b)).then(b.cmp(&a))
     });
     let best = best.context("there is a game")?;
     let curve = |number: usize, name: &str, divisor: f64| {
@@ -241,14 +273,14 @@ fn dynamics(args: &DynamicsArgs) -> anyhow::Result<Dynamics> {
         let best = series[best][number].clone();
         Curve { name: name.to_owned(), divisor, band: Band::of(&all), best }
     };
-    let curves = metrics.iter().enumerate().map(|(number, (metric, panel))| {
+    let curves = metrics.iter().zip(panels).enumerate().map(|(number, (metric, panel))| {
         let about = metric.about();
-        (*panel, curve(number + 1, about.title, about.divisor))
+        (panel, curve(number + 1, about.title, about.divisor))
     });
     Ok(Dynamics {
-        title: format!("{model}, {task}"),
+        title: format!("{model}, {}", task.name()),
         notes,
-        games: games.len(),
+        games: chosen.len(),
         rounds,
         score: curve(0, "Score", 1.0),
         metrics: curves.collect(),
@@ -282,50 +314,41 @@ async fn frames(args: FrameArgs) -> anyhow::Result<Frames> {
     Ok(Frames { title, moments, messages })
 }
 
-fn sensitivity(args: &SensitivityArgs) -> anyhow::Result<Sensitivity> {
-    let games = args.games.games()?;
-    let models = models(&games);
-    ensure!(
-        models.len() == 1,
-        "the figure is of one model: select it with --where model={}; there are {}",
-        models[0],
-        models.join(", ")
-    );
-    let settings = rows::shared(&games, &[&args.across, &args.lines])?;
-    let number = |game: &Game, column: &str| {
-        let number = game.row.number(column);
-        number.with_context(|| format!("{} has no number in the column {column}", game.episode))
+async fn sensitivity(args: &SensitivityArgs) -> anyhow::Result<Sensitivity> {
+    let SensitivityArgs { games: choice, across, lines } = args;
+    let Selected { games, chosen, notes } = select(choice, &["task", across, lines]).await?;
+    let number = |column: &str, game: usize| {
+        let number = games.number(column, game);
+        number.with_context(|| {
+            format!("{} has no number in the column {column}", games.text("episode", game))
+        })
     };
     let mut values = Vec::new();
-    for game in &games {
-        values.push(number(game, &args.lines)?);
+    for column in [across, lines] {
+        games.check_numbers(column, &chosen)?;
     }
-    values.sort_by(f64::total_cmp);
-    values.dedup();
+    for (_, of_line) in groups(&games, lines, &chosen) {
+        values.push(number(lines, of_line[0])?);
+    }
     ensure!(
         values.len() <= STYLES,
         "{} lines are more than the {STYLES} that a figure can tell apart",
         values.len()
     );
-    // By task, line and place along the axis; the bits of numbers that are not negative are in their order.
-    let mut scores: BTreeMap<(&str, usize, u64), Vec<f64>> = BTreeMap::new();
-    for game in &games {
-        let value = number(game, &args.lines)?;
-        let line = values.partition_point(|&other| other < value);
-        let across = number(game, &args.across)?.to_bits();
-        scores.entry((&game.task, line, across)).or_default().push(game.score);
+    let mut panels = Vec::new();
+    for (task, of_task) in groups(&games, "task", &chosen) {
+        let mut points = Vec::new();
+        for (_, of_line) in groups(&games, lines, &of_task) {
+            let value = number(lines, of_line[0])?;
+            let line = values.partition_point(|&other| other < value);
+            for (_, of_point) in groups(&games, across, &of_line) {
+                let across = number(across, of_point[0])?;
+                let score = Summary::of(&scores(&games, &of_point));
+                points.extend(score.map(|score| Point { line, across, score }));
+            }
+        }
+        panels.push((task, points));
     }
-    let points = |task: &String| {
-        let of_task = scores.iter().filter(|((name, ..), _)| name == task);
-        of_task
-            .filter_map(|(&(_, line, across), scores)| {
-                let across = f64::from_bits(across);
-                Some(Point { line, across, score: Summary::of(scores)? })
-            })
-            .collect()
-    };
-    let panels = tasks(&games).into_iter().map(|task| (task.clone(), points(&task))).collect();
-    let notes = vec![models[0].clone(), settings];
     let name = |column: &str| column.replace('_', " ");
-    Ok(Sensitivity { notes, across: name(&args.across), line: name(&args.lines), values, panels })
+    Ok(Sensitivity { notes, across: name(across), line: name(lines), values, panels })
 }

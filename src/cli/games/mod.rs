@@ -1,5 +1,7 @@
-//! Games as rows of the table of episodes: what `table` and `correlations` compute with.
+//! Games as rows of the table of episodes, and series of their rounds: what `table`, `correlations` and `figure` compute
+//! with.
 
+mod series;
 mod settings;
 mod source;
 
@@ -16,6 +18,7 @@ use swarmbench_analysis::Metric;
 use swarmbench_engine::TaskName;
 
 use crate::dataset::rows::Row;
+pub(super) use series::Series;
 pub(super) use settings::Axes;
 pub(super) use source::Choice;
 
@@ -149,6 +152,11 @@ impl Games {
             Value::Number(number) => Some(*number),
             Value::Text(_) | Value::Missing => None,
         }
+    }
+
+    /// A value of a column as a text.
+    pub(super) fn text(&self, column: &str, game: usize) -> String {
+        self.value(column, game).to_string()
     }
 
     /// The values of a column in order, with the number of games that have each.

@@ -1,6 +1,6 @@
 //! Where games are read, and which of them are selected.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -15,9 +15,11 @@ use crate::dataset::rows::{self, Lines, Row};
 use crate::dataset::tables::TableName;
 use crate::store::Store;
 use crate::store::episodes::{Filter, Readable};
+use crate::store::port::StoredEpisode;
 
-#[derive(Debug, clap::Args)]
-pub(in super::super) struct Choice {
+/// Where games are.
+#[derive(Clone, Debug, clap::Args)]
+pub(in super::super) struct Source {
     /// Instead of a server: a folder of `swarmbench export FOLDER --format jsonl` (or parquet), or its file of episodes.
     /// May be given several times.
     #[arg(long, value_name = "PATH", conflicts_with = "db")]
@@ -26,7 +28,13 @@ pub(in super::super) struct Choice {
     #[arg(long)]
     db: Option<PathBuf>,
     #[command(flatten)]
-    server: ServerArgs,
+    pub(in super::super) server: ServerArgs,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub(in super::super) struct Choice {
+    #[command(flatten)]
+    pub(in super::super) source: Source,
     /// Only games in which this column has this value, or one of several: `view_size=5`, `temperature=0,1`. `none` stands for
     /// a missing value. May be given several times.
     #[arg(long = "where", value_name = "COLUMN=VALUE,…")]
@@ -37,82 +45,154 @@ pub(in super::super) struct Choice {
 }
 
 impl Choice {
+    /// Only those of these games in which a column has this value.
+    #[must_use]
+    pub(in super::super) fn with(mut self, column: &str, value: &str) -> Self {
+        let values = vec![value.to_owned()];
+        self.conditions.push(Condition { column: column.to_owned(), values });
+        self
+    }
+
+    /// Whether all games of a server are meant.
+    pub(in super::super) fn is_whole_server(&self) -> bool {
+        let Source { from, db, .. } = &self.source;
+        from.is_empty() && db.is_none() && self.conditions.is_empty()
+    }
+
     /// Reads the games, and selects those that count: finished ones that were not voided.
-    pub(in super::super) async fn select(self) -> anyhow::Result<Selected> {
-        let Self { from, db, server, conditions, ignore: _ } = self;
-        let games = if !from.is_empty() {
-            tokio::task::spawn_blocking(move || of_files(&from)).await??
+    pub(in super::super) async fn select(&self) -> anyhow::Result<Selected> {
+        self.of(self.source.read(Wanted::episodes(), Games::default()).await?)
+    }
+
+    /// Selects games of those that were read.
+    pub(super) fn of(&self, games: Games) -> anyhow::Result<Selected> {
+        selected(games, &self.conditions)
+    }
+
+    #[cfg(test)]
+    pub(super) fn of_folders<const N: usize>(folders: [&Path; N]) -> Self {
+        let from = folders.map(Path::to_owned).to_vec();
+        let server = ServerArgs { server: String::new(), key: None };
+        Self {
+            source: Source { from, db: None, server },
+            conditions: Vec::new(),
+            ignore: Vec::new(),
+        }
+    }
+}
+
+/// A table, and of which games.
+pub(super) struct Wanted {
+    pub(super) table: TableName,
+    /// The task of the games, if it is one.
+    pub(super) task: Option<String>,
+    /// The games; `None` for all.
+    pub(super) episodes: Option<BTreeSet<String>>,
+}
+
+impl Wanted {
+    const fn episodes() -> Self {
+        Self { table: TableName::Episodes, task: None, episodes: None }
+    }
+}
+
+/// What becomes of rows.
+pub(super) trait Reader: Send + 'static {
+    fn add(&mut self, row: Row) -> anyhow::Result<()>;
+}
+
+impl Reader for Games {
+    fn add(&mut self, row: Row) -> anyhow::Result<()> {
+        self.add(row)
+    }
+}
+
+impl Source {
+    /// Reads the rows of a table. There may be rows of other games, too.
+    pub(super) async fn read<R: Reader>(&self, wanted: Wanted, reader: R) -> anyhow::Result<R> {
+        let Self { from, db, server } = self.clone();
+        if !from.is_empty() {
+            tokio::task::spawn_blocking(move || of_files(&from, wanted.table, reader)).await?
         } else if let Some(db) = db {
-            tokio::task::spawn_blocking(move || of_database(&db)).await??
+            tokio::task::spawn_blocking(move || of_database(&db, &wanted, reader)).await?
         } else {
-            of_server(server).await?
-        };
-        selected(games, &conditions)
+            of_server(server, &wanted, reader).await
+        }
     }
 }
 
-/// Adds rows to games. The error is that of a reader.
-fn adding(games: &mut Games) -> impl FnMut(Row) -> io::Result<()> + '_ {
-    |row| games.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
+/// Adds rows to what is made of them. The error is that of a reader.
+fn adding(reader: &mut impl Reader) -> impl FnMut(Row) -> io::Result<()> + '_ {
+    |row| reader.add(row).map_err(|error| io::Error::other(format!("{error:#}")))
 }
 
-fn of_files(paths: &[PathBuf]) -> anyhow::Result<Games> {
-    let mut games = Games::default();
+fn of_files<R: Reader>(paths: &[PathBuf], table: TableName, mut reader: R) -> anyhow::Result<R> {
     for path in paths {
-        let file = file_of(path)?;
-        rows::read(&file, adding(&mut games)).with_context(|| format!("{}", file.display()))?;
+        let file = file_of(path, table)?;
+        rows::read(&file, adding(&mut reader)).with_context(|| format!("{}", file.display()))?;
     }
-    Ok(games)
+    Ok(reader)
 }
 
-/// The file of episodes of a folder.
-fn file_of(path: &Path) -> anyhow::Result<PathBuf> {
+/// The file of a table: a path is the folder, or the file of episodes in it.
+fn file_of(path: &Path, table: TableName) -> anyhow::Result<PathBuf> {
     ensure!(
         path.extension().is_none_or(|end| end != "partial"),
         "{} is an incomplete export: export the games again",
         path.display()
     );
-    if !path.is_dir() {
+    let is_file = !path.is_dir();
+    if is_file && table == TableName::Episodes {
         return Ok(path.to_owned());
     }
-    let files = ["episodes.jsonl", "episodes.parquet"].map(|name| path.join(name));
+    let folder = if is_file { path.parent().unwrap_or(path) } else { path };
+    let name = table.name();
+    let files = ["jsonl", "parquet"].map(|end| folder.join(format!("{name}.{end}")));
     files.into_iter().find(|file| file.is_file()).with_context(|| {
         format!(
-            "{} has no file episodes.jsonl or episodes.parquet: name a folder of `swarmbench export FOLDER --format jsonl`",
-            path.display()
+            "{} has no file {name}.jsonl or {name}.parquet: name a folder of `swarmbench export FOLDER --format jsonl`",
+            folder.display()
         )
     })
 }
 
-fn of_database(db: &Path) -> anyhow::Result<Games> {
+fn of_database<R: Reader>(db: &Path, wanted: &Wanted, mut reader: R) -> anyhow::Result<R> {
+    let Wanted { table, task, episodes } = wanted;
     let runtime = tokio::runtime::Handle::current();
     let store = runtime.block_on(Store::open_to_read(db))?;
     let bar = progress_bar("{bar:30} {pos} of {len} games, {elapsed}");
-    let filter = Filter { readable: Readable::All, ..Filter::default() };
+    let filter = Filter { readable: Readable::All, task: task.clone(), ..Filter::default() };
     let selection = Selection { filter, episode: None };
-    let mut games = Games::default();
+    let is_wanted = |stored: &StoredEpisode| {
+        episodes.as_ref().is_none_or(|episodes| episodes.contains(stored.id.as_str()))
+    };
     let progress = |done, of| set(&bar, done, of);
-    let export = Export::select(&store, &selection, |_| true, progress, CancellationToken::new())?;
-    let exported = export.lines(TableName::Episodes, Lines::new(adding(&mut games)))?;
+    let export = Export::select(&store, &selection, is_wanted, progress, CancellationToken::new())?;
+    let exported = export.lines(*table, Lines::new(adding(&mut reader)))?;
     bar.finish_and_clear();
     runtime.block_on(store.close());
     for (episode, problem) in &exported.broken {
         eprintln!("left out: {episode} is damaged: {problem}");
     }
-    Ok(games)
+    Ok(reader)
 }
 
-async fn of_server(server: ServerArgs) -> anyhow::Result<Games> {
+async fn of_server<R: Reader>(
+    server: ServerArgs,
+    wanted: &Wanted,
+    mut reader: R,
+) -> anyhow::Result<R> {
     let client = server.client()?;
-    let mut games = Games::default();
     let bar = progress_bar("{spinner} {bytes} {elapsed}");
-    let mut lines = Lines::new(adding(&mut games));
+    let mut lines = Lines::new(adding(&mut reader));
     let mut out = bar.wrap_write(&mut lines);
-    let sent = client.download("/api/v1/exports/episodes.jsonl", &[], &mut out).await;
+    let path = format!("/api/v1/exports/{}.jsonl", wanted.table.name());
+    let query: Vec<(&str, &String)> = wanted.task.iter().map(|task| ("task", task)).collect();
+    let sent = client.download(&path, &query, &mut out).await;
     bar.finish_and_clear();
     sent?;
     lines.finish()?;
-    Ok(games)
+    Ok(reader)
 }
 
 fn selected(games: Games, conditions: &[Condition]) -> anyhow::Result<Selected> {

@@ -112,7 +112,8 @@ impl Counts {
     }
 
     /// How many chose not to move, and not to switch.
-    const fn still(&self) -> u32 {
+    #[must_use]
+    pub const fn still(&self) -> u32 {
         self.stays + self.no_actions
     }
 

@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 
+use swarmbench_analysis::game::{Decision, Setup, State};
 use swarmbench_analysis::metric::Panel as Group;
+use swarmbench_analysis::statistics::{Correlation, NoCorrelation};
+use swarmbench_analysis::{Hash1, Meter, Options};
 use swarmbench_engine::{Act, Config, Message, Settings, TaskName};
 use swarmbench_figures::board::{Board, Row, Score};
-use swarmbench_figures::correlations::{Bars, Correlation, HeatMap};
+use swarmbench_figures::correlations::{Bars, Found, HeatMap};
 use swarmbench_figures::dynamics::{Curve, Dynamics};
 use swarmbench_figures::frame::{Frames, Moment};
 use swarmbench_figures::sensitivity::{Point, Sensitivity};
@@ -127,14 +130,13 @@ pub(crate) fn dynamics(title: &str, rounds: usize, games: usize) -> Dynamics {
     }
 }
 
-fn correlation(seed: usize) -> Correlation {
-    let r = wave(seed, 40)[39].unwrap_or(0.1) * 2.0 - 1.0;
-    Correlation {
-        r: (seed % 9 != 8).then_some(r),
-        p: Some((1.0 - r.abs()).powi(4)),
-        interval: Some(((r - 0.2).max(-1.0), (r + 0.2).min(1.0))),
-        n: 65 - seed % 3,
+fn correlation(seed: usize) -> Found {
+    let (r, n) = (wave(seed, 40)[39].unwrap_or(0.1) * 2.0 - 1.0, 65 - seed % 3);
+    if seed % 9 == 8 {
+        return Err(NoCorrelation::FirstConstant(n));
     }
+    let interval = Some(((r - 0.2).max(-1.0), (r + 0.2).min(1.0)));
+    Ok(Correlation { n, r, p: (1.0 - r.abs()).powi(4), interval, rho: r / 2.0 })
 }
 
 pub(crate) fn bars(title: &str, names: &[String]) -> Bars {
@@ -144,8 +146,8 @@ pub(crate) fn bars(title: &str, names: &[String]) -> Bars {
 
 pub(crate) fn heat_map(title: &str, names: Vec<String>) -> HeatMap {
     let cell = |i: usize, j: usize| {
-        let same = Correlation { r: Some(1.0), p: Some(0.0), interval: None, n: 65 };
-        if i == j { same } else { correlation(i * 17 + j) }
+        let same = Correlation { n: 65, r: 1.0, p: 0.0, interval: None, rho: 1.0 };
+        if i == j { Ok(same) } else { correlation(i * 17 + j) }
     };
     let cells = (0..names.len()).map(|i| (0..=i).map(|j| cell(i, j)).collect()).collect();
     HeatMap { title: title.to_owned(), notes: Vec::new(), names, cells }
@@ -202,6 +204,9 @@ pub(crate) fn moments(
     let config = Config::check(settings).expect("settings that can be played");
     let mut game = Game::new(Arc::new(config), default_for(task), 1);
     let mut moments = Vec::new();
+    let options = Options { series: false, vectors: false, edits: false };
+    let layout = State::of(game.world());
+    let mut meter = Meter::new(Setup::of(game.world()), layout, options, Arc::new(Hash1::new()));
     while !game.world().is_over() && game.world().round() < rounds {
         let mut moment = Moment::of(game.world(), windows);
         let mut acts = game.decide();
@@ -218,8 +223,15 @@ pub(crate) fn moments(
             }
         }
         game.step(&acts);
+        let decision = |act: &Act| Decision {
+            action: act.action,
+            message: act.message.as_ref().map(|message| message.as_str().to_owned()),
+            ..Decision::default()
+        };
+        let decisions: Vec<Decision> = acts.iter().map(decision).collect();
+        meter.round(&decisions, State::of(game.world()), None);
         let numbered: Vec<(u16, Act)> = (0..).zip(acts).collect();
-        moment.decided(&numbered, game.world());
+        moment.decided(&numbered, game.world(), *meter.now().0);
         moments.push(moment);
     }
     moments.push(Moment::of(game.world(), windows));
