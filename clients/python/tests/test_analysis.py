@@ -380,8 +380,24 @@ def test_embedders_are_compared_by_rank(games: analysis.Games) -> None:
 def test_homogeneity_is_related_to_edits(games: analysis.Games) -> None:
     found = analysis.relate_to_edits(games)
     rounds = games.table("rounds").dropna(subset=["homogeneity", "edit_consistency"])
-    assert found["n"] == len(rounds) == 36 * swarm_tables.ROUNDS
-    assert found["spearman"] == pytest.approx(rounds["homogeneity"].rank().corr(rounds["edit_consistency"].rank()))
+    every = found.query("by == 'all' and over == 'rounds'").iloc[0]
+    assert every["n"] == len(rounds) == 36 * swarm_tables.ROUNDS
+    assert every["spearman"] == pytest.approx(rounds["homogeneity"].rank().corr(rounds["edit_consistency"].rank()))
+    own = games.where(task="Pursuit").episodes
+    pursuit = found.query("group == 'Pursuit' and over == 'games'").iloc[0]
+    assert pursuit["pearson"] == pytest.approx(own["homogeneity"].corr(own["edit_consistency"]))
+    assert found.query("by == 'digits' and over == 'rounds'")["n"].sum() == len(rounds)
+
+
+def test_rounds_of_one_text_are_apart(tmp_path: Path) -> None:
+    def change(tables: Tables) -> None:
+        same = tables["rounds"]["round"] % 2 == 0
+        tables["rounds"].loc[same, ["homogeneity", "edit_consistency"]] = 1.0
+
+    games = analysis.load(swarm_tables.write(tmp_path / "same", change=change))
+    n = analysis.relate_to_edits(games).query("by == 'all'").set_index("over")["n"]
+    assert n["rounds with several texts"] == 36 * swarm_tables.ROUNDS / 2
+    assert n["rounds"] == n["rounds with several texts"] + 36 * (swarm_tables.ROUNDS / 2 + 1)
 
 
 def test_scores(games: analysis.Games) -> None:

@@ -28,8 +28,8 @@ REPEATS = 10
 DIMENSIONS_MAX = 64
 """To how many dimensions vectors are reduced, so that no block is wider than another."""
 
-SAMPLES_MAX = 20_000
-"""How many acts of a model in a task are used; they are drawn from all."""
+ACTS_MAX = 20_000
+"""How many acts of a model in a task are used unless another number is asked for; they are drawn from all."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ def action_attribution(
     embedder: Embedder | None = None,
     trees: int = TREES,
     repeats: int = REPEATS,
+    acts: int = ACTS_MAX,
     seed: int = 1,
     progress: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
@@ -92,6 +93,7 @@ def action_attribution(
         embedder: What makes vectors of texts; `hash-1` where it is left out.
         trees: Trees of a forest.
         repeats: How often a block is permuted.
+        acts: How many acts of a model in a task are used at most; fewer are faster. They are drawn from all games.
         seed: Of all draws.
         progress: Is given a line before each forest.
 
@@ -111,7 +113,7 @@ def action_attribution(
         progress(f"{task}, {model}")
         try:
             chosen = games.where(task=task, model=model)
-            inputs, actions, episodes = samples(chosen, observation, embedder or Hash1(), seed)
+            inputs, actions, episodes = samples(chosen, observation, embedder or Hash1(), acts, seed)
             found = attribute(inputs, actions, episodes, trees=trees, repeats=repeats, seed=seed)
         except TooLittleDataError as error:
             rows.append({**head, "note": str(error)})
@@ -217,7 +219,7 @@ def _reduced(block: Block, train: NDArray[np.int64]) -> Floats:
 
 
 def samples(
-    games: Games, observation: Literal["grid", "text"], embedder: Embedder, seed: int = 1
+    games: Games, observation: Literal["grid", "text"], embedder: Embedder, most: int = ACTS_MAX, seed: int = 1
 ) -> tuple[dict[str, Block], Names, Names]:
     """The inputs by block, the actions and the episodes of the acts of one model in one task.
 
@@ -231,8 +233,8 @@ def samples(
     chosen = acts[acts["action"].notna() & acts["i"].notna()].reset_index(drop=True)
     if chosen.empty:
         raise TooLittleDataError("no agent did anything in these games")
-    if len(chosen) > SAMPLES_MAX:
-        chosen = chosen.sample(SAMPLES_MAX, random_state=seed).sort_index().reset_index(drop=True)
+    if len(chosen) > most:
+        chosen = chosen.sample(most, random_state=seed).sort_index().reset_index(drop=True)
     sizes = games.episodes[["episode", "task", "rules", "control", "view_size", "max_round"]]
     chosen = chosen.merge(sizes, on="episode", how="left", validate="many_to_one")
     blocks = {

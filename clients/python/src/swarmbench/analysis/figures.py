@@ -6,7 +6,6 @@ Colour is never the only sign: markers, hatches and numbers say the same. The sa
 import functools
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import cycle
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -37,6 +36,9 @@ NAME_CHARS_MAX = 32
 """How much of a model's name is shown."""
 
 DOTS_PER_INCH = 150
+
+CHAR_WIDTH = 0.065
+"""About how wide a character of a legend is, in inches."""
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -101,37 +103,50 @@ def _styles(names: Iterable[str]) -> Iterator[tuple[str, dict[str, Any]]]:
         )
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))), frameon=False)
+def _legend(figure: Figure, *panels: Axes) -> None:
+    """A legend below all panels, with as many columns as fit."""
+    entries = {
+        label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    widest = 0.6 + CHAR_WIDTH * max(map(len, entries), default=0)
+    columns = max(1, min(len(entries), int(figure.get_figwidth() / widest)))
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns, frameon=False)
+
+
+def _rounds(axes: Axes, last: int) -> None:
+    """The axis of rounds: whole numbers from 0 to the last."""
+    axes.set(xlabel="round", xlim=(0, max(last, 1)))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
+
+
+def _grid(figure: Figure, panels: int, columns: int) -> list[Axes]:
+    """So many panels, in rows of so many columns."""
+    axes = figure.subplots(-(-panels // columns), columns, squeeze=False).ravel()
+    for unused in axes[panels:]:
+        unused.set_axis_off()
+    return list(axes[:panels])
 
 
 @_styled
 def plot_scores(games: Games) -> Figure:
-    """Mean scores as bars with population deviations: a group for each task, a bar for each model."""
+    """Mean scores as bars with population deviations: a panel for each task, a bar for each of its models."""
     table = scores(games)
-    tasks, models = games.tasks, games.models
-    figure = _figure(2 + 0.25 * len(tasks) * len(models), 3.5)
-    axes = figure.add_subplot()
-    width = 0.8 / len(models)
-    for at, (model, colour, hatch) in enumerate(zip(models, cycle(COLOURS), cycle(HATCHES), strict=False)):
-        own = table[table["model"] == model]
-        places = [tasks.index(task) + (at - (len(models) - 1) / 2) * width for task in own["task"]]
-        axes.bar(
-            places,
-            own["mean"],
-            width,
-            yerr=own["deviation"],
-            color=colour,
-            hatch=hatch,
-            edgecolor="black",
-            linewidth=0.4,
-            error_kw={"linewidth": 0.6},
-            label=_short(model),
-        )
-    axes.set_xticks(range(len(tasks)), tasks)
-    axes.set_ylabel("score (mean ± deviation)")
-    _legend(figure, axes)
+    most = int(table.groupby("task").size().max())
+    columns = min(3, len(games.tasks))
+    figure = _figure(3.6 * columns, (0.8 + 0.2 * most) * -(-len(games.tasks) // columns))
+    for task, axes in zip(games.tasks, _grid(figure, len(games.tasks), columns), strict=True):
+        own = table[table["task"] == task].sort_values("mean", kind="stable")
+        style: dict[str, Any] = {
+            "color": COLOURS[0],
+            "edgecolor": "black",
+            "linewidth": 0.4,
+            "error_kw": {"linewidth": 0.6},
+        }
+        axes.barh(range(len(own)), own["mean"], 0.7, xerr=own["deviation"], **style)
+        axes.set_yticks(range(len(own)), [_short(model) for model in own["model"]])
+        # Bars are as thick in a task with fewer models.
+        axes.set(title=task, xlabel="score (mean ± deviation)", ylim=(len(own) - 0.5 - most, len(own) - 0.5))
+        axes.axvline(0, color="black", linewidth=0.6)
     return figure
 
 
@@ -141,7 +156,6 @@ def plot_score_trends(games: Games) -> Figure:
     table = score_trends(games)
     figure = _figure(2.6 * len(games.tasks) + 0.6, 3.2)
     panels = figure.subplots(1, len(games.tasks), squeeze=False)[0]
-    shown: dict[str, Any] = {}
     for task, axes in zip(games.tasks, panels, strict=True):
         for model, style in _styles(games.models):
             own = table[(table["task"] == task) & (table["model"] == model)]
@@ -149,12 +163,12 @@ def plot_score_trends(games: Games) -> Figure:
                 continue
             _band(axes, own, 1.0, style["color"])
             every = max(1, len(own) // 8)
-            (line,) = axes.plot(own["round"], own["mean"], markevery=every, markersize=3, linewidth=1, **style)
-            shown.setdefault(_short(model), line)
-        axes.set(title=task, xlabel="round")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            look = {**style, "markevery": every, "markersize": 3, "linewidth": 1, "label": _short(model)}
+            axes.plot(own["round"], own["mean"], **look)
+        axes.set_title(task)
+        _rounds(axes, int(table.loc[table["task"] == task, "round"].max()))
     panels[0].set_ylabel("score")
-    figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=4, frameon=False)
+    _legend(figure, *panels)
     return figure
 
 
@@ -169,8 +183,8 @@ def _band(axes: Axes, series: pd.DataFrame, divisor: float, colour: str, lowest:
 def plot_dynamics(games: Games, task: str, model: str) -> Figure:
     """The four panels of the paper's dynamics figure: score, messages, choices, positions.
 
-    Solid is the game with the highest score, dashed the mean over games, the band its deviation; values are divided as
-    the legends say.
+    Solid is the game with the highest score, dashed the mean over the games that have not ended yet, the band its
+    deviation; values are divided as the legends say.
     """
     table = dynamics(games, task, model)
     figure = _figure(8.4, 6)
@@ -192,10 +206,15 @@ def plot_dynamics(games: Games, task: str, model: str) -> Figure:
             solid = {**style, "linestyle": "-", "markevery": every, "markersize": 3, "linewidth": 1.2}
             axes.plot(own["round"], own["best"] / divisor, label=shown, **solid)
             axes.plot(own["round"], own["mean"] / divisor, color=style["color"], linestyle="--", linewidth=0.8)
-        axes.set(title=f"({letter}) {panel}", xlabel="round")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.legend(fontsize=6, frameon=False)
-    figure.suptitle(f"{task}, {_short(model)} (solid: the best game; dashed: mean ± deviation)")
+        axes.set_title(f"({letter}) {panel}")
+        _rounds(axes, int(table["round"].max()))
+        if table.loc[table["metric"].isin([name for name, _, _ in contents[panel]]), "mean"].notna().any():
+            axes.legend(loc="upper left", bbox_to_anchor=(0, -0.17), ncols=2, fontsize=6, frameon=False)
+        else:
+            axes.text(0.5, 0.5, "undefined in all rounds", transform=axes.transAxes, ha="center")
+    figure.suptitle(
+        f"{task}, {_short(model)} (solid: the best game; dashed: mean ± deviation of games that last so long)"
+    )
     return figure
 
 
@@ -217,7 +236,7 @@ def plot_correlation_matrix(
         axes.text(
             place,
             row,
-            "–" if np.isnan(r) else f"{r:.2f}",
+            "–" if np.isnan(r) else f"{r.round(2) + 0.0:.2f}",
             ha="center",
             va="center",
             fontsize=5,
@@ -242,13 +261,19 @@ def plot_correlations(table: pd.DataFrame, task: str) -> Figure:
     low, high = own["low"].fillna(own["r"]), own["high"].fillna(own["r"])
     places = np.arange(len(own))
     axes.errorbar(own["r"], places, xerr=[own["r"] - low, high - own["r"]], fmt="none", ecolor="black", linewidth=0.6)
-    for place, r, marks in zip(places.tolist(), own["r"], own["stars"], strict=True):
-        axes.annotate(
-            marks, (r, place), (3 if r >= 0 else -3, 2), textcoords="offset points", ha="left" if r >= 0 else "right"
-        )
+    for place, end, marks in zip(places.tolist(), high.where(own["r"] >= 0, low), own["stars"], strict=True):
+        right = end >= 0
+        look: dict[str, Any] = {"textcoords": "offset points", "ha": "left" if right else "right", "va": "center"}
+        axes.annotate(marks, (end, place), (3 if right else -3, -1.5), **look)
     axes.axvline(0, color="black", linewidth=0.6)
     n = own["n"]
-    axes.set(xlim=(-1.05, 1.05), xlabel=f"Pearson's r with the score (n = {_range(n.min(), n.max())})", title=task)
+    # Stars stand beside the bars.
+    axes.set(
+        xlim=(-1.2, 1.2),
+        xticks=np.linspace(-1, 1, 5),
+        xlabel=f"Pearson's r with the score (n = {_range(n.min(), n.max())})",
+        title=task,
+    )
     return figure
 
 
@@ -266,11 +291,11 @@ def plot_scatter(games: Games, task: str, metric: str | None = None, definition:
     x, y = episodes[column(name, definition)], episodes["score"]
     figure = _figure(4.8, 3.8)
     axes = figure.add_subplot()
-    for model, style in _styles(games.models):
-        own = episodes["model"] == model
+    known = x.notna()
+    for model, style in _styles(sorted(episodes.loc[known, "model"].unique())):
+        own = known & (episodes["model"] == model)
         look = {"color": style["color"], "marker": style["marker"], "edgecolors": "black", "linewidths": 0.3, "s": 18}
         axes.scatter(x[own], y[own], label=_short(model), **look)
-    known = x.notna()
     slope, intercept = np.polyfit(x[known], y[known], 1)
     ends = np.array([x.min(), x.max()])
     axes.plot(ends, intercept + slope * ends, color="black", linewidth=1)
@@ -297,7 +322,7 @@ def plot_shap(found: Regression) -> Figure:
     axes.axvline(0, color="black", linewidth=0.6)
     axes.set_yticks(range(len(names)), [title(name) for name in names])
     r2, n = found.quality["r2"], found.quality["n"]
-    axes.set(xlabel="SHAP value: change of the predicted score", title=f"{found.task}: R² = {r2:.2f}, n = {n}")
+    axes.set(xlabel="SHAP value: change of the predicted score", title=f"{found.task}: R² = {r2:.3f}, n = {n}")
     figure.colorbar(shown, ax=axes, label="metric, in deviations from its mean")
     return figure
 
@@ -377,20 +402,23 @@ def plot_attribution(table: pd.DataFrame) -> Figure:
 
 @_styled
 def plot_keywords(table: pd.DataFrame) -> Figure:
-    """Keywords by count, from a table of `keywords`: a column for each task, a row for each model."""
-    tasks, models = sorted(table["task"].unique()), sorted(table["model"].unique())
-    figure = _figure(2.4 * len(tasks), 0.4 + 1.7 * len(models))
-    panels = figure.subplots(len(models), len(tasks), squeeze=False)
-    for (row, place), axes in np.ndenumerate(panels):
-        own = table[(table["task"] == tasks[place]) & (table["model"] == models[row])].iloc[::-1]
-        axes.barh(own["word"].str.slice(0, NAME_CHARS_MAX), own["count"], color=COLOURS[place % len(COLOURS)])
+    """Keywords by count, from a table of `keywords`: a panel for each model and task in which it said something.
+
+    Where all models spoke in all tasks, rows are models and columns tasks.
+    """
+    groups = [(str(model), str(task), own) for (model, task), own in table.groupby(["model", "task"])]
+    tasks, models = sorted(table["task"].unique()), table["model"].nunique()
+    columns = len(tasks) if len(groups) == models * len(tasks) else min(len(groups), 4)
+    most = max(len(own) for _, _, own in groups)
+    figure = _figure(2.4 * columns, (0.7 + 0.13 * most) * -(-len(groups) // columns))
+    for (model, task, own), axes in zip(groups, _grid(figure, len(groups), columns), strict=True):
+        colour = COLOURS[tasks.index(task) % len(COLOURS)]
+        axes.barh(own["word"].str.slice(0, NAME_CHARS_MAX), own["count"], 0.8, color=colour)
+        # Bars are as thick where there are fewer words, and begin at the top.
+        axes.set_ylim(most - 0.5, -0.5)
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
         axes.tick_params(labelsize=6)
-        if own.empty:
-            axes.set_axis_off()
-        if row == 0 or own.empty:
-            axes.set_title(tasks[place] if row == 0 else "")
-        if place == 0:
-            axes.set_ylabel(_short(models[row]), fontsize=6)
+        axes.set_title(f"{_short(model)}\n{task}", fontsize=7)
     return figure
 
 

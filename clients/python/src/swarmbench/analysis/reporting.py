@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ..errors import SwarmbenchError
-from .attribution import action_attribution
+from .attribution import ACTS_MAX, action_attribution
 from .correlations import convergence_by_model, convergence_by_task, correlations, failure_modes
 from .figures import (
     plot_attribution,
@@ -187,6 +187,7 @@ def report(
     out: str | Path,
     *,
     quick: bool = False,
+    acts: int = ACTS_MAX,
     formats: Sequence[str] = FORMATS,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
@@ -196,6 +197,7 @@ def report(
         games: The games.
         out: A folder that does not exist, or is empty.
         quick: Leaves out the attribution of actions, which takes longest.
+        acts: How many acts of a model in a task the attribution uses at most.
         formats: Formats of figures: `png`, `svg`, `pdf`. The first is shown in the report.
         progress: Is given a line before each step.
 
@@ -214,7 +216,7 @@ def report(
     made.text(_about(games))
     for sentence in games.left_out:
         made.text(sentence)
-    steps = _steps(games, made, progress, quick=quick)
+    steps = _steps(games, made, progress, acts=0 if quick else acts)
     for at, (title, step) in enumerate(steps, 1):
         progress(f"[{at:>{len(str(len(steps)))}}/{len(steps)}] {title}")
         with made.attempt(title):
@@ -236,7 +238,7 @@ def _about(games: Games) -> str:
     return ", ".join([*(f"{number} {name}" for name, number in count.items()), *known]) + "."
 
 
-def _steps(games: Games, made: Report, progress: Callable[[str], None], *, quick: bool) -> list[Step]:
+def _steps(games: Games, made: Report, progress: Callable[[str], None], *, acts: int) -> list[Step]:
     steps: list[Step] = [
         ("Scores", lambda: _scores(games, made)),
         ("Scores by setting", lambda: _by_setting(games, made)),
@@ -266,8 +268,8 @@ def _steps(games: Games, made: Report, progress: Callable[[str], None], *, quick
             lambda: made.table("distinctive-words", "Words that set a model apart", distinctive_words(games)),
         ),
     ]
-    if not quick:
-        steps.append(("Attribution of actions", lambda: _attribution(games, made, progress)))
+    if acts:
+        steps.append(("Attribution of actions", lambda: _attribution(games, made, acts, progress)))
     played = games.episodes[["task", "model"]].drop_duplicates().sort_values(["task", "model"])
     for number, (task, model) in enumerate(played.head(PANELS_MAX).itertuples(index=False, name=None), 1):
         steps.append((f"Dynamics: {task}, {model}", _dynamics(games, task, model, number, made)))
@@ -328,8 +330,8 @@ def _blocks(games: Games, made: Report) -> None:
 def _edits(games: Games, made: Report) -> None:
     made.table(
         "homogeneity-and-edits",
-        "Rank correlation of homogeneity and edit similarity",
-        pd.DataFrame([relate_to_edits(games)]),
+        "Homogeneity and edit similarity",
+        relate_to_edits(games),
     )
 
 
@@ -339,8 +341,8 @@ def _keywords(games: Games, made: Report) -> None:
     made.figure("keywords", "Keywords by task and model", plot_keywords(table))
 
 
-def _attribution(games: Games, made: Report, progress: Callable[[str], None]) -> None:
-    table = action_attribution(games, progress=lambda line: progress(f"    {line}"))
+def _attribution(games: Games, made: Report, acts: int, progress: Callable[[str], None]) -> None:
+    table = action_attribution(games, acts=acts, progress=lambda line: progress(f"    {line}"))
     made.table("attribution", "What actions follow from", table)
     made.figure("attribution", "Importance of blocks of inputs for the next action", plot_attribution(table))
 
@@ -360,6 +362,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             games,
             asked.out,
             quick=asked.quick,
+            acts=asked.acts,
             formats=asked.formats,
             progress=lambda line: print(line, file=sys.stderr),
         )
@@ -387,6 +390,13 @@ def _parser() -> argparse.ArgumentParser:
         "--quick", action="store_true", help="leave out the attribution of actions, which takes longest"
     )
     command.add_argument(
+        "--acts",
+        type=_positive,
+        default=ACTS_MAX,
+        metavar="N",
+        help=f"how many acts of a model in a task the attribution uses at most ({ACTS_MAX})",
+    )
+    command.add_argument(
         "--where",
         action="append",
         default=[],
@@ -410,6 +420,12 @@ def _condition(text: str) -> tuple[str, Any]:
         except ValueError:
             continue
     return name, {"true": True, "false": False}.get(value, value)
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1")
+    return int(text)
 
 
 def _formats(text: str) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Correlations and least squares, of arrays without missing values."""
 
+import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -165,7 +166,10 @@ def least_squares(x: Floats, y: Floats, models: Names) -> Fit:
             f"{n}: play more, or name fewer metrics"
         )
     z = (x - x.mean(axis=0)) / x.std(axis=0)
-    result = sm.OLS(y, np.column_stack([np.ones(n), z])).fit()
+    with warnings.catch_warnings():
+        # An infinite variance inflation says so.
+        warnings.filterwarnings("ignore", message="The design matrix is rank-deficient")
+        result = sm.OLS(y, np.column_stack([np.ones(n), z])).fit()
     vif = variance_inflation(z)
     several = len(set(models)) > 1
     ridge, penalty = _ridge(z, y, models) if several and vif.max() > VIF_MAX else (None, None)

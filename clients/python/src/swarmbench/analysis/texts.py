@@ -175,37 +175,71 @@ def _only_embedder(table: pd.DataFrame) -> str:
     return str(names[0])
 
 
-def relate_to_edits(games: Games) -> dict[str, Any]:
-    """The rank correlation of homogeneity and mean edit similarity over all rounds in which both are defined.
+DIGITS_FROM = (0.1, 0.3)
+BANDS = ("below 10%", "10% to 30%", "from 30%")
+"""Bands of the share of digits in messages, for which `relate_to_edits` is computed apart."""
 
-    It says how much of an embedder's homogeneity is mere similarity of spelling. Both are read from the table `rounds`.
+
+def relate_to_edits(games: Games) -> pd.DataFrame:
+    """How homogeneity goes with mean edit similarity: how much of it is mere similarity of spelling.
+
+    Both are read from the export. Where all messages of a round are one text, both are 1 by definition; rounds with
+    several texts are shown apart.
 
     Returns:
-        `embedder`, `games`, `n` (rounds), `spearman`, `p`, and `within_games`: the mean of the rank correlations of the
-        rounds of single games.
+        A row for each group of games or rounds and each unit: `by` (`all`, `task`, `model` or `digits`), `group`,
+        `over` (`rounds`, `rounds with several texts` or `games`), `games`, `n`, `pearson`, `spearman`, `p` (of the
+        rank correlation), `within_games` (the mean of rank correlations over the rounds of single games) and
+        `embedder`. What is undefined is missing.
+
+    Raises:
+        MissingColumnsError: The games were measured without an embedder.
+        TooLittleDataError: Homogeneity or edit similarity is the same in all rounds.
     """
     if "embedder" not in games.episodes:
         raise MissingColumnsError("these games were not measured with an embedder: export them with a newer version")
-    rounds = games.table("rounds", ["round", "homogeneity", "edit_consistency"])
-    known = rounds.dropna(subset=["homogeneity", "edit_consistency"])
-    rank, p = _ranks(known["homogeneity"], known["edit_consistency"])
-    single = [_rank(own) for _, own in known.groupby("episode")]
-    defined = [rank for rank in single if not math.isnan(rank)]
+    rounds = games.table("rounds", ["round", *_ALIKE, "digit_share"]).dropna(subset=list(_ALIKE))
+    rounds = rounds.merge(games.episodes[["episode", "task", "model"]], on="episode", validate="many_to_one")
+    _ranks(*(rounds[name] for name in _ALIKE))
+    units = {
+        "rounds": rounds,
+        "rounds with several texts": rounds[rounds["edit_consistency"] < 1],
+        "games": games.episodes.dropna(subset=list(_ALIKE)),
+    }
+    rows = []
+    for over, values in units.items():
+        digits = np.digitize(values["digit_share"], DIGITS_FROM)
+        grouped = {
+            "all": np.full(len(values), "all"),
+            "task": values["task"],
+            "model": values["model"],
+            "digits": np.array(BANDS)[digits],
+        }
+        rows += [
+            {"by": by, "group": group, "over": over, **_alike(own, single=over != "games")}
+            for by, groups in grouped.items()
+            for group, own in values.groupby(groups)
+        ]
+    return pd.DataFrame(rows).assign(embedder=str(games.episodes["embedder"].iloc[0]))
+
+
+_ALIKE = ("homogeneity", "edit_consistency")
+
+
+def _alike(values: pd.DataFrame, *, single: bool) -> dict[str, Any]:
+    x, y = (values[name].to_numpy(np.float64) for name in _ALIKE)
+    known = len(x) >= ROUNDS_COMPARED_MIN and not (is_constant(x) or is_constant(y))
+    rank, p = _ranks(values["homogeneity"], values["edit_consistency"]) if known else (math.nan, math.nan)
+    own = [_alike(rounds, single=False)["spearman"] for _, rounds in values.groupby("episode")] if single else []
+    defined = [value for value in own if not math.isnan(value)]
     return {
-        "embedder": str(games.episodes["embedder"].iloc[0]),
-        "games": known["episode"].nunique(),
-        "n": len(known),
+        "games": values["episode"].nunique(),
+        "n": len(values),
+        "pearson": float(np.corrcoef(x, y)[0, 1]) if known else math.nan,
         "spearman": rank,
         "p": p,
-        "within_games": float(np.mean(defined)) if defined else float("nan"),
+        "within_games": float(np.mean(defined)) if defined else math.nan,
     }
-
-
-def _rank(rounds: pd.DataFrame) -> float:
-    try:
-        return _ranks(rounds["homogeneity"], rounds["edit_consistency"])[0]
-    except TooLittleDataError:
-        return float("nan")
 
 
 def _ranks(a: "pd.Series[float]", b: "pd.Series[float]") -> tuple[float, float]:
