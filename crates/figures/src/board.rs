@@ -123,18 +123,15 @@ impl Board {
             if row.reference {
                 scene.hatch(bar, 6.0, Paint::line(PAPER, 1.2));
             }
-            let mut text = format!("{mean:.2}");
             if let Some(deviation) = deviation {
                 let ends = [mean - deviation, mean + deviation].map(|score| scale.within(score));
                 for (color, width) in [(PAPER, 3.0), (INK, 1.2)] {
                     scene.line((ends[0], middle), (ends[1], middle), Paint::line(color, width));
                 }
-                text += &format!("±{deviation:.2}");
             }
-            if let Some(n) = n {
-                text += &format!(" ({n})");
-            }
-            let text = text.replace('-', "−");
+            let spread = deviation.map_or_else(String::new, |of| format!("±{of:.2}"));
+            let n = n.map_or_else(String::new, |n| format!(" ({n})"));
+            let text = format!("{mean:.2}{spread}{n}").replace('-', "−");
             let after = (scale.at(scale.most) + 6.0, middle + 3.5);
             scene.text(after, Anchor::Start, LABEL - 1.0, INK, &text);
         }
