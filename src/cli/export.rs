@@ -182,6 +182,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         bail!("{} is an archive; name a folder for --format jsonl or parquet", to.display());
     }
     let tables = args.format.end().map(|end| args.table_files(end).join(", "));
+    if !args.with.is_empty() && args.format == Format::Dataset {
+        bail!("--with names tables: use it with --format jsonl or parquet");
+    }
     if !args.embedder.is_default() && (args.server.is_some() || args.format == Format::Dataset) {
         bail!(
             "--embedder is for the tables of a database: use it with --db and --format jsonl or parquet"

@@ -15,7 +15,7 @@ use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMe
 
 use super::embedder::EmbedderArgs;
 use super::options::ServerArgs;
-use super::output::{fields, mean, progress_bar, set, table};
+use super::output::{fields, mean, progress_bar, say, set, table};
 use crate::measure::{means, series, values};
 use crate::store::metrics::Measured;
 
@@ -221,7 +221,7 @@ fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
         Format::Csv if args.series => series_csv(game),
         Format::Csv => values_csv(std::slice::from_ref(game)),
         Format::Table => {
-            println!("{}", heading(game));
+            say(heading(game))?;
             for (panel, title) in PANELS {
                 let mut shown = table(&[title, "value", "rounds"]);
                 for metric in of_panel(panel) {
@@ -230,16 +230,16 @@ fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
                     }
                 }
                 if shown.row_iter().next().is_some() {
-                    println!("{shown}");
+                    say(&shown)?;
                 }
             }
             if game.sampled {
-                println!(
-                    "sampled: a round had too many different texts, and some were left out of their comparison"
-                );
+                say(
+                    "sampled: a round had too many different texts, and some were left out of their comparison",
+                )?;
             }
             if args.series {
-                println!("the values of all states are in --format csv and json");
+                say("the values of all states are in --format csv and json")?;
             }
             Ok(())
         }
@@ -253,12 +253,12 @@ fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
         Format::Table => {}
     }
     if run.items.is_empty() {
-        println!("{}: no game has ended yet", run.run);
+        say(format!("{}: no game has ended yet", run.run))?;
         return Ok(());
     }
     for (task, of_task) in &run.tasks {
         let games = run.items.iter().filter(|game| game.task == *task).count();
-        println!("{task}: {games} games, mean ± deviation over those with a value");
+        say(format!("{task}: {games} games, mean ± deviation over those with a value"))?;
         for (panel, title) in PANELS {
             let mut shown = table(&[title, "value", "games"]);
             for metric in of_panel(panel) {
@@ -270,7 +270,7 @@ fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
                 }
             }
             if shown.row_iter().next().is_some() {
-                println!("{shown}");
+                say(&shown)?;
             }
         }
     }

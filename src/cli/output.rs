@@ -1,5 +1,7 @@
 //! Tables and progress bars.
 
+use std::io::Write as _;
+
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -17,6 +19,11 @@ pub(super) fn fields<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> T
     let mut table = table(&["", ""]);
     table.add_rows(rows.into_iter().map(|(name, value)| [name.to_owned(), value]));
     table
+}
+
+/// Prints a text and a line feed; a reader that has gone is an error, not a panic.
+pub(super) fn say(text: impl std::fmt::Display) -> anyhow::Result<()> {
+    Ok(writeln!(std::io::stdout().lock(), "{text}")?)
 }
 
 /// A cell, empty without a value.

@@ -15,6 +15,12 @@ pub(super) struct Partial {
 impl Partial {
     /// For a file, which replaces one that exists.
     pub(super) fn file(to: &Path) -> anyhow::Result<(Self, File)> {
+        let is_other = to.metadata().is_ok_and(|found| !found.is_file());
+        anyhow::ensure!(
+            !is_other,
+            "{} is no regular file and is not replaced: name another",
+            to.display()
+        );
         let this = Self::new(to);
         let file = File::create(&this.now);
         let file = file.with_context(|| format!("{} cannot be written", this.now.display()))?;

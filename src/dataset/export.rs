@@ -258,15 +258,10 @@ impl<'a> Export<'a> {
                 }
                 TableName::Views => {
                     let Some((stored, mut game)) = self.sound(key)? else { continue };
-                    let mut views = |game: &Game| {
-                        let views =
-                            game.world().agents().filter_map(|agent| tables::view(game, agent));
-                        views.into_iter().try_for_each(&mut add)
-                    };
-                    views(&game)?;
-                    self.play(&stored, &mut game, |game, _| {
-                        // Nobody decides in the last state.
-                        if game.world().is_over() { Ok(()) } else { views(game) }
+                    self.play(&stored, &mut game, |game, turn| {
+                        let agents = turn.before.agents();
+                        let mut views = agents.filter_map(|agent| tables::view(game, turn, agent));
+                        views.try_for_each(&mut add)
                     })?;
                 }
             }

@@ -105,9 +105,9 @@ impl Game {
         Ok(Turn { round: round.round, acts: acts.collect(), before, at: round.at })
     }
 
-    /// The window of an agent; `None` once it has escaped.
-    pub fn view(&self, agent: AgentId) -> Option<Vec<Vec<String>>> {
-        view(&self.world().observe(agent), self.config.rules())
+    /// The window in which an agent decided a round; `None` once it has escaped.
+    pub fn view(&self, turn: &Turn, agent: AgentId) -> Option<Vec<Vec<String>>> {
+        view(&turn.before.observe(agent), self.config.rules())
     }
 
     /// The settings, as the index has them.

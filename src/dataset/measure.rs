@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
 use swarmbench_analysis::journal::decisions;
-use swarmbench_analysis::{Embedder, Hash1, Meter, Metrics, Options};
+use swarmbench_analysis::{Definition, Embedder, Hash1, Meter, Metric, Metrics, Options, RunValue};
 use swarmbench_engine::{Action, Control, Direction, Pos, TaskName, World};
 
 use super::format::GameRow;
@@ -102,7 +102,14 @@ impl ImportMeter {
     /// # Errors
     /// If it has no state.
     pub fn finish(self) -> Result<Metrics, String> {
-        Ok(self.meter.ok_or("it has no states")?.metrics())
+        let mut metrics = self.meter.ok_or("it has no states")?.metrics();
+        // Files have the same action for an agent that stays and for one without an action.
+        let untold = (Definition::Paper, Metric::NoActionShare);
+        metrics.values.insert(untold, RunValue::default());
+        if let Some(series) = metrics.series.get_mut(&untold) {
+            series.fill(None);
+        }
+        Ok(metrics)
     }
 }
 

@@ -195,6 +195,7 @@ const OF_ROUNDS: &[Column] = &[
     ("timeouts", Kind::Whole),
     ("messages", Kind::Whole),
     ("grid", Kind::Text),
+    ("positions", Kind::Text),
 ];
 
 const OF_HEARD: &[Column] = &[
@@ -379,12 +380,12 @@ pub fn heard(game: &Game, heard: &Heard) -> Vec<Cell> {
     cells
 }
 
-/// A row for the window of an agent on the map; `None` once it has escaped.
-pub fn view(game: &Game, agent: AgentId) -> Option<Vec<Cell>> {
-    let rows = game.view(agent)?;
+/// A row for the window in which an agent decided the last round played; `None` once it has escaped.
+pub fn view(game: &Game, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>> {
+    let rows = game.view(turn, agent)?;
     let rows: Vec<String> = rows.into_iter().map(|row| row.join(" ")).collect();
     let mut cells = head(&game.header, &game.header.holder(agent).model);
-    cells.extend([game.world().round().into(), agent.0.into(), rows.join("\n").into()]);
+    cells.extend([turn.round.into(), agent.0.into(), rows.join("\n").into()]);
     Some(cells)
 }
 
@@ -447,6 +448,8 @@ pub fn round(
         count(&|act| act.record.source == Source::Clock),
         count(&|act| act.record.message.is_some()),
         grid.join("\n").into(),
+        json(&world.agent_states().map(|agent| [agent.at.i, agent.at.j]).collect::<Vec<_>>())
+            .into(),
     ]);
     let has = |column: &str| OF_ROUNDS.iter().any(|(name, _)| *name == column);
     let counts = counts.columns(turn.is_none()).into_iter();

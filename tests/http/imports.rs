@@ -101,7 +101,7 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
 /// The metrics of a game and of its import are the same, as far as files tell what they need.
 async fn same_metrics((app, episode): (&TestApp, &Episode), (there, id): (&TestApp, &str)) {
     // What files do not tell has no value: who heard whom, and tokens.
-    let untold = ["delivered", "unheard_share", "echo", "tokens_per_point"];
+    let untold = ["delivered", "unheard_share", "echo", "tokens_per_point", "no_action_share"];
     for query in ["?series=true", "?definition=toolkit"] {
         let mut here = app.get(&episode.path(&format!("/metrics{query}"))).ok().await;
         let path = format!("/api/v1/imports/{id}/metrics{query}");

@@ -129,7 +129,7 @@ impl Games {
                 // 0 and −0 are one value.
                 Value::Number(number + 0.0)
             }
-            Json::String(text) => Value::Text(text.as_str().into()),
+            Json::String(text) => Value::Text(printable(text).into()),
             other => Value::Text(other.to_string().into()),
         };
         let is_new = !self.columns.contains_key(&name);
@@ -198,7 +198,8 @@ impl Games {
     /// If the column cannot be averaged: it is no number, its metric is not in these games, or its values were computed
     /// in different ways.
     pub(super) fn check_numbers(&self, column: &str, games: &[usize]) -> anyhow::Result<()> {
-        let is_metric = metric_of(column).is_some();
+        let metric = metric_of(column);
+        let is_metric = metric.is_some();
         if is_metric && !self.columns.contains_key(column) {
             bail!(
                 "these games have no column {column}: they were exported by an earlier version; export them again with \
@@ -211,7 +212,9 @@ impl Games {
         if is_metric {
             let valued: Vec<usize> =
                 games.iter().copied().filter(|&game| self.number(column, game).is_some()).collect();
-            for how in ["metrics_revision", "embedder"] {
+            let is_of_vectors = metric.is_some_and(|metric| metric.about().of_vectors);
+            let computed = ["metrics_revision", "embedder"];
+            for how in computed.into_iter().take(1 + usize::from(is_of_vectors)) {
                 let counts = self.counts(how, &valued);
                 if let Some(usual) = usual(&counts).filter(|_| counts.len() > 1) {
                     bail!(
@@ -224,6 +227,14 @@ impl Games {
         }
         Ok(())
     }
+}
+
+/// A text that does nothing to a terminal: control characters, and those that change the direction of the text after them,
+/// are replaced.
+fn printable(text: &str) -> String {
+    let is_control =
+        |c: char| c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    text.chars().map(|c| if is_control(c) { '\u{fffd}' } else { c }).collect()
 }
 
 /// The metric of a column, in either definition, or of the number of its rounds.

@@ -2,6 +2,7 @@
 
 mod text;
 
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -101,7 +102,7 @@ impl Showing {
         let text = written(self.format, sheets, notes, width);
         match &self.output {
             Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
-            None => print!("{text}"),
+            None => std::io::stdout().lock().write_all(text.as_bytes())?,
         }
         if self.format == Format::Csv {
             // CSV has no place for sentences.

@@ -24,6 +24,12 @@ pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiEr
             })
         })
         .collect::<Result<_, _>>()?;
+    if let Some(twice) =
+        (1..metrics.len()).find(|&place| metrics[..place].contains(&metrics[place]))
+    {
+        let detail = format!("metrics names {} twice", metrics[twice].name());
+        return Err(ApiError::new(Code::Malformed, detail));
+    }
     if metrics.len() > METRICS_MAX {
         let detail = format!("a board shows at most {METRICS_MAX} metrics, not {}", metrics.len());
         return Err(ApiError::new(Code::Malformed, detail));
