@@ -153,6 +153,8 @@ def test_a_run_its_events_and_the_boards(checked: Checked) -> None:
     assert not differences(events[-1].data, wire.RunDetail)
     assert checked.run(run["id"])["status"] == "finished"
     assert checked.runs(suite=suite["name"])["items"][0]["id"] == run["id"]
+    measured = checked.run_metrics(run["id"], definition="paper", limit=1)
+    assert [game["episode"] for game in measured["items"]] == [checked.run(run["id"])["games"][0]["episode"]]
     board = checked.leaderboard(suite=suite["name"], pick="last", reference=False)
     assert [row["run"] for row in board["items"]] == [run["id"]]
     assert checked.leaderboard_csv(suite=suite["name"]).count("\n") == 2
@@ -185,6 +187,7 @@ def test_events_of_an_episode(checked: Checked) -> None:
     assert [event.id for event in events] == ["1", "2", None]
     assert not differences(events[0].data, wire.RoundEvent)
     assert not differences(events[-1].data, wire.EpisodeResult)
+    assert checked.metrics(created["id"], series=True)["rounds"] == 2
     later = checked.all_of(checked.client.events(created["id"], after=1))
     assert [event.id for event in later] == ["2", None]
 
