@@ -69,8 +69,13 @@ pub fn means(games: &[GameMetrics]) -> BTreeMap<String, BTreeMap<String, MetricM
     of_tasks.map(|(task, of)| (task.clone(), of.into_iter().filter_map(mean).collect())).collect()
 }
 
-/// The values of some states of a game that was measured with its series.
-pub fn series(metrics: &Metrics, definition: Definition, states: Range<u32>) -> MetricSeries {
+/// The values of some states of a game of `rounds` rounds that was measured with its series, up to these states at least.
+pub fn series(
+    metrics: &Metrics,
+    definition: Definition,
+    states: Range<u32>,
+    rounds: u32,
+) -> MetricSeries {
     let range = states.start as usize..states.end as usize;
     let of = metrics.series.iter().filter(|((of, _), _)| *of == definition);
     let values =
@@ -84,7 +89,7 @@ pub fn series(metrics: &Metrics, definition: Definition, states: Range<u32>) -> 
     MetricSeries {
         from: states.start,
         length: states.end - states.start,
-        next: (states.end <= metrics.rounds).then_some(states.end),
+        next: (states.end <= rounds).then_some(states.end),
         counts,
         values: values.collect(),
     }

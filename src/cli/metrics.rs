@@ -134,7 +134,8 @@ fn measured(
         },
         sampled: measured.sampled(),
         values: values(&measured, definition),
-        series: wants_series.then(|| series(&metrics, definition, 0..metrics.rounds + 1)),
+        series: wants_series
+            .then(|| series(&metrics, definition, 0..metrics.rounds + 1, metrics.rounds)),
     })
 }
 

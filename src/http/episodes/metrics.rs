@@ -1,8 +1,10 @@
 //! `GET /api/v1/episodes/{id}/metrics`.
 
+use std::ops::Range;
+
 use axum::Json;
 use serde::Deserialize;
-use swarmbench_analysis::{Definition, Metrics};
+use swarmbench_analysis::Definition;
 use utoipa::IntoParams;
 
 use super::super::extract::one_of;
@@ -12,7 +14,7 @@ use crate::measure::{self, SERIES_BYTES_OF_A_ROUND, measure, method};
 use crate::store::entries::Entry;
 use crate::store::metrics::{Measured, MetricsRow, stored_method};
 use crate::store::port::StoredEpisode;
-use swarmbench_protocol::metrics::{GameMetrics, MetricSeries};
+use swarmbench_protocol::metrics::GameMetrics;
 
 /// States whose values one answer has at most.
 pub(in super::super) const SERIES_STATES_MAX: u32 = 1000;
@@ -64,20 +66,13 @@ impl MetricsParams {
 }
 
 impl Wanted {
-    /// The wanted states of a game that was measured with its series.
-    pub(in super::super) fn of(
-        self,
-        metrics: &Metrics,
-        definition: Definition,
-    ) -> Result<MetricSeries, ApiError> {
-        let end = metrics.rounds + 1;
-        if self.from >= end {
-            let detail =
-                format!("the game has {} rounds, and no state {}", metrics.rounds, self.from);
-            return Err(ApiError::new(Code::NotFound, detail).at_round(metrics.rounds));
+    /// The wanted ones of the states of a game with this many rounds.
+    pub(in super::super) fn of(self, rounds: u32) -> Result<Range<u32>, ApiError> {
+        if self.from > rounds {
+            let detail = format!("the game has {rounds} rounds, and no state {}", self.from);
+            return Err(ApiError::new(Code::NotFound, detail).at_round(rounds));
         }
-        let to = end.min(self.from.saturating_add(self.states));
-        Ok(measure::series(metrics, definition, self.from..to))
+        Ok(self.from..(rounds + 1).min(self.from.saturating_add(self.states)))
     }
 }
 
@@ -108,16 +103,17 @@ pub(in super::super) async fn show_episode_metrics(
     let definition = definition(params.definition.as_deref())?;
     let wanted = params.series()?;
     let stored = app.readable_stored(&caller, id).await?;
-    let (measured, series) = match wanted {
-        None => (app.measured(&stored).await?, None),
-        Some(wanted) => {
-            let bytes = (stored.rounds as usize + 1) * SERIES_BYTES_OF_A_ROUND;
-            let _memory = app.registry.room(bytes)?;
+    let states = wanted.map(|wanted| wanted.of(stored.rounds)).transpose()?;
+    let measured = app.measured(&stored).await?;
+    let series = match states {
+        None => None,
+        Some(states) => {
+            // A frame of the toolkit has what was decided in its state.
+            let to = stored.rounds.min(states.end);
+            let _memory = app.registry.room((to as usize + 1) * SERIES_BYTES_OF_A_ROUND)?;
             let _permit = app.heavy.replay().await?;
-            let metrics =
-                measure(app.registry.host(), &stored, stored.rounds, true, Party::current())
-                    .await?;
-            (Measured::of(&metrics), Some(wanted.of(&metrics, definition)?))
+            let metrics = measure(app.registry.host(), &stored, to, true, Party::current()).await?;
+            Some(measure::series(&metrics, definition, states, stored.rounds))
         }
     };
     let mut shown = game_metrics(&stored, &measured, definition)?;

@@ -37,13 +37,14 @@ pub(in super::super) async fn show_import_metrics(
     let definition = definition(params.definition.as_deref())?;
     let wanted = params.series()?;
     let stored = app.import(&caller, &id).await?;
-    let states = if wanted.is_some() { stored.rounds as usize + 1 } else { 1 };
-    let _memory = app.registry.room(states * SERIES_BYTES_OF_A_ROUND)?;
+    let states = wanted.map(|wanted| wanted.of(stored.rounds)).transpose()?;
+    let kept = if states.is_some() { stored.rounds as usize + 1 } else { 1 };
+    let _memory = app.registry.room(kept * SERIES_BYTES_OF_A_ROUND)?;
     let _permit = app.heavy.replay().await?;
     let broken = |problem: String| {
         ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
     };
-    let mut meter = ImportMeter::new(&stored, wanted.is_some()).map_err(broken)?;
+    let mut meter = ImportMeter::new(&stored, states.is_some()).map_err(broken)?;
     let mut from = 0;
     while from <= stored.rounds {
         let to = (stored.rounds + 1).min(from + CHUNK);
@@ -65,6 +66,6 @@ pub(in super::super) async fn show_import_metrics(
         method: method(definition),
         sampled: measured.sampled(),
         values: measure::values(&measured, definition),
-        series: wanted.map(|wanted| wanted.of(&metrics, definition)).transpose()?,
+        series: states.map(|states| measure::series(&metrics, definition, states, stored.rounds)),
     }))
 }

@@ -73,6 +73,19 @@ async fn a_series_has_a_value_for_each_state_page_by_page() {
     let page = &page["series"];
     assert_eq!((&page["length"], &page["next"]), (&json!(1), &json!(2)));
     assert_eq!(page["values"]["message_length"], json!([9.0]));
+    // Pages are cut from the same series, in both definitions.
+    for definition in ["paper", "toolkit"] {
+        let path = format!("/metrics?series=true&definition={definition}");
+        let all = app.get(&episode.path(&path)).ok().await["series"].take();
+        for from in 0..3 {
+            let page = app.get(&episode.path(&format!("{path}&from={from}&states=1"))).ok().await;
+            for kind in ["counts", "values"] {
+                for (name, values) in all[kind].as_object().expect("lists") {
+                    assert_eq!(page["series"][kind][name], json!([values[from]]), "{name} {from}");
+                }
+            }
+        }
+    }
     app.get(&episode.path("/metrics?series=true&from=3")).problem(404, "not_found").await;
     for wrong in ["series=true&states=0", "series=true&states=1001", "from=1"] {
         app.get(&episode.path(&format!("/metrics?{wrong}"))).problem(400, "malformed").await;
