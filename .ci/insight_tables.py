@@ -253,7 +253,7 @@ def edits(table: pd.DataFrame) -> str:
 def main(folder: Path) -> None:
     games, spoken = analysis.load(folder / "games"), analysis.load(folder / "spoken")
     speaking = games.episodes.loc[games.episodes["message_length"].notna(), "model"].unique().tolist()
-    report = folder / "report" / "tables"
+    attribution = pd.read_csv(folder / "report" / "tables" / "attribution.csv")
     tables = {
         "players": between(games),
         "top metrics": tops(analysis.correlations(games)),
@@ -263,15 +263,19 @@ def main(folder: Path) -> None:
         "failure modes": listed(analysis.failure_modes(games), "task", "metric"),
         "convergence": listed(analysis.convergence_by_task(games).dropna(subset=["r"]), "task", "metric"),
         "convergence of players": converging(analysis.convergence_by_model(games).dropna(subset=["r"])),
-        "attribution": attributed(pd.read_csv(report / "attribution.csv")),
+        "attribution": attributed(attribution),
         "without messages": without_messages(games, "built-in/map-and-carry", "built-in/map-in-silence"),
         "keywords": words(analysis.keywords(games)),
     }
     for name, table in tables.items():
         put("insight.md", name, table)
     put("embedders.md", "edits", edits(analysis.relate_to_edits(spoken)))
-    figure = analysis.plot_blocks(analysis.blocks(games, definition="toolkit"))
-    analysis.save(figure, PAGES / "insight" / "blocks.png")
+    figures = {
+        "blocks": analysis.plot_blocks(analysis.blocks(games, definition="toolkit")),
+        "attribution": analysis.plot_attribution(attribution),
+    }
+    for name, figure in figures.items():
+        analysis.save(figure, PAGES / "insight" / f"{name}.png")
 
 
 if __name__ == "__main__":

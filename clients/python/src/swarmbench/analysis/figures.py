@@ -31,6 +31,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">")
 HATCHES = ("", "//", "..", "xx", "\\\\", "++", "oo", "--")
 DASHES = ("-", "--", "-.", ":")
 DIVERGING = "PuOr"
+BLOCKS = ("others", "own", "observation")
 
 NAME_CHARS_MAX = 32
 """How much of a model's name is shown."""
@@ -374,28 +375,30 @@ def plot_attribution(table: pd.DataFrame) -> Figure:
     if known.empty:
         raise TooLittleDataError("no forest predicts actions better than guessing, so there is no importance to draw")
     tasks = sorted(known["task"].unique())
-    figure = _figure(2.8 * len(tasks) + 1, 3.6)
-    panels = figure.subplots(1, len(tasks), squeeze=False, sharey=True)[0]
-    names = ("others", "own", "observation")
+    most = int(known.groupby("task")["model"].nunique().max())
+    columns = min(3, len(tasks))
+    figure = _figure(3.6 * columns, 0.4 + (0.8 + 0.36 * most) * -(-len(tasks) // columns))
+    panels = _grid(figure, len(tasks), columns)
     for task, axes in zip(tasks, panels, strict=True):
         own = known[known["task"] == task]
         models = sorted(own["model"].unique())
-        for at, (block, colour, hatch) in enumerate(zip(names, COLOURS, HATCHES, strict=False)):
+        for at, (block, colour, hatch) in enumerate(zip(BLOCKS, COLOURS, HATCHES, strict=False)):
             rows = own[own["block"] == block].set_index("model").reindex(models)
-            axes.bar(
+            axes.barh(
                 np.arange(len(models)) + (at - 1) * 0.27,
                 rows["importance"],
                 0.27,
-                yerr=rows["deviation"],
+                xerr=rows["deviation"],
                 color=colour,
                 hatch=hatch,
                 edgecolor="black",
                 linewidth=0.4,
+                error_kw={"linewidth": 0.6},
                 label=block,
             )
-        axes.set_xticks(range(len(models)), [_short(model) for model in models], rotation=90)
-        axes.set_title(task)
-    panels[0].set_ylabel("importance: drop of macro F1")
+        axes.set_yticks(range(len(models)), [_short(model) for model in models])
+        axes.set(title=task, xlabel="importance: drop of macro F1", ylim=(most - 0.5, -0.5))
+        axes.axvline(0, color="black", linewidth=0.6)
     _legend(figure, panels[0])
     return figure
 
