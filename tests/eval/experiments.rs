@@ -244,6 +244,8 @@ fn the_examples_are_those_of_the_paper() {
         ("centralized", 2, 50),
         // Thirteen models in the standard setting.
         ("main", 13, 325),
+        // One model; five lengths of its memory.
+        ("memory", 5, 125),
         // Thirteen models with and without noise and delay.
         ("noise", 26, 650),
         // One model; temperatures 0, 0.5, 1, 1.5 and top_p 0.3, 0.7, 0.95, 1, where both have 1.
