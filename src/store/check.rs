@@ -20,6 +20,8 @@ use super::OpenError;
 use super::again::{StoredJournal, play_again};
 use super::competitions::RawCompetition;
 use super::files::may_lack_log;
+use super::metrics::stored_method;
+use super::rebuild::{self, RebuildError};
 use super::rows::{FromRow, get};
 use crate::ids::EpisodeKey;
 use crate::migrations;
@@ -205,7 +207,7 @@ async fn schema(
 }
 
 /// Columns that name a row of another table: the table, the column, and the key of the other.
-const REFERENCES: [(&str, &str, &str, &str); 19] = [
+const REFERENCES: [(&str, &str, &str, &str); 21] = [
     ("acts", "episode", "episodes", "key"),
     ("rounds", "episode", "episodes", "key"),
     ("tokens", "episode", "episodes", "key"),
@@ -225,6 +227,8 @@ const REFERENCES: [(&str, &str, &str, &str); 19] = [
     ("invitations", "competition", "competitions", "key"),
     ("invitations", "entry", "entries", "key"),
     ("import_rounds", "import", "imports", "key"),
+    ("metrics", "episode", "episodes", "key"),
+    ("unmeasured", "episode", "episodes", "key"),
 ];
 
 async fn references(database: &mut SqliteConnection, checked: &mut Checked) {
@@ -547,8 +551,43 @@ async fn episode(
     if let Err(problem) = open_acts(database, key, &report).await? {
         return Ok(Err(problem));
     }
-    Ok(result(database, key, &report).await?.map(|()| rounds))
+    if let Err(problem) = result(database, key, &report).await? {
+        return Ok(Err(problem));
+    }
+    Ok(metrics(database, key, &report.opening.episode).await?.map(|()| rounds))
 }
+
+/// The stored metrics of an episode, which follow from the journal. Those of earlier revisions cannot be computed any more.
+async fn metrics(
+    database: &mut SqliteConnection,
+    key: EpisodeKey,
+    id: &str,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let query = "SELECT embedder, revision, measured FROM metrics WHERE episode = ?";
+    for row in sqlx::query(query).bind(key.0).fetch_all(&mut *database).await? {
+        let (embedder, revision) = stored_method();
+        let known = 1..=revision;
+        let is_known = known.contains(&row.try_get::<u32, _>("revision").unwrap_or(0));
+        if row.try_get::<&str, _>("embedder")? != embedder || !is_known {
+            return Ok(Err(format!("{NO_METRICS} they were computed in an unknown way")));
+        }
+        if row.try_get::<u32, _>("revision")? < revision {
+            continue;
+        }
+        let measured = match rebuild::measured(database, key, id.to_owned()).await {
+            Ok(measured) => measured,
+            Err(RebuildError::Sqlite(error)) => return Err(error),
+            Err(error) => return Ok(Err(error.to_string())),
+        };
+        if row.try_get::<&str, _>("measured")? != measured.measured {
+            return Ok(Err(format!("{NO_METRICS} its own are others")));
+        }
+    }
+    Ok(Ok(()))
+}
+
+const NO_METRICS: &str =
+    "its metrics are not those of its journal (`swarmbench board rebuild` computes them again):";
 
 /// How many rounds there are, where none is missing.
 async fn rounds(

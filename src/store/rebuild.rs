@@ -152,7 +152,7 @@ pub async fn rebuild_metrics(
 }
 
 /// The metrics of a game, from its journal.
-async fn measured(
+pub(super) async fn measured(
     database: &mut SqliteConnection,
     episode: EpisodeKey,
     id: String,
