@@ -77,7 +77,7 @@ impl ImportMeter {
         for act in rows {
             let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
             let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
-            // The toolkit goes on writing rows for agents that have escaped.
+            // The toolkit still writes rows for agents that have escaped.
             if state.agents[agent].alive {
                 decided[agent] = Decision {
                     action: act.action.as_deref().and_then(|name| Action::parse(self.task, name)),

@@ -126,7 +126,7 @@ impl Axes {
     }
 }
 
-/// How opaque each of so many bands is, so that all together still show what is below them.
+/// The opacity of a band, by the number of bands: all of them together still show what is below them.
 pub(crate) fn opacity(bands: usize) -> f64 {
     (0.6 / real(bands.max(1))).min(0.14)
 }

@@ -90,7 +90,7 @@ pub enum ScoreError {
 /// The score of every state up to the last round; a game that ended early keeps its last one.
 ///
 /// # Errors
-/// Where the scores are not those of a game of at most so many rounds.
+/// If the scores are not those of a game of at most this many rounds.
 pub fn whole_score(scores: &[f64], rounds: usize) -> Result<Vec<Option<f64>>, ScoreError> {
     let last = *scores.last().ok_or(ScoreError::Empty)?;
     if scores.len() > rounds + 1 {

@@ -36,7 +36,7 @@ pub(super) struct Showing {
 pub(super) enum Kind {
     /// A mean, its deviation and the number of games.
     Score,
-    /// A number with so many digits.
+    /// A number with this many decimal places.
     Fixed(usize),
     /// A coefficient of correlation with three digits, and its stars.
     Coefficient,

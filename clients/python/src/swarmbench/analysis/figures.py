@@ -121,7 +121,7 @@ def _rounds(axes: Axes, last: int) -> None:
 
 
 def _grid(figure: Figure, panels: int, columns: int) -> list[Axes]:
-    """So many panels, in rows of so many columns."""
+    """A grid of `panels` axes, `columns` in each row."""
     axes = figure.subplots(-(-panels // columns), columns, squeeze=False).ravel()
     for unused in axes[panels:]:
         unused.set_axis_off()

@@ -12,9 +12,9 @@ class Metric(NamedTuple):
     Attributes:
         name: The name of its column.
         title: Its name for readers.
-        panel: The panel of the dynamics figure that shows it; None where it is not drawn.
+        panel: The panel of the dynamics figure that shows it; None if that figure does not draw it.
         divisor: By what it is divided there.
-        block: Whether it is about what agents said or did; None where it is in neither block.
+        block: Whether it is about what agents said or did; None if it belongs to neither block.
     """
 
     name: str

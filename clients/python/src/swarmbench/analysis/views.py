@@ -19,7 +19,7 @@ Maps = Mapping[tuple[str, int], str]
 
 
 class Seat(NamedTuple):
-    """Where an agent decided, and how far it saw: `radius` is None where it saw the whole map."""
+    """Where an agent decided, and how far it saw: `radius` is None if it saw the whole map."""
 
     episode: str
     round: int

@@ -17,7 +17,7 @@ TOP = 10
 WORDS_COMPARED_MIN = 2
 
 PRIOR_WORDS = 1000.0
-"""The weight of the prior: as if each model had also written so many words of the task as all models together do."""
+"""The weight of the prior: each model gets as many prior words of the task as all models wrote together."""
 
 
 class _Spaces(dict[int, str]):
