@@ -21,7 +21,7 @@ use crate::fair::Party;
 use crate::host::{Disk, HostDisk, memory_bytes, raise_open_files};
 use crate::hosted;
 use crate::http::limits::Limits;
-use crate::http::{Access, App, Foundation, router, serve::serve};
+use crate::http::{Access, App, Foundation, Source, router, serve::serve};
 use crate::measure;
 use crate::run::RunError;
 use crate::run::manager::{self, Runs};
@@ -46,6 +46,8 @@ pub struct Parts {
     pub disk: Option<Arc<dyn Disk>>,
     pub limits: Limits,
     pub access: Access,
+    /// Where the files of pages come from.
+    pub pages: Source,
 }
 
 impl Default for Parts {
@@ -56,6 +58,7 @@ impl Default for Parts {
             disk: None,
             limits: Limits::default(),
             access: Access::default(),
+            pages: Source::default(),
         }
     }
 }
@@ -120,7 +123,7 @@ impl Server {
     pub async fn open(database: &Path, parts: Parts) -> Result<Self, StartError> {
         telemetry::metrics();
         let store = Store::open(database).await?;
-        let Parts { clock, entropy, disk, limits, access } = parts;
+        let Parts { clock, entropy, disk, limits, access, pages } = parts;
         let last_key = store.last_key().await?;
         let has_keys = store.has_keys().await?;
         if let Some(newest) = store.newest_at().await?.filter(|newest| *newest > clock.host()) {
@@ -172,6 +175,7 @@ impl Server {
             workers,
             limits,
             access,
+            pages,
             has_keys,
             stop,
         });

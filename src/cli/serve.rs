@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use ipnet::IpNet;
 
-use crate::http::Access;
 use crate::http::limits::Limits;
+use crate::http::{Access, Source};
 use crate::server::{Parts, Server, fit_memory, fit_open_files, listen};
 use crate::telemetry::{LogFormat, start_logs};
 
@@ -52,6 +52,9 @@ pub(super) struct Args {
     /// control group. The process needs some more.
     #[arg(long, env = "SWARMBENCH_MEMORY_MAX", value_name = "BYTES", value_parser = bytes)]
     memory_max: Option<usize>,
+    /// Serve the files of pages from this folder in the place of those in the program, for work on them.
+    #[arg(long, env = "SWARMBENCH_PAGES", value_name = "FOLDER")]
+    pages: Option<PathBuf>,
     /// The log format; `RUST_LOG` sets the log level.
     #[arg(long, env = "SWARMBENCH_LOG_FORMAT", default_value = "text")]
     log_format: LogFormat,
@@ -93,11 +96,9 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let limits = fit_memory(limits, args.memory_max);
     let access =
         Access { open: args.open, private: args.private, trusted_proxies: args.trusted_proxy };
-    let server = Server::open(
-        &args.db,
-        Parts { limits: fit_open_files(limits), access, ..Parts::default() },
-    )
-    .await?;
+    let pages = args.pages.map_or_else(Source::default, Source::Folder);
+    let parts = Parts { limits: fit_open_files(limits), access, pages, ..Parts::default() };
+    let server = Server::open(&args.db, parts).await?;
     if !args.addr.ip().is_loopback() && !args.open && !server.has_keys() {
         server.close().await;
         bail!(

@@ -16,6 +16,7 @@ use super::heavy::Heavy;
 use super::idempotency::Creations;
 use super::in_flight::InFlight;
 use super::limits::Limits;
+use super::pages::Source;
 use super::ranking::Ranking;
 use super::rates::Rates;
 use super::sights::Sights;
@@ -63,6 +64,8 @@ pub struct Foundation {
     pub workers: Workers,
     pub limits: Limits,
     pub access: Access,
+    /// Where the files of pages come from.
+    pub pages: Source,
     /// Whether a key was ever made. After that creating needs one, even if all keys are revoked.
     pub has_keys: bool,
     /// Ends all waits when the server stops.

@@ -30,6 +30,7 @@ mod keys;
 pub mod limits;
 pub mod openapi;
 mod page;
+mod pages;
 mod ranking;
 mod rates;
 mod room;
@@ -44,6 +45,7 @@ mod tokens;
 mod waiting;
 
 pub use app::{Access, App, Foundation};
+pub use pages::Source;
 pub use router::router;
 
 /// What most handlers need.

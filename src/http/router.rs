@@ -5,16 +5,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use axum::Router;
-use axum::extract::{MatchedPath, Request};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::header::X_CONTENT_TYPE_OPTIONS;
 use axum::http::{HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{self, Next};
-use axum::response::{Html, IntoResponse, Response};
-use axum::routing::get;
+use axum::response::{IntoResponse, Response};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{
     MakeRequestId, PropagateRequestIdLayer, RequestId, SetRequestIdLayer,
 };
+use tower_http::set_header::SetResponseHeaderLayer;
 use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -23,7 +24,7 @@ use utoipa_axum::routes;
 use super::error::{ApiError, Code};
 use super::{
     App, admit, agent, audit, boards, claims, clock, competitions, description, docs, episodes,
-    exports, host, imports, keys, runs, stream, swarm,
+    exports, host, imports, keys, pages, runs, stream, swarm,
 };
 
 /// All routes that the OpenAPI document describes.
@@ -89,10 +90,14 @@ pub fn router(app: App) -> Router {
         .layer(SetRequestIdLayer::new(request_id.clone(), NumberedRequests::new(app.boot)))
         .layer(TraceLayer::new_for_http().make_span_with(span).on_response(()).on_failure(()))
         .layer(PropagateRequestIdLayer::new(request_id))
+        .layer(SetResponseHeaderLayer::if_not_present(
+            X_CONTENT_TYPE_OPTIONS,
+            HeaderValue::from_static("nosniff"),
+        ))
         .layer(CatchPanicLayer::custom(panicked));
     router
         .merge(docs::routes(document))
-        .route("/", get(front_page))
+        .merge(pages::routes())
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(middleware::from_fn_with_state(app.registry.clone(), stream::reserve))
@@ -123,11 +128,6 @@ impl MakeRequestId for NumberedRequests {
         let name = format!("{:016x}-{number}", self.boot);
         HeaderValue::try_from(name).ok().map(RequestId::new)
     }
-}
-
-/// The page that a browser sees first.
-async fn front_page() -> Html<&'static str> {
-    Html(include_str!("../../static/index.html"))
 }
 
 /// A span for every request, with its id; never with its headers, which hold tokens.
@@ -185,9 +185,12 @@ fn micros(taken: std::time::Duration) -> u64 {
     u64::try_from(taken.as_micros()).unwrap_or(u64::MAX)
 }
 
-async fn no_route(request: Request) -> ApiError {
+async fn no_route(State(app): State<App>, request: Request) -> Response {
+    if pages::wants_page(&request) {
+        return pages::Shell::not_found().response(&app);
+    }
     let path: String = request.uri().path().chars().take(200).collect();
-    ApiError::new(Code::NotFound, format!("there is no route {path}; see /docs"))
+    ApiError::new(Code::NotFound, format!("there is no route {path}; see /docs")).into_response()
 }
 
 async fn no_method(request: Request) -> ApiError {

@@ -109,6 +109,16 @@ impl App {
         self.summary_of(caller, &stored.ok_or_else(|| ApiError::not_found("the episode"))?)
     }
 
+    /// An episode of which the caller may read the states, as it is shown.
+    pub(super) async fn readable_summary(
+        &self,
+        caller: &Caller,
+        id: &str,
+    ) -> Result<EpisodeSummary, ApiError> {
+        let stored = self.readable_stored(caller, id.to_owned()).await?;
+        self.summary_of(caller, &stored)
+    }
+
     /// A stored episode as it is shown to `caller`.
     fn summary_of(
         &self,

@@ -13,8 +13,8 @@ use std::time::Duration;
 use reqwest::{Client, Method};
 use serde_json::Value;
 use swarmbench::host::ManualDisk;
-use swarmbench::http::Access;
 use swarmbench::http::limits::Limits;
+use swarmbench::http::{Access, Source};
 use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::Store;
@@ -236,6 +236,7 @@ impl TestApp {
             disk: Some(Arc::clone(&self.disk) as _),
             limits: self.limits,
             access: self.access.clone(),
+            pages: Source::default(),
         }
     }
 
