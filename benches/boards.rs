@@ -17,7 +17,7 @@ use swarmbench::episode::registry::Registry;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::host::{Disk, ManualDisk};
 use swarmbench::http::limits::Limits;
-use swarmbench::http::{Access, App, Foundation, router, serve::serve};
+use swarmbench::http::{Access, Source, App, Foundation, router, serve::serve};
 use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey};
 use swarmbench::run::definition::Definition;
 use swarmbench::run::manager::{self, Runs};
@@ -150,6 +150,7 @@ async fn start(store: Store) -> (SocketAddr, CancellationToken) {
         workers,
         limits,
         access: Access::default(),
+        pages: Source::default(),
         has_keys: false,
         stop: stop.clone(),
     });
