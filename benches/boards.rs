@@ -17,7 +17,7 @@ use swarmbench::episode::registry::Registry;
 use swarmbench::episode::spec::{Spec, Visibility};
 use swarmbench::host::{Disk, ManualDisk};
 use swarmbench::http::limits::Limits;
-use swarmbench::http::{Access, Source, App, Foundation, router, serve::serve};
+use swarmbench::http::{Access, App, Foundation, Source, router, serve::serve};
 use swarmbench::ids::{EpisodeId, EpisodeKey, RunKey};
 use swarmbench::run::definition::Definition;
 use swarmbench::run::manager::{self, Runs};

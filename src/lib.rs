@@ -33,6 +33,7 @@ pub mod ids;
 pub mod keys;
 pub mod measure;
 mod migrations;
+pub mod pages;
 pub mod run;
 pub mod server;
 pub mod standings;

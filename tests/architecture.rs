@@ -9,6 +9,7 @@ use std::process::Command;
 /// The modules of the server from the lowest to the highest: each may name only those before it.
 const ORDER: &[&str] = &[
     "migrations",
+    "pages",
     "host",
     "ids",
     "keys",

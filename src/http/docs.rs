@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 
 use axum::extract::Path;
 use axum::http::StatusCode;
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
 use axum::{Json, Router};
@@ -61,11 +61,16 @@ fn name_in_dist(path: &str) -> Option<&str> {
     path.strip_prefix("dist/").filter(|name| !name.is_empty())
 }
 
+/// Swagger UI sets styles in its markup, and its page names its files relative to a base.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
+    connect-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors 'none'";
+
 /// Swagger UI, which needs no network but this server.
-async fn page() -> Html<String> {
+async fn page() -> impl IntoResponse {
     let page = String::from_utf8_lossy(&FILES[INDEX]);
     // The page names its files relative to itself.
-    Html(page.replace("<head>", "<head><base href=\"/docs/files/\">"))
+    let page = page.replace("<head>", "<head><base href=\"/docs/files/\">");
+    ([(CONTENT_SECURITY_POLICY, POLICY)], Html(page))
 }
 
 async fn file(name: Option<Path<String>>) -> Response {
@@ -75,7 +80,10 @@ async fn file(name: Option<Path<String>>) -> Response {
         Some(Path(name)) => name,
     };
     match FILES.get(name) {
-        Some(bytes) => ([(CONTENT_TYPE, media_type(name))], bytes.clone()).into_response(),
+        Some(bytes) => {
+            let headers = [(CONTENT_TYPE, media_type(name)), (CONTENT_SECURITY_POLICY, POLICY)];
+            (headers, bytes.clone()).into_response()
+        }
         None => StatusCode::NOT_FOUND.into_response(),
     }
 }

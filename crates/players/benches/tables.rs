@@ -27,7 +27,7 @@ const AGENTS: [i64; 6] = [8, 12, 16, 20, 24, 30];
 /// Tasks whose scores depend on more than the layout.
 const TASKS_OF_SIZES: [TaskName; 3] = [TaskName::Pursuit, TaskName::Foraging, TaskName::Transport];
 
-/// The scores of a task's best player; none where the agents do not fit on the map.
+/// The scores of a task's best player, one a seed; `None` if the agents do not fit on the map.
 fn scores(settings: &Settings, task: TaskName, seeds: u64) -> Option<Vec<f64>> {
     let of_seed = |seed| {
         let Settings { task, seed, .. } = Settings::standard(task, seed);

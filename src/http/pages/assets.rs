@@ -1,23 +1,15 @@
-//! The files that pages load, from `static/assets`: part of the program, or read from a folder for who works on them.
+//! `GET /assets/{version}/…`: the files that pages load. They are part of the program, or in a folder for work on them.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::{Component, Path, PathBuf};
-use std::sync::LazyLock;
 
 use axum::extract::{self, State};
 use axum::http::header::{ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_TYPE, VARY};
 use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
-use flate2::Compression;
-use flate2::write::GzEncoder;
-use rust_embed::RustEmbed;
-use sha2::{Digest, Sha256};
 
 use super::super::App;
 use super::super::error::ApiError;
+use crate::pages::FILES;
 
 /// Where the files of pages come from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -31,55 +23,6 @@ pub enum Source {
 
 /// Part of the addresses of files that come from a folder.
 const FOLDER_VERSION: &str = "folder";
-
-/// Bytes of a digest in the addresses of files: enough that two versions never share one.
-const VERSION_BYTES: usize = 8;
-
-#[derive(RustEmbed)]
-#[folder = "static/assets"]
-struct Embedded;
-
-/// All files of the program, compressed at the first request for one of them.
-static FILES: LazyLock<Files> = LazyLock::new(Files::embedded);
-
-struct Files {
-    /// Identifies the content of all files together. It is part of their addresses, so that browsers may keep them for
-    /// ever, and files that import each other are always of one version.
-    version: String,
-    by_name: BTreeMap<String, File>,
-}
-
-struct File {
-    plain: Bytes,
-    compressed: Bytes,
-}
-
-impl Files {
-    fn embedded() -> Self {
-        let mut hash = Sha256::new();
-        let mut by_name = BTreeMap::new();
-        let mut names: Vec<Cow<'static, str>> = Embedded::iter().collect();
-        names.sort();
-        for name in names {
-            let file = Embedded::get(&name).expect("it is listed");
-            for part in [name.as_bytes(), &file.data] {
-                hash.update((part.len() as u64).to_be_bytes());
-                hash.update(part);
-            }
-            let plain = Bytes::from(file.data.into_owned());
-            let compressed = compress(&plain);
-            by_name.insert(name.into_owned(), File { plain, compressed });
-        }
-        let version = data_encoding::HEXLOWER.encode(&hash.finalize()[..VERSION_BYTES]);
-        Self { version, by_name }
-    }
-}
-
-fn compress(plain: &[u8]) -> Bytes {
-    let mut compressed = GzEncoder::new(Vec::new(), Compression::best());
-    let done = compressed.write_all(plain).and_then(|()| compressed.finish());
-    done.expect("writing to memory does not fail").into()
-}
 
 impl Source {
     /// The folder of all files in addresses.
@@ -104,7 +47,7 @@ pub(super) async fn asset(
     let media_type = [(CONTENT_TYPE, media_type(&name))];
     match &app.pages {
         Source::Program => {
-            let file = FILES.by_name.get(&name).ok_or_else(unknown)?;
+            let file = FILES.get(&name).ok_or_else(unknown)?;
             let cached = [(CACHE_CONTROL, "public, max-age=31536000, immutable")];
             let varies = [(VARY, "accept-encoding")];
             if accepts_gzip(&headers) {

@@ -7,9 +7,9 @@ use axum::http::header::{
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
-use swarmbench_figures::scene::printable;
 
 use super::super::App;
+use crate::pages::escape;
 
 const DOCUMENT: &str = include_str!("../../../static/page.html");
 
@@ -103,13 +103,13 @@ impl Shell {
 
     fn document(&self, version: &str) -> String {
         let link = |route: &String| {
-            let route = escape_html(route);
+            let route = escape(route);
             format!("<li><a href=\"{route}\">{route}</a></li>")
         };
         let values = [
             ("{version}", version.to_owned()),
-            ("{title}", escape_html(&self.title)),
-            ("{description}", escape_html(&self.description)),
+            ("{title}", escape(&self.title)),
+            ("{description}", escape(&self.description)),
             ("{links}", self.links.iter().map(link).collect()),
         ];
         fill(DOCUMENT, &values)
@@ -140,21 +140,6 @@ pub(in super::super) fn wants_page(request: &Request) -> bool {
     let accept = request.headers().get(ACCEPT).and_then(|accept| accept.to_str().ok());
     accept.is_some_and(|accept| accept.contains("text/html"))
         && !request.uri().path().starts_with("/api/")
-}
-
-fn escape_html(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in printable(text).chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\'' => escaped.push_str("&#39;"),
-            c => escaped.push(c),
-        }
-    }
-    escaped
 }
 
 fn escape_url(text: &str) -> String {

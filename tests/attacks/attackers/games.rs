@@ -42,7 +42,7 @@ impl Large {
         })
     }
 
-    /// Plays at most so many rounds for at most a time; how many have been played.
+    /// Plays up to `rounds` rounds in up to `time`, and returns how many it played.
     pub(super) async fn play(
         &mut self,
         ctx: &Ctx,
