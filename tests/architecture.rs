@@ -16,6 +16,7 @@ const ORDER: &[&str] = &[
     "telemetry",
     "work",
     "budget",
+    "replay",
     "store",
     "episode",
     "measure",

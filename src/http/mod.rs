@@ -32,6 +32,7 @@ pub mod openapi;
 mod page;
 mod ranking;
 mod rates;
+mod replay_pages;
 mod room;
 mod router;
 mod runs;
