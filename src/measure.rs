@@ -113,7 +113,7 @@ pub async fn measure(
     };
     let micros = MICROS_OF_AN_AGENT * u64::from(config.num_agents());
     let layout = Arc::new(World::new(Arc::new(config)));
-    let options = Options { series, vectors: true, edits: true };
+    let options = Options::all(series);
     let meter =
         Meter::new(Setup::of(&layout), State::of(&layout), options, Arc::new(Hash1::default()));
     let rounds = Rounds {

@@ -17,6 +17,7 @@ const ORDER: &[&str] = &[
     "telemetry",
     "work",
     "budget",
+    "replay",
     "store",
     "episode",
     "measure",

@@ -111,7 +111,7 @@ fn measured(
     embedder: &Arc<dyn Embedder>,
 ) -> anyhow::Result<GameMetrics> {
     let bar = progress_bar("{bar:30} round {pos} of {len}");
-    let options = Options { series: wants_series, vectors: true, edits: true };
+    let options = Options::all(wants_series);
     let read = swarmbench_analysis::journal::measure(
         BufReader::new(journal),
         options,

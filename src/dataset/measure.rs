@@ -18,7 +18,7 @@ const FIXED: [&str; 3] = ["W", "N", "F"];
 
 /// A meter at the layout of a game.
 pub fn meter(layout: &World, series: bool, embedder: Arc<dyn Embedder>) -> Meter {
-    let options = Options { series, vectors: true, edits: true };
+    let options = Options::all(series);
     Meter::new(Setup::of(layout), State::of(layout), options, embedder)
 }
 
@@ -61,7 +61,7 @@ impl ImportMeter {
             memory: settings.memory.and_then(|rounds| u32::try_from(rounds).ok()),
             open_cells: 0,
         };
-        let options = Options { series, vectors: true, edits: true };
+        let options = Options::all(series);
         Ok(Self { setup, task, options, meter: None, decided: Vec::new() })
     }
 

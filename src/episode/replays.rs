@@ -39,7 +39,7 @@ pub enum RecoveryError {
 }
 
 /// A state of an episode: its number, and the round.
-pub(super) type Key = (EpisodeKey, u32);
+pub type Key = (EpisodeKey, u32);
 
 pub(super) type Replayed = Result<Arc<World>, RecoveryError>;
 
@@ -74,7 +74,7 @@ impl Replays {
     }
 
     /// Caches a state.
-    pub(super) fn keep(&self, key: Key, world: &Arc<World>) {
+    pub fn keep(&self, key: Key, world: &Arc<World>) {
         self.recent.insert(key, Arc::clone(world));
     }
 

@@ -38,3 +38,14 @@ pub(super) fn with_field(object: &impl Serialize, name: &str, value: &[u8]) -> V
     body.push(b'}');
     body
 }
+
+/// Two objects as one; the second is written out already.
+pub(super) fn joined(object: &impl Serialize, rest: &[u8]) -> Vec<u8> {
+    let mut body = serde_json::to_vec(object).expect("string keys");
+    let end = body.pop();
+    debug_assert!(end == Some(b'}') && body.len() > 1 && rest.len() > 2, "objects with fields");
+    body.reserve(rest.len());
+    body.push(b',');
+    body.extend_from_slice(&rest[1..]);
+    body
+}

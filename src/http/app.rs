@@ -19,6 +19,7 @@ use super::limits::Limits;
 use super::pages::Source;
 use super::ranking::Ranking;
 use super::rates::Rates;
+use super::replay_pages::ReplayPages;
 use super::sights::Sights;
 use super::stream::Streams;
 use super::tokens::Tokens;
@@ -90,6 +91,8 @@ pub struct Shared {
     pub(super) rounds_seen: Mutex<u64>,
     pub(super) heavy: Heavy,
     pub(super) streams: Arc<Streams>,
+    /// Pages of replays as they were written.
+    pub(super) replay_pages: ReplayPages,
     /// What seats see in open rounds, as it was written.
     pub(super) sights: Sights,
     pub(super) standings: Standings,
@@ -118,6 +121,7 @@ impl App {
             rounds_seen: Mutex::new(0),
             heavy: Heavy::new(workers.clone(), limits),
             streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
+            replay_pages: ReplayPages::new(),
             sights: Sights::new(),
             standings: Standings::new(store.clone()),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),

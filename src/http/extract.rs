@@ -170,6 +170,24 @@ impl<S: Sync + Send> FromRequestParts<S> for Ids {
     }
 }
 
+/// The id in a path, with a round and the name of an agent behind it.
+pub(super) struct AgentPlace {
+    pub(super) id: String,
+    pub(super) round: u32,
+    pub(super) agent: String,
+}
+
+impl<S: Sync + Send> FromRequestParts<S> for AgentPlace {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let place = Path::<(String, String, String)>::from_request_parts(parts, state).await;
+        let Path((id, round, agent)) = place.map_err(|_| ApiError::not_found("the id"))?;
+        let round = round.parse().map_err(|_| ApiError::not_found("the round"))?;
+        Ok(Self { id, round, agent })
+    }
+}
+
 /// Refuses a filter that is none of the names that there are.
 pub(super) fn one_of(field: &str, value: Option<&str>, names: &[&str]) -> Result<(), ApiError> {
     match value {

@@ -6,6 +6,7 @@ use crate::episode::registry::RECOVERIES_MAX;
 use crate::fair::PARTIES_REMEMBERED_MAX;
 use crate::host::DISK_FREE_BYTES_ENOUGH;
 use crate::hosted::HOSTED_ROUNDS_MAX;
+use crate::replay::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, ROUNDS_MAX};
 use crate::store::{READERS_MAX, READERS_WAITING_MAX, READERS_WAITING_PER_GROUP_MAX};
 use crate::work::{JOBS_WAITING_MAX, JOBS_WAITING_PER_GROUP_MAX};
 
@@ -14,6 +15,9 @@ pub(super) const STREAMS_WAITING_MAX: usize = 16_384;
 
 /// Of these, those of one group.
 pub(super) const STREAMS_WAITING_PER_GROUP_MAX: usize = 4096;
+
+/// Scores in one series, beside the newest.
+pub(super) const SCORE_POINTS_MAX: u32 = 1000;
 
 /// Declares the limits that can be set, with their defaults, and those that cannot, in the order of their table.
 macro_rules! limits {
@@ -180,6 +184,10 @@ limits! {
         heavy_jobs_max = JOBS_WAITING_MAX,
         heavy_jobs_per_group_max = JOBS_WAITING_PER_GROUP_MAX,
         hosted_rounds_max = HOSTED_ROUNDS_MAX,
+        replay_rounds_max = ROUNDS_MAX,
+        replay_agent_rounds_max = AGENT_ROUNDS_MAX,
+        replay_page_bytes_max = PAGE_BYTES_MAX,
+        score_points_max = SCORE_POINTS_MAX,
         take_ups_max = RECOVERIES_MAX,
         readers_max = READERS_MAX,
         readers_waiting_max = READERS_WAITING_MAX,

@@ -33,6 +33,7 @@ mod page;
 mod pages;
 mod ranking;
 mod rates;
+mod replay_pages;
 mod room;
 mod router;
 mod runs;

@@ -41,6 +41,9 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
         .routes(routes!(episodes::metrics::show_episode_metrics))
+        .routes(routes!(episodes::replay::show_replay))
+        .routes(routes!(episodes::agent::show_agent_round))
+        .routes(routes!(episodes::scores::show_scores))
         .routes(routes!(claims::create::create_claim, claims::list::list_claims))
         .routes(routes!(episodes::void::void_episode))
         .routes(routes!(runs::create::create_run, runs::list::list_runs))
@@ -48,6 +51,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(runs::token::replace_run_token))
         .routes(routes!(runs::events::stream_run_events))
         .routes(routes!(runs::metrics::show_run_metrics))
+        .routes(routes!(runs::scores::show_run_scores))
         .routes(routes!(runs::suites::list_suites))
         .routes(routes!(
             competitions::create::create_competition,

@@ -165,7 +165,7 @@ pub(super) async fn measured(
     let (rounds, _) = standing(database, episode).await?.unwrap_or_default();
     let stored = StoredJournal { episode, opening, seating, rounds, ending: None };
     let read = |journal| {
-        let options = Options { series: false, vectors: true, edits: true };
+        let options = Options::all(false);
         let embedder: Arc<dyn Embedder> = Arc::new(Hash1::new());
         let measured = measure(journal, options, &embedder, |_, _| ());
         measured.map(|(_, metrics)| Measured::of(&metrics)).map_err(|fault| fault.to_string())

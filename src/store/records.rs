@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use futures::FutureExt;
+use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use swarmbench_engine::AgentId;
 
@@ -15,7 +16,7 @@ use super::rows::{FromRow, from_row, get};
 use crate::ids::{CompetitionKey, EpisodeId, EpisodeKey, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{Entry, Held};
-use swarmbench_journal::record::RawRecord;
+use swarmbench_journal::record::{ActRecord, RawRecord};
 
 /// Bytes of records that are read in one piece, before others have their turn on the thread.
 const PIECE_BYTES: u64 = 128 * 1024;
@@ -153,7 +154,45 @@ impl Store {
     }
 }
 
+impl Store {
+    /// What one seat did in one round, whole, and when.
+    pub async fn timed_act(
+        &self,
+        episode: EpisodeKey,
+        round: u32,
+        agent: AgentId,
+    ) -> Result<Option<TimedAct>, StoreError> {
+        let query = sqlx::query(
+            "SELECT record, at FROM acts WHERE episode = ? AND round = ? AND agent = ?",
+        );
+        self.fetch_optional(query.bind(episode.0).bind(round).bind(agent.0)).await
+    }
+
+    /// The scores after these numbers of rounds, each at least one, in order.
+    pub async fn scores_after(
+        &self,
+        episode: EpisodeKey,
+        rounds: &[u32],
+    ) -> Result<Vec<f64>, StoreError> {
+        let last: Vec<u32> = rounds.iter().map(|rounds| rounds - 1).collect();
+        let last = serde_json::to_string(&last).expect("numbers");
+        let query = sqlx::query(
+            "SELECT score FROM rounds WHERE episode = ? AND round IN (SELECT value FROM json_each(?))
+             ORDER BY round",
+        );
+        self.fetch_all(query.bind(episode.0).bind(last)).await
+    }
+}
+
+/// What a seat did in a round, and when.
+#[derive(Clone, Debug)]
+pub struct TimedAct {
+    pub record: ActRecord,
+    pub at: Timestamp,
+}
+
 from_row! {
+    TimedAct { record, at }
     StoredRound { round, digest, score, head }
 }
 

@@ -1,6 +1,6 @@
 //! The names of all metrics, and what is known of each.
 
-use swarmbench_engine::named;
+use swarmbench_engine::{TaskName, named};
 
 named! {
     /// Which definition of a metric: the two are never mixed.
@@ -162,7 +162,36 @@ pub struct RunValue {
     pub rounds: u32,
 }
 
+/// The metrics that follow from a round and the states around it, in all tasks. None of them compares texts.
+const OF_ROUNDS: [Metric; 12] = [
+    Metric::QuestionShare,
+    Metric::DigitShare,
+    Metric::MessageLength,
+    Metric::DirectionEntropy,
+    Metric::Stillness,
+    Metric::DominantAction,
+    Metric::Polarization,
+    Metric::StepLength,
+    Metric::KeptPairs,
+    Metric::Pushes,
+    Metric::Components,
+    Metric::BlockedShare,
+];
+
 impl Metric {
+    /// The metrics of a task that follow from a round and the states around it, without the rounds before it. A
+    /// [`Meter`](crate::Meter) that begins in the middle of a game has the same values of them, and none of them needs
+    /// vectors or edits.
+    pub fn of_rounds(task: TaskName) -> impl Iterator<Item = Self> {
+        let of_task: &[Self] = match task {
+            TaskName::Transport => &[Self::PushAlignment, Self::ForcePeak],
+            TaskName::Pursuit => &[Self::PreyFreedom],
+            TaskName::Synchronization => &[Self::LightAgreement],
+            TaskName::Foraging | TaskName::Flocking => &[],
+        };
+        OF_ROUNDS.iter().chain(of_task).copied()
+    }
+
     /// What is known of it.
     #[must_use]
     pub const fn about(self) -> About {

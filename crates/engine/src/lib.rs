@@ -77,7 +77,9 @@ pub use grid::{BodyId, Direction, Grid, Pos};
 pub use mail::Delivery;
 pub use message::Message;
 pub use names::{Control, RuleSet, TaskName};
-pub use observe::{AgentState, Observation, PastView, Remembered, Seen, SpectatorView, View};
+pub use observe::{
+    AgentState, Landmarks, Observation, PastView, Remembered, Seen, SpectatorView, View,
+};
 pub use seed::{Seed, SeedError};
 pub use settings::Settings;
 pub use world::World;

@@ -174,6 +174,17 @@ pub struct SpectatorView {
     pub distance: Option<f64>,
 }
 
+/// What a task has beside its agents, as a spectator sees it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Landmarks {
+    /// Where the prey is (Pursuit).
+    pub prey: Option<Pos>,
+    /// The top-left cell of the block's shape (Transport).
+    pub block: Option<Pos>,
+    /// The cost of the placement (Flocking).
+    pub distance: Option<f64>,
+}
+
 /// An agent, as a spectator sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AgentState {
@@ -242,13 +253,7 @@ impl World {
     #[must_use]
     pub fn spectator_view(&self) -> SpectatorView {
         let agents = self.agent_states().collect();
-        let (mut prey, mut block, mut distance) = (None, None, None);
-        match &self.task {
-            Task::Transport(task) => block = Some(self.board.body(task.block).at),
-            Task::Pursuit(task) => prey = Some(self.board.body(task.prey).at),
-            Task::Flocking(task) => distance = Some(task.current),
-            Task::Synchronization(_) | Task::Foraging(_) => {}
-        }
+        let Landmarks { prey, block, distance } = self.landmarks();
         let grid = self.board.grid();
         let symbol = |i, j| self.board.kind_at(Pos::new(i, j)).map_or('.', symbol);
         let row = |i| (0..grid.width()).map(|j| symbol(i, j)).collect();
@@ -260,6 +265,20 @@ impl World {
             prey,
             block,
             distance,
+        }
+    }
+
+    /// What a task has beside its agents.
+    #[must_use]
+    pub fn landmarks(&self) -> Landmarks {
+        let at = |id| Some(self.board.body(id).at);
+        match &self.task {
+            Task::Transport(task) => Landmarks { block: at(task.block), ..Landmarks::default() },
+            Task::Pursuit(task) => Landmarks { prey: at(task.prey), ..Landmarks::default() },
+            Task::Flocking(task) => {
+                Landmarks { distance: Some(task.current), ..Landmarks::default() }
+            }
+            Task::Synchronization(_) | Task::Foraging(_) => Landmarks::default(),
         }
     }
 

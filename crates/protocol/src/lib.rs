@@ -32,6 +32,7 @@ pub mod metrics;
 pub mod names;
 pub mod observation;
 pub mod problem;
+pub mod replay;
 pub mod run;
 pub mod settings;
 pub mod status;

@@ -38,16 +38,7 @@ pub(in super::super) async fn read_journal(
     Id(id): Id,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
-    let (stored, spec) = app.known(&caller, id).await?;
-    if !app.may_read_journal(&caller, &stored) {
-        let detail = if spec.is_mixed() {
-            "a journal contains the seed and the answers of all seat holders: it can be read after the end"
-        } else {
-            "a journal contains the seed: until the end only the creator may read it"
-        };
-        return Err(ApiError::new(Code::Forbidden, detail));
-    }
-    app.audit_sealed_read(&caller, &stored, spec.visibility).await?;
+    let (stored, _) = app.journaled(&caller, id).await?;
     // The current state.
     let stored = app.store.find_summary(&stored.id).await?;
     let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;

@@ -1,11 +1,14 @@
 //! Episodes: create, list, show, start, abort, and what spectators read.
 
 pub(super) mod abort;
+pub(super) mod agent;
 pub(super) mod create;
 pub(super) mod events;
 pub(super) mod journal;
 pub(super) mod list;
 pub(super) mod metrics;
+pub(super) mod replay;
+pub(super) mod scores;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod state;
@@ -93,6 +96,33 @@ impl App {
         } else {
             Err(unknown())
         }
+    }
+
+    /// What is stored of an episode of which the caller may read the journal.
+    async fn journaled(
+        &self,
+        caller: &Caller,
+        id: String,
+    ) -> Result<(StoredEpisode, Spec), ApiError> {
+        let (stored, spec) = self.known(caller, id).await?;
+        if !self.may_read_journal(caller, &stored) {
+            let detail = if spec.is_mixed() {
+                "a journal contains the seed and the answers of all seat holders: it can be read after the end"
+            } else {
+                "a journal contains the seed: until the end only the creator may read it"
+            };
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
+        self.audit_sealed_read(caller, &stored, spec.visibility).await?;
+        Ok((stored, spec))
+    }
+
+    /// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
+    /// holders is played, they know of each other what they see and hear.
+    fn may_see_decisions(&self, caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
+        let spec = spec(stored)?;
+        let subject = subject(stored, &spec);
+        Ok(!subject.is_mixed || subject.is_over || caller.oversees(subject))
     }
 
     /// Whether the caller may read all that was played, with seed and acts. Until the end only the creator may, or only

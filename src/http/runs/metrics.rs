@@ -51,12 +51,8 @@ pub(in super::super) async fn show_run_metrics(
     Params(params): Params<RunMetricsParams>,
 ) -> Result<Json<RunMetrics>, ApiError> {
     let definition = definition(params.definition.as_deref())?;
-    let limit = params.limit.unwrap_or(GAMES_USUAL);
-    if !(1..=GAMES_MAX).contains(&limit) {
-        let detail = format!("limit must be from 1 to {GAMES_MAX}, is {limit}");
-        return Err(ApiError::new(Code::Malformed, detail));
-    }
-    let after = params.cursor.as_deref().map(read_cursor).transpose()?;
+    let limit = games_limit(params.limit)?;
+    let after = slot_after(params.cursor.as_deref())?;
     let known = app.known_run(&caller, &id).await?;
     let games = app.store.games_of(known.stored.run).await?;
     let readable = games.iter().filter(|game| {
@@ -74,12 +70,30 @@ pub(in super::super) async fn show_run_metrics(
         items.push(game_metrics(&stored, &measured, definition)?);
         last = Some(game.slot);
     }
-    let next_cursor = last.filter(|_| left.next().is_some()).map(|slot| format!("m{slot:x}"));
+    let next_cursor = last.filter(|_| left.next().is_some()).map(slot_cursor);
     let (run, method) = (known.stored.id.clone(), method(definition));
     Ok(Json(RunMetrics { run, method, tasks: means(&items), items, next_cursor }))
 }
 
-fn read_cursor(text: &str) -> Result<u32, ApiError> {
+/// How many games a page has at most, checked.
+pub(super) fn games_limit(limit: Option<u32>) -> Result<u32, ApiError> {
+    let limit = limit.unwrap_or(GAMES_USUAL);
+    if (1..=GAMES_MAX).contains(&limit) {
+        return Ok(limit);
+    }
+    let detail = format!("limit must be from 1 to {GAMES_MAX}, is {limit}");
+    Err(ApiError::new(Code::Malformed, detail))
+}
+
+/// The cursor behind a slot of the plan.
+pub(super) fn slot_cursor(slot: u32) -> String {
+    format!("m{slot:x}")
+}
+
+/// The slot behind which a page begins, by its cursor.
+pub(super) fn slot_after(cursor: Option<&str>) -> Result<Option<u32>, ApiError> {
+    let Some(text) = cursor else { return Ok(None) };
     let slot = text.strip_prefix('m').and_then(|slot| u32::from_str_radix(slot, 16).ok());
-    slot.ok_or_else(|| ApiError::new(Code::Malformed, "cursor is none of this list"))
+    let unknown = || ApiError::new(Code::Malformed, "cursor is none of this list");
+    slot.ok_or_else(unknown).map(Some)
 }

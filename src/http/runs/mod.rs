@@ -5,6 +5,7 @@ pub(super) mod create;
 pub(super) mod events;
 pub(super) mod list;
 pub(super) mod metrics;
+pub(super) mod scores;
 pub(super) mod show;
 pub(super) mod suites;
 pub(super) mod token;

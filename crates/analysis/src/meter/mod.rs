@@ -33,7 +33,8 @@ use toolkit::Toolkit;
 use totals::Totals;
 
 /// What to compute beside what is always computed. What is left out has no value, from 0 rounds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// By default nothing is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
     /// Whether the values of all rounds are wanted, not those of the game alone.
     pub series: bool,
@@ -42,6 +43,14 @@ pub struct Options {
     /// Whether texts are compared character by character ([`Metric::EditConsistency`] and what follows from it,
     /// [`Metric::SelfRepeat`], [`Metric::Echo`]).
     pub edits: bool,
+}
+
+impl Options {
+    /// All metrics; `series` says whether those of all rounds are wanted.
+    #[must_use]
+    pub const fn all(series: bool) -> Self {
+        Self { series, vectors: true, edits: true }
+    }
 }
 
 /// All that was measured of a game.

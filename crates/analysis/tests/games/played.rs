@@ -78,10 +78,7 @@ impl Played {
 
     /// Everything that can be measured.
     pub(crate) fn metrics(&self) -> Metrics {
-        let (embedder, options) = (
-            std::sync::Arc::new(Hash1::new()),
-            Options { series: true, vectors: true, edits: true },
-        );
+        let (embedder, options) = (std::sync::Arc::new(Hash1::new()), Options::all(true));
         let mut meter = Meter::new(self.setup.clone(), self.layout.clone(), options, embedder);
         for round in &self.rounds {
             meter.round(&round.decisions, round.after.clone(), round.heard.as_deref());

@@ -1,0 +1,146 @@
+//! `GET /api/v1/episodes/{id}/rounds/{round}/agents/{agent}`.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use axum::Json;
+use swarmbench_engine::{AgentId, World};
+
+use super::super::agent::look::result;
+use super::super::extract::AgentPlace;
+use super::super::prelude::*;
+use crate::episode::Status;
+use crate::episode::actor::Handle;
+use crate::store::port::EpisodeStore;
+use crate::store::records::TimedAct;
+use swarmbench_journal::record::Source;
+use swarmbench_prompt::tasks;
+use swarmbench_protocol::observation::Sight;
+use swarmbench_protocol::replay::{AgentRound, InboxMessage, ShownAct};
+
+/// Show what an agent knew in a round, and what it did.
+///
+/// Its observation, the messages that it read with their senders, the text for a language model, and its act with the
+/// answer and the reasons. Who may read the journal may read this.
+#[utoipa::path(
+    get,
+    path = "/api/v1/episodes/{id}/rounds/{round}/agents/{agent}",
+    operation_id = "show_agent_round",
+    tag = "episodes",
+    params(
+        ("id" = String, Path, description = "The episode's id"),
+        ("round" = u32, Path, description = "The round that the observation answers: 0 up to the number of resolved rounds"),
+        ("agent" = String, Path, description = "The agent's name"),
+    ),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "What it knew and did", body = AgentRound),
+        (status = 403, description = "`forbidden`: only the creator may read it before the end"),
+        (status = 404, description = "`not_found`: no such episode or agent, or the round has not come yet"),
+        (status = 503, description = "`overloaded`: too many episodes are being replayed"),
+    )
+)]
+pub(in super::super) async fn show_agent_round(
+    State(app): State<App>,
+    caller: Caller,
+    AgentPlace { id, round, agent }: AgentPlace,
+    _: Params<Nothing>,
+) -> Result<Json<AgentRound>, ApiError> {
+    let (stored, _) = app.journaled(&caller, id).await?;
+    let handle = app.episode(&stored.id).await?;
+    let agents = handle.spec.config.num_agents();
+    let agent = AgentId::parse(&agent).filter(|agent| agent.0 < agents);
+    let agent = agent.ok_or_else(|| ApiError::not_found("the agent"))?;
+    let snapshot = handle.snapshot();
+    let newest = snapshot.world.round();
+    let (world, status, result) = match round.cmp(&newest) {
+        std::cmp::Ordering::Less => {
+            (app.state_at(&handle, round, None).await?, Status::Running, None)
+        }
+        std::cmp::Ordering::Equal => {
+            (Arc::clone(&snapshot.world), snapshot.status, result(&snapshot))
+        }
+        std::cmp::Ordering::Greater => {
+            let detail =
+                format!("the episode stands at round {newest}; round {round} is not resolved");
+            return Err(ApiError::new(Code::NotFound, detail).at_round(newest));
+        }
+    };
+    let inbox = app.inbox(&handle, &world, agent).await?;
+    let act = match round < newest {
+        true => app.store.timed_act(handle.key, round, agent).await?.map(shown),
+        false => None,
+    };
+    let (id, description) = (handle.id.to_string(), tasks::description(&handle.spec.config));
+    let write = move || {
+        let sight = Sight::of(&world.observe(agent), id, description, status, result);
+        let spec = &handle.spec;
+        let prompt = swarmbench_prompt::render(&spec.prompt_template, &sight, &spec.config);
+        (sight, prompt.map_err(|problem| problem.to_string()))
+    };
+    let (sight, prompt) = app.heavy.render(write).await?;
+    let (prompt, prompt_problem) = prompt.map_or_else(|p| (None, Some(p)), |p| (Some(p), None));
+    Ok(Json(AgentRound {
+        episode: sight.episode.clone(),
+        round,
+        agent: agent.to_string(),
+        observation: Some(sight),
+        inbox: Some(inbox),
+        prompt,
+        prompt_problem,
+        act,
+    }))
+}
+
+impl App {
+    /// The messages that an agent reads with a state.
+    async fn inbox(
+        &self,
+        handle: &Handle,
+        world: &World,
+        agent: AgentId,
+    ) -> Result<Vec<InboxMessage>, ApiError> {
+        let read: Vec<_> = world.heard().filter(|heard| heard.receiver == agent).collect();
+        let mut sent = BTreeMap::new();
+        if handle.spec.config.settings().noise > 0.0 {
+            for heard in &read {
+                if !sent.contains_key(&heard.sent) {
+                    let acts = self.store.acts(handle.key, heard.sent, heard.sent + 1).await?;
+                    sent.insert(heard.sent, acts.into_iter().next().unwrap_or_default().1);
+                }
+            }
+        }
+        let original = |round: u32, sender: AgentId| {
+            let acts = sent.get(&round)?;
+            let (_, act) = acts.iter().find(|(from, _)| *from == sender)?;
+            act.record.message.clone()
+        };
+        let message = |heard: swarmbench_engine::Delivery<'_>| InboxMessage {
+            from: heard.sender.to_string(),
+            sent: heard.sent,
+            text: heard.text.to_string(),
+            original: original(heard.sent, heard.sender)
+                .filter(|original| original != heard.text.as_str()),
+        };
+        Ok(read.into_iter().map(message).collect())
+    }
+}
+
+fn shown(TimedAct { record, at }: TimedAct) -> ShownAct {
+    let source = match record.source {
+        Source::Player => "player",
+        Source::Clock => "clock",
+    };
+    ShownAct {
+        source: Some(source.to_owned()),
+        action: record.action,
+        message: record.message,
+        to: record.to,
+        valid: Some(record.valid),
+        response: record.response,
+        reasoning: record.reasoning,
+        usage: record.usage,
+        bank_spent_ms: Some(record.bank_spent_ms).filter(|&spent| spent > 0),
+        at: Some(at.into()),
+    }
+}

@@ -1,0 +1,73 @@
+//! Pages of replays as they were written, for all who ask for the same rounds.
+
+use bytes::Bytes;
+use quick_cache::sync::Cache;
+use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
+
+use super::error::ApiError;
+use crate::ids::EpisodeKey;
+use quick_cache::sync::DefaultLifecycle;
+
+/// Bytes of all cached pages.
+const REPLAY_PAGES_BYTES_MAX: u64 = 32 * 1024 * 1024;
+
+/// Bytes of a usual page; the cache makes room for as many as fit.
+const PAGE_USUAL_BYTES: u64 = 32 * 1024;
+
+/// What decides the bytes of a page: resolved rounds never change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct PageKey {
+    pub(super) episode: EpisodeKey,
+    pub(super) from: u32,
+    /// The last round that it may have.
+    pub(super) to: u32,
+    /// Whether it has what was decided.
+    pub(super) has_decisions: bool,
+}
+
+/// A page as it was written, and its last state.
+#[derive(Clone, Debug)]
+pub(super) struct WrittenPage {
+    pub(super) json: Bytes,
+    pub(super) last: u32,
+}
+
+/// Pages that were written. They are computed once for concurrent requests.
+pub(super) struct ReplayPages(Cache<PageKey, WrittenPage, ByBytes>);
+
+#[derive(Clone)]
+struct ByBytes;
+
+impl Weighter<PageKey, WrittenPage> for ByBytes {
+    fn weight(&self, _: &PageKey, page: &WrittenPage) -> u64 {
+        (page.json.len() + size_of::<(PageKey, WrittenPage)>()) as u64
+    }
+}
+
+impl ReplayPages {
+    /// In one shard: the largest page has to fit on a machine of many cores, too.
+    pub(super) fn new() -> Self {
+        let items = usize::try_from(REPLAY_PAGES_BYTES_MAX / PAGE_USUAL_BYTES).unwrap_or(0);
+        let mut options = OptionsBuilder::new();
+        options.shards(1).estimated_items_capacity(items).weight_capacity(REPLAY_PAGES_BYTES_MAX);
+        let options = options.build().expect("both capacities are named");
+        let hasher = DefaultHashBuilder::default();
+        Self(Cache::with_options(options, ByBytes, hasher, DefaultLifecycle::default()))
+    }
+
+    /// A page, written by `write` where it is not cached. If the request that writes it is dropped, the next one takes over.
+    pub(super) async fn page(
+        &self,
+        key: PageKey,
+        write: impl Future<Output = Result<WrittenPage, ApiError>>,
+    ) -> Result<WrittenPage, ApiError> {
+        match self.0.get_value_or_guard_async(&key).await {
+            Ok(page) => Ok(page),
+            Err(place) => {
+                let page = write.await?;
+                drop(place.insert(page.clone()));
+                Ok(page)
+            }
+        }
+    }
+}

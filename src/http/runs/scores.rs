@@ -1,0 +1,68 @@
+//! `GET /api/v1/runs/{id}/scores`.
+
+use axum::Json;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::super::auth::Subject;
+use super::super::episodes::scores::points;
+use super::super::prelude::*;
+use super::metrics::{games_limit, slot_after, slot_cursor};
+use swarmbench_protocol::replay::RunScores;
+
+/// Scores of a game, where the query does not say.
+const POINTS_USUAL: u32 = 50;
+
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in super::super) struct RunScoresParams {
+    /// How many scores of a game at most beside the first and the newest, up to 1,000; 50 where it is left out.
+    #[param(minimum = 1, maximum = 1000)]
+    points: Option<u32>,
+    /// How many games at most, up to 200; 50 where it is left out.
+    #[param(minimum = 1, maximum = 200)]
+    limit: Option<u32>,
+    /// The `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Show the scores of the games of a run in equal steps of rounds.
+///
+/// Games that were opened and not voided, running ones too, as far as the caller may read them.
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{id}/scores",
+    operation_id = "show_run_scores",
+    tag = "runs",
+    params(("id" = String, Path, description = "The run's id"), RunScoresParams),
+    security((), ("swarm" = []), ("key" = [])),
+    responses((status = 200, description = "The scores", body = RunScores))
+)]
+pub(in super::super) async fn show_run_scores(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Params(params): Params<RunScoresParams>,
+) -> Result<Json<RunScores>, ApiError> {
+    let points = points(params.points, POINTS_USUAL)?;
+    let limit = games_limit(params.limit)?;
+    let after = slot_after(params.cursor.as_deref())?;
+    let known = app.known_run(&caller, &id).await?;
+    let games = app.store.games_of(known.stored.run).await?;
+    let readable = games.iter().filter(|game| {
+        let subject = Subject { id: Some(&game.id), is_over: game.is_over(), ..known.subject() };
+        game.counts() && caller.may_read(&app.access, subject)
+    });
+    let mut left = readable.filter(|game| after.is_none_or(|after| game.slot > after));
+    let mut items = Vec::new();
+    let mut last = None;
+    for game in left.by_ref().take(limit as usize) {
+        let stored = app.store.summary_of(game.episode).await?;
+        let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
+        items.push(app.scores(&stored, points).await?);
+        last = Some(game.slot);
+    }
+    let next_cursor = last.filter(|_| left.next().is_some()).map(slot_cursor);
+    Ok(Json(RunScores { run: known.stored.id.clone(), items, next_cursor }))
+}

@@ -1,0 +1,199 @@
+//! The states of a replay as they are sent, made state by state. What plays the rounds (a running server, a journal file, an
+//! imported game) gives the states and what was decided; nothing here knows where they come from.
+
+mod page;
+mod talk;
+mod world;
+
+use std::sync::Arc;
+
+use swarmbench_analysis::game::{Agent, Decision, Heard, Setup, State};
+use swarmbench_analysis::{Hash1, Meter, Metric, Options};
+use swarmbench_engine::{Action, Direction, Pos};
+use swarmbench_protocol::replay::{ReplayMark, ReplayMessage, ReplayState};
+
+pub use page::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, PageMaker, ROUNDS_MAX, rounds_of_page};
+use talk::{Talk, heard};
+pub use world::{block_cells, ground};
+
+/// Rounds before a page that decide what its first state says: whether agents spoke, and what.
+pub const ROUNDS_BEFORE: u32 = 2;
+
+/// A state, as far as a replay shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    pub state: State,
+    /// The numbers of the agents that carry food.
+    pub loaded: Vec<u16>,
+    pub prey: Option<Pos>,
+    pub block: Option<Pos>,
+    pub distance: Option<f64>,
+}
+
+/// What happened between two states.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Round {
+    /// What each agent decided, in order of their numbers.
+    pub decisions: Vec<Decision>,
+    /// Whether they hold actions; some imported games have messages only.
+    pub has_actions: bool,
+    /// The receivers that a commander named, each behind the sender.
+    pub to: Vec<(u16, u16)>,
+    /// The messages that are read with the state after it.
+    pub heard: Vec<Heard>,
+}
+
+/// A state as it is sent, with the values of [`Reel::metrics`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    pub state: ReplayState,
+    pub values: Vec<Option<f64>>,
+}
+
+/// A game that is shown state by state.
+pub struct Reel {
+    round: u32,
+    scene: Scene,
+    talk: Talk,
+    metrics: Vec<Metric>,
+    meter: Meter,
+}
+
+impl Reel {
+    /// Begins with the state after `round` rounds.
+    #[must_use]
+    pub fn new(setup: Setup, scene: Scene, round: u32) -> Self {
+        let metrics = Metric::of_rounds(setup.task).collect();
+        let embedder = Arc::new(Hash1::default());
+        let meter = Meter::new(setup, scene.state.clone(), Options::default(), embedder);
+        Self { round, scene, talk: Talk::default(), metrics, meter }
+    }
+
+    /// The metrics whose values each state has.
+    #[must_use]
+    pub fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    /// The state with which it begins, without decisions.
+    #[must_use]
+    pub fn first(&self) -> Frame {
+        let state = shown(self.round, &self.scene);
+        Frame { state, values: vec![None; self.metrics.len()] }
+    }
+
+    /// Adds a round and the state after it.
+    pub fn step(&mut self, round: &Round, after: Scene) -> Frame {
+        let Round { decisions, has_actions, to, heard: read } = round;
+        let before = std::mem::replace(&mut self.scene, after);
+        let after = &self.scene;
+        self.meter.round(decisions, after.state.clone(), None);
+        let talk = Talk::of(decisions);
+        let state = ReplayState {
+            actions: has_actions.then(|| decisions.iter().map(action).collect()),
+            blocked: agents_that(&before, after, decisions, is_blocked),
+            pushed: agents_that(&before, after, decisions, is_pushed),
+            invalid: numbers(decisions, |decision| decision.invalid),
+            timeouts: numbers(decisions, |decision| decision.timeout),
+            said: said(decisions, to),
+            heard: heard(self.round, decisions, read),
+            marks: marks(&before, after, decisions, talk.marks(self.talk)),
+            ..shown(self.round + 1, after)
+        };
+        self.round += 1;
+        self.talk = talk;
+        let (_, values) = self.meter.now();
+        let value = |metric: &Metric| values[*metric as usize].filter(|_| *has_actions);
+        let values = self.metrics.iter().map(value).collect();
+        Frame { state, values }
+    }
+}
+
+/// What a state shows without the round that led to it.
+fn shown(round: u32, scene: &Scene) -> ReplayState {
+    let agents = &scene.state.agents;
+    ReplayState {
+        round,
+        score: scene.state.score,
+        at: agents.iter().flat_map(|agent| [agent.at.i, agent.at.j]).collect(),
+        gone: numbers(agents, |agent| !agent.alive),
+        lit: numbers(agents, |agent| agent.light_on == Some(true)),
+        loaded: scene.loaded.clone(),
+        prey: scene.prey.map(cell),
+        block: scene.block.map(cell),
+        distance: scene.distance,
+        ..ReplayState::default()
+    }
+}
+
+const fn cell(at: Pos) -> [i32; 2] {
+    [at.i, at.j]
+}
+
+/// The numbers of the items for which this holds.
+fn numbers<T>(items: &[T], holds: impl Fn(&T) -> bool) -> Vec<u16> {
+    (0..).zip(items).filter(|(_, item)| holds(item)).map(|(number, _)| number).collect()
+}
+
+const fn action(decision: &Decision) -> char {
+    match decision.action {
+        Some(Action::Up) => 'U',
+        Some(Action::Down) => 'D',
+        Some(Action::Left) => 'L',
+        Some(Action::Right) => 'R',
+        Some(Action::Stay) => 'S',
+        Some(Action::Switch) => 'X',
+        None => '-',
+    }
+}
+
+/// The numbers of the agents, on the map before the round, whose way is like this.
+fn agents_that(
+    before: &Scene,
+    after: &Scene,
+    decisions: &[Decision],
+    is: fn(Option<Direction>, (i32, i32)) -> bool,
+) -> Vec<u16> {
+    let way = |from: &Agent, to: &Agent| (to.at.i - from.at.i, to.at.j - from.at.j);
+    let agents = before.state.agents.iter().zip(&after.state.agents).zip(decisions);
+    let found = (0..).zip(agents).filter(|(_, ((from, to), decision))| {
+        from.alive && is(decision.action.and_then(Action::direction), way(from, to))
+    });
+    found.map(|(number, _)| number).collect()
+}
+
+fn is_blocked(chosen: Option<Direction>, (down, across): (i32, i32)) -> bool {
+    chosen.map(Direction::offset).is_some_and(|(di, dj)| di * down + dj * across <= 0)
+}
+
+fn is_pushed(chosen: Option<Direction>, way: (i32, i32)) -> bool {
+    way != (0, 0) && chosen.map(Direction::offset) != Some((way.0.signum(), way.1.signum()))
+}
+
+fn said(decisions: &[Decision], to: &[(u16, u16)]) -> Vec<ReplayMessage> {
+    let receiver = |from| to.iter().find(|(sender, _)| *sender == from).map(|&(_, to)| to);
+    let said = (0..).zip(decisions).filter_map(|(from, decision)| {
+        Some(ReplayMessage { from, text: decision.message.clone()?, to: receiver(from) })
+    });
+    said.collect()
+}
+
+fn marks(
+    before: &Scene,
+    after: &Scene,
+    decisions: &[Decision],
+    of_talk: Option<ReplayMark>,
+) -> Vec<ReplayMark> {
+    let (was, is) = (before.state.score, after.state.score);
+    let marks = [
+        (is > was, ReplayMark::Points),
+        (is < was, ReplayMark::Drop),
+        (decisions.iter().any(|decision| decision.invalid), ReplayMark::Invalid),
+        (decisions.iter().any(|decision| decision.timeout), ReplayMark::Timeout),
+    ];
+    let marks = marks.into_iter().filter(|(holds, _)| *holds).map(|(_, mark)| mark);
+    marks.chain(of_talk).collect()
+}
+
+#[cfg(test)]
+mod tests;
