@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -61,6 +62,15 @@ pub(super) struct Outline {
     pub(super) opening: Box<Opening>,
     /// The score after each round.
     pub(super) scores: Vec<f64>,
+    /// How the game ended; `None` if it has not.
+    pub(super) end: Option<Ended>,
+}
+
+/// How a game ended.
+#[derive(Deserialize)]
+pub(super) struct Ended {
+    pub(super) status: String,
+    pub(super) reason: String,
 }
 
 #[derive(Deserialize)]
@@ -72,6 +82,8 @@ struct Line<T> {
 struct Scored {
     kind: String,
     score: Option<f64>,
+    #[serde(flatten)]
+    end: Option<Ended>,
 }
 
 impl Outline {
@@ -85,12 +97,17 @@ impl Outline {
             return Err(anyhow!("this is no journal: its first record is not an opening"));
         };
         let mut scores = Vec::new();
+        let mut end = None;
         for (number, line) in (2..).zip(lines) {
             let line: Line<Scored> = serde_json::from_str(&line?)
                 .with_context(|| format!("line {number} is not a line of a journal"))?;
-            scores.extend(line.record.score.filter(|_| line.record.kind == "round"));
+            match line.record.kind.as_str() {
+                "round" => scores.extend(line.record.score),
+                "end" => end = line.record.end,
+                _ => {}
+            }
         }
-        Ok(Self { opening, scores })
+        Ok(Self { opening, scores, end })
     }
 
     /// The number of the last state.
@@ -112,38 +129,57 @@ pub(super) fn replay(
     progress: impl Fn(u32),
     mut see: impl FnMut(&Moment) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
-    let ended = Arc::new(AtomicBool::new(false));
-    let reader = Ending { journal: journal.open()?, ended: Arc::clone(&ended) };
     let mut open: Option<Moment> = None;
     let mut meter: Option<Meter> = None;
-    let mut seen = Ok(());
-    let replayed = verify_seen(reader, None, Solver::Flow, |world, acts| {
+    visit(journal, stop, |world, acts| {
         let state = State::of(world);
         if let Some(meter) = &mut meter {
             meter.round(&decisions(world.config(), acts), state, None);
             if let Some(mut moment) = open.take() {
                 moment.decided(&decided(world, acts), world, *meter.now().0);
-                seen = see(&moment);
+                see(&moment)?;
             }
         } else {
             // Counts need no comparison of texts.
             let options = Options { series: false, vectors: false, edits: false };
             meter = Some(Meter::new(Setup::of(world), state, options, Arc::new(Hash1::new())));
         }
-        if stop.is_cancelled() {
-            seen = Err(anyhow!("cancelled"));
-        }
         progress(world.round());
-        if seen.is_err() || world.round() > last {
-            ended.store(true, Ordering::Relaxed);
-        } else if wanted(world.round()) {
+        if world.round() > last {
+            return Ok(ControlFlow::Break(()));
+        }
+        if wanted(world.round()) {
             open = Some(Moment::of(world, windows));
         }
-    });
-    seen?;
-    replayed.context("the journal cannot be replayed; `swarmbench verify` checks it")?;
+        Ok(ControlFlow::Continue(()))
+    })?;
     // Nothing was decided in the last state.
     open.as_ref().map_or(Ok(()), see)
+}
+
+/// Replays a game, and shows every state with the acts that led to it, until `see` breaks off.
+///
+/// # Errors
+/// Where the journal does not verify up to there, `see` fails, or `stop` is cancelled.
+pub(super) fn visit(
+    journal: &Journal,
+    stop: &CancellationToken,
+    mut see: impl FnMut(&World, &[ActRecord]) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<()> {
+    let ended = Arc::new(AtomicBool::new(false));
+    let reader = Ending { journal: journal.open()?, ended: Arc::clone(&ended) };
+    let mut seen = Ok(ControlFlow::Continue(()));
+    let replayed = verify_seen(reader, None, Solver::Flow, |world, acts| {
+        if !matches!(seen, Ok(ControlFlow::Continue(()))) {
+            return;
+        }
+        seen = if stop.is_cancelled() { Err(anyhow!("cancelled")) } else { see(world, acts) };
+        if !matches!(seen, Ok(ControlFlow::Continue(()))) {
+            ended.store(true, Ordering::Relaxed);
+        }
+    });
+    seen.map(drop)?;
+    replayed.map(drop).context("the journal cannot be replayed; `swarmbench verify` checks it")
 }
 
 /// The acts of a round for the engine. A replay has played them, so their names are known.

@@ -1,6 +1,7 @@
 //! The states of a replay as they are sent, made state by state. What plays the rounds (a running server, a journal file, an
 //! imported game) gives the states and what was decided; nothing here knows where they come from.
 
+mod knowledge;
 mod page;
 mod talk;
 mod world;
@@ -12,6 +13,7 @@ use swarmbench_analysis::{Hash1, Meter, Metric, Options};
 use swarmbench_engine::{Action, Direction, Pos};
 use swarmbench_protocol::replay::{ReplayMark, ReplayMessage, ReplayState};
 
+pub use knowledge::{agent_round, inbox, shown_act};
 pub use page::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, PageMaker, ROUNDS_MAX, rounds_of_page};
 use talk::{Talk, heard};
 pub use world::{block_cells, ground};

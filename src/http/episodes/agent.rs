@@ -1,6 +1,7 @@
 //! `GET /api/v1/episodes/{id}/rounds/{round}/agents/{agent}`.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use axum::Json;
@@ -11,12 +12,12 @@ use super::super::extract::AgentPlace;
 use super::super::prelude::*;
 use crate::episode::Status;
 use crate::episode::actor::Handle;
+use crate::replay::{agent_round, inbox, shown_act};
 use crate::store::port::EpisodeStore;
 use crate::store::records::TimedAct;
-use swarmbench_journal::record::Source;
 use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
-use swarmbench_protocol::replay::{AgentRound, InboxMessage, ShownAct};
+use swarmbench_protocol::replay::{AgentRound, InboxMessage};
 
 /// Show what an agent knew in a round, and what it did.
 ///
@@ -67,9 +68,13 @@ pub(in super::super) async fn show_agent_round(
         }
     };
     let inbox = app.inbox(&handle, &world, agent).await?;
-    let act = match round < newest {
-        true => app.store.timed_act(handle.key, round, agent).await?.map(shown),
-        false => None,
+    let act = if round < newest {
+        app.store
+            .timed_act(handle.key, round, agent)
+            .await?
+            .map(|TimedAct { record, at }| shown_act(record, Some(at.into())))
+    } else {
+        None
     };
     let (id, description) = (handle.id.to_string(), tasks::description(&handle.spec.config));
     let write = move || {
@@ -79,17 +84,7 @@ pub(in super::super) async fn show_agent_round(
         (sight, prompt.map_err(|problem| problem.to_string()))
     };
     let (sight, prompt) = app.heavy.render(write).await?;
-    let (prompt, prompt_problem) = prompt.map_or_else(|p| (None, Some(p)), |p| (Some(p), None));
-    Ok(Json(AgentRound {
-        episode: sight.episode.clone(),
-        round,
-        agent: agent.to_string(),
-        observation: Some(sight),
-        inbox: Some(inbox),
-        prompt,
-        prompt_problem,
-        act,
-    }))
+    Ok(Json(agent_round(sight, inbox, Some(prompt), act)))
 }
 
 impl App {
@@ -104,9 +99,9 @@ impl App {
         let mut sent = BTreeMap::new();
         if handle.spec.config.settings().noise > 0.0 {
             for heard in &read {
-                if !sent.contains_key(&heard.sent) {
+                if let Entry::Vacant(unread) = sent.entry(heard.sent) {
                     let acts = self.store.acts(handle.key, heard.sent, heard.sent + 1).await?;
-                    sent.insert(heard.sent, acts.into_iter().next().unwrap_or_default().1);
+                    unread.insert(acts.into_iter().next().unwrap_or_default().1);
                 }
             }
         }
@@ -115,32 +110,6 @@ impl App {
             let (_, act) = acts.iter().find(|(from, _)| *from == sender)?;
             act.record.message.clone()
         };
-        let message = |heard: swarmbench_engine::Delivery<'_>| InboxMessage {
-            from: heard.sender.to_string(),
-            sent: heard.sent,
-            text: heard.text.to_string(),
-            original: original(heard.sent, heard.sender)
-                .filter(|original| original != heard.text.as_str()),
-        };
-        Ok(read.into_iter().map(message).collect())
-    }
-}
-
-fn shown(TimedAct { record, at }: TimedAct) -> ShownAct {
-    let source = match record.source {
-        Source::Player => "player",
-        Source::Clock => "clock",
-    };
-    ShownAct {
-        source: Some(source.to_owned()),
-        action: record.action,
-        message: record.message,
-        to: record.to,
-        valid: Some(record.valid),
-        response: record.response,
-        reasoning: record.reasoning,
-        usage: record.usage,
-        bank_spent_ms: Some(record.bank_spent_ms).filter(|&spent| spent > 0),
-        at: Some(at.into()),
+        Ok(inbox(world, agent, original))
     }
 }

@@ -1,8 +1,10 @@
 //! `swarmbench replay`
 
+mod page;
+
 use std::io::BufWriter;
-use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::ops::{ControlFlow, RangeInclusive};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 use swarmbench_engine::Control;
@@ -15,6 +17,7 @@ use super::journals::{self, Journal, Outline};
 use super::options::ServerArgs;
 use super::output::{progress_bar, set};
 use super::partial::Partial;
+use page::GamePage;
 
 /// The most frames of a replay.
 const REPLAY_FRAMES_MAX: u64 = 10_000;
@@ -32,7 +35,8 @@ const PNG_SCALE: f64 = 2.0;
     swarmbench replay EPISODE --gif game.gif --messages\n  \
     swarmbench replay game.jsonl --gif start.gif --rounds 0..20 --scale 48\n  \
     swarmbench replay game.jsonl --png moment.png --round 37 --views\n  \
-    swarmbench replay game.jsonl --y4m - | ffmpeg -i - game.mp4"
+    swarmbench replay game.jsonl --y4m - | ffmpeg -i - game.mp4\n  \
+    swarmbench replay game.jsonl --html game.html"
 )]
 pub(super) struct Args {
     /// A journal file, or the id of an episode on the server.
@@ -51,6 +55,9 @@ pub(super) struct Args {
     /// Show the windows of all agents.
     #[arg(long)]
     views: bool,
+    /// With --html: the prompts, too, which take most of the space.
+    #[arg(long, requires = "html")]
+    prompts: bool,
     /// Pixels along a side of a cell of the map (by default as many as make a map of about 400 pixels, 4 to 32).
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     scale: Option<u16>,
@@ -76,6 +83,9 @@ struct Output {
     /// Write one frame as a PNG.
     #[arg(long, requires = "round")]
     png: Option<PathBuf>,
+    /// Write a page that shows the game in a browser, without a server or a network.
+    #[arg(long)]
+    html: Option<PathBuf>,
 }
 
 /// `a..b`, `a..` or `..b`; both ends are part of it.
@@ -110,6 +120,10 @@ fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Re
         outline.last()
     );
     let last = last.min(outline.last());
+    if let Some(path) = &args.output.html {
+        let page = GamePage::new(outline, first..=last, args.prompts);
+        return write_page(page, path, last, journal, stop);
+    }
     let mut layout = layout(args, &outline)?;
     check_size(&layout, u64::from(last - first) + 1)?;
 
@@ -135,6 +149,26 @@ fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Re
     bar.finish_and_clear();
     replayed?;
     target.finish()
+}
+
+/// Writes a page with the states up to `last`.
+fn write_page(
+    mut page: GamePage,
+    path: &Path,
+    last: u32,
+    journal: &Journal,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let bar = progress_bar("{bar:30} round {pos} of {len}");
+    let visited = journals::visit(journal, stop, |world, acts| {
+        set(&bar, world.round().into(), last.into());
+        page.add(world, acts)?;
+        let is_last = world.round() >= last;
+        Ok(if is_last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    bar.finish_and_clear();
+    visited?;
+    Partial::write(path, page.finish()?.as_bytes())
 }
 
 fn layout(args: &Args, outline: &Outline) -> anyhow::Result<Layout> {
@@ -223,7 +257,7 @@ impl Target {
                 Ok(Self::Folder(partial, folder))
             }
             Output { png: Some(path), .. } => Ok(Self::Picture(path.clone())),
-            Output { gif: None, y4m: None, svg: None, png: None } => bail!("name an output"),
+            Output { gif: None, y4m: None, svg: None, png: None, .. } => bail!("name an output"),
         }
     }
 
