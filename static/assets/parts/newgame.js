@@ -1,7 +1,7 @@
 // Starts games for people: settings, and who plays beside them.
 import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
-import { remember, request } from "../api.js";
+import { remember, request, route } from "../api.js";
 import { HUMAN, NameField, onceKey, playerName } from "./player.js";
 import { ProblemNote } from "./problem.js";
 import { claimSeat } from "./take.js";
@@ -58,6 +58,8 @@ const gameOf = (form) => ({
 const SEATS = {
   "built-in": (form) => ({ player: form.player, open_seats: 1, visibility: "owner" }),
   others: (form) => ({
+    model: playerName(),
+    agent_meta: HUMAN,
     open_seats: Number(form.num_agents),
     fill_after_s: Number(form.fill),
     fill_with: form.player,
@@ -72,8 +74,18 @@ async function createGame(form) {
   const game = await request("/api/v1/episodes", { method: "POST", body, idempotencyKey: onceKey() });
   remember(`creator:${game.id}`, game.swarm_token);
   if (form.beside === "nobody") remember(`token:${game.id}`, game.swarm_token);
-  else await claimSeat(game.id, undefined, onceKey());
+  else await claimOrEnd(game);
   return game.id;
+}
+
+/** A game in which its creator gets no seat is ended. @param {{id: string, swarm_token: string}} game */
+async function claimOrEnd({ id, swarm_token: token }) {
+  try {
+    await claimSeat(id, undefined, onceKey());
+  } catch (error) {
+    await request(route`/api/v1/episodes/${id}`, { method: "DELETE", token }).catch(() => {});
+    throw error;
+  }
 }
 
 /** Creates a run of a suite that one person plays, for its board. @param {string} suite */

@@ -1,6 +1,7 @@
 // Who plays: the name of a person on boards, and what a game says about them.
 import { html, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
+import { visible } from "./text.js";
 
 const NAME_CHARS_MAX = 200;
 
@@ -18,6 +19,8 @@ export function NameField() {
   /** @param {any} event */
   const change = (event) => {
     setName(event.target.value);
+    const isSeen = visible(event.target.value) === event.target.value;
+    event.target.setCustomValidity(isSeen ? "" : "Every character of the name has to be visible.");
     remember("player", event.target.value.trim() || null);
   };
   return html`<label class="field"

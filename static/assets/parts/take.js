@@ -69,12 +69,17 @@ function Claim({ id, claims, onToken, onRefused }) {
       onRefused();
     }
   };
-  return html`<${NameField} />
-    <p class="buttons">
-      <button type="button" class="primary" aria-disabled=${isBusy} onClick=${() => !isBusy && claim()}>
-        Take ${claims.open === 1 ? "the open seat" : "any open seat"}
-      </button>
-    </p>
+  /** @param {Event} event */
+  const submitted = (event) => {
+    event.preventDefault();
+    if (!isBusy) claim();
+  };
+  return html`<form onSubmit=${submitted}>
+      <${NameField} />
+      <p>
+        <button type="submit" class="primary" aria-disabled=${isBusy}>Take ${claims.open === 1 ? "the open seat" : "any open seat"}</button>
+      </p>
+    </form>
     ${problem && html`<${ProblemNote} problem=${problem} what="The seat" />`}
     <details>
       <summary>${claims.open} of ${claims.seats.length} seats ${claims.open === 1 ? "is" : "are"} open: choose one</summary>
