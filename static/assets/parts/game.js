@@ -40,13 +40,14 @@ import { request, route, sleep, stream, tokenOf, withQuery } from "../api.js";
  * @property {string[]} [marks]
  *
  * @typedef {{from: number, states: State[], metrics: Record<string, (number | null)[]>}} Piece states of one page
- * @typedef {{every: number, scores: number[]}} Scores
+ * @typedef {{rounds: number, every: number, scores: number[]}} Scores
  *
  * @typedef {object} Game
  * @property {"episodes" | "imports" | "file"} kind
  * @property {Head} head
  * @property {any} summary what the lists say about it: model, run, configuration, result
  * @property {number} first the first round that can be shown
+ * @property {number} last the last one, so far
  * @property {boolean} isLost whether the connection to a running game is interrupted
  * @property {Map<number, string[]>} marks what happened in a round, as far as it was read
  * @property {(round: number) => State | null} peek a state that was read
@@ -111,6 +112,10 @@ class ServerGame {
     this.acts = new Map();
     /** @type {Set<() => void>} */
     this.listeners = new Set();
+  }
+
+  get last() {
+    return this.head.rounds;
   }
 
   /** @param {string} path @param {AbortSignal} [signal] */
@@ -325,7 +330,7 @@ export function useMoment(game, round) {
   useEffect(() => {
     if (!game) return;
     let isCurrent = true;
-    const last = Math.min(round + 1, game.head.rounds);
+    const last = Math.min(round + 1, game.last);
     Promise.all([game.load(round), game.load(last)]).then(
       ([state]) => {
         if (!isCurrent) return;

@@ -1,0 +1,46 @@
+// The page of one game, while it runs and after its end; of imported games too.
+import { html, useEffect, useState } from "../ui.js";
+import { route } from "../api.js";
+import { isLive, openGame, useChanges } from "../parts/game.js";
+import { useLoaded } from "../parts/load.js";
+import { ProblemNote } from "../parts/problem.js";
+import { Actions, Facts, Seats, Verify } from "../game/about.js";
+import { copy } from "../game/save.js";
+import { Notices, Title, titleOf } from "../game/title.js";
+import { Viewer } from "../game/viewer.js";
+
+/** @param {{id: string, embedded: boolean}} props */
+export function Page({ id, embedded }) {
+  const kind = location.pathname.startsWith("/imports/") ? "imports" : "episodes";
+  const { value: game, problem, reload } = useLoaded((signal) => openGame({ kind, id }, signal), [kind, id]);
+  if (game) return html`<${ServedGame} game=${game} embedded=${embedded} />`;
+  if (problem) return html`<h1>Game</h1><${ProblemNote} problem=${problem} retry=${reload} /><p><a href="/episodes">All games</a></p>`;
+  return html`<p class="muted" role="status">Loading the game …</p>`;
+}
+
+/** @param {{game: import("../parts/game.js").Game, embedded: boolean}} props */
+function ServedGame({ game, embedded }) {
+  useChanges(game);
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const [link, setLink] = useState("");
+  useEffect(() => {
+    document.title = `${titleOf(game)} · swarmbench`;
+    if (!isLive(game.head)) return;
+    const aborted = new AbortController();
+    game.follow(aborted.signal).catch((error) => aborted.signal.aborted || setProblem(error));
+    return () => aborted.abort();
+  }, [game]);
+
+  const copyLink = async () => setLink((await copy(location.href)) ? "" : location.href);
+  const compare = () => location.assign(route`/compare?a=${game.head.id}`);
+  return html`<div class="game">
+    <${Title} game=${game} />
+    <${Notices} game=${game} />
+    ${problem && html`<${ProblemNote} problem=${problem} what="This game" />`}
+    <${Viewer} game=${game} keys=${embedded ? {} : { l: copyLink, ...(game.kind === "episodes" && { c: compare }) }}>
+      ${embedded
+        ? html`<p><a href=${route`/episodes/${game.head.id}`} target="_blank" rel="noopener">The whole page of this game</a></p>`
+        : html`<${Actions} game=${game} onLink=${copyLink} link=${link} /><${Seats} game=${game} /><${Facts} game=${game} /><${Verify} game=${game} />`}
+    <//>
+  </div>`;
+}
