@@ -2,9 +2,9 @@
 import { html } from "../ui.js";
 import { remembered, request, withQuery } from "../api.js";
 import { useLoaded } from "../parts/load.js";
-import { NewGame, NewRun } from "../parts/newgame.js";
+import { NewGame, NewRun } from "../play/newgame.js";
 import { ProblemNote } from "../parts/problem.js";
-import { EnterCode } from "../parts/take.js";
+import { EnterCode } from "../play/take.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 

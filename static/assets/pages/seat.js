@@ -3,12 +3,12 @@ import { html, useEffect, useState } from "../ui.js";
 import { Problem, remember, remembered, request, route } from "../api.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
-import { hasManySeats, useSeat } from "../parts/seat.js";
-import { outcome } from "../parts/sight.js";
-import { Clock, Turn, spoken } from "../parts/turn.js";
-import { EnterCode, TakeSeat } from "../parts/take.js";
-import { Lobby } from "../parts/lobby.js";
-import { Afterwards } from "../parts/afterwards.js";
+import { hasManySeats, useSeat } from "../play/seat.js";
+import { outcome } from "../play/sight.js";
+import { Clock, Turn, spoken } from "../play/turn.js";
+import { EnterCode, TakeSeat } from "../play/take.js";
+import { Lobby } from "../play/lobby.js";
+import { Afterwards } from "../play/afterwards.js";
 
 /** @param {{id: string}} props of an episode, or of a run */
 export function Page({ id }) {

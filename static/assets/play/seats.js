@@ -1,6 +1,6 @@
 // Who holds which seat.
 import { html } from "../ui.js";
-import { Text } from "./text.js";
+import { Text } from "../parts/text.js";
 
 /** @param {{seats: any[], onTake?: (agent: string) => void}} props */
 export const SeatTable = ({ seats, onTake }) => html`<div class="scroll" tabindex="0" role="region" aria-label="Seats">

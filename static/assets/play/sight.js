@@ -1,7 +1,7 @@
 // What an agent sees, drawn and in words. Nothing here knows more than an observation says.
 import { html } from "../ui.js";
-import { visible } from "./text.js";
-import { AgentWindow } from "./window.js";
+import { visible } from "../parts/text.js";
+import { AgentWindow } from "../parts/window.js";
 
 /** @typedef {{origin: {i: number, j: number}, cells: string[][]}} View */
 /** @typedef {{kind: string, name: string, marked?: boolean}} Cell */

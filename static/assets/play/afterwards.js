@@ -1,12 +1,12 @@
 // A game is over: how it ended, and what its player could not see.
 import { html, useState } from "../ui.js";
 import { request, route, tokenOf, withQuery } from "../api.js";
-import { openGame, useChanges, useMoment } from "./game.js";
-import { useLoaded } from "./load.js";
-import { GameMap } from "./map.js";
+import { openGame, useChanges, useMoment } from "../parts/game.js";
+import { useLoaded } from "../parts/load.js";
+import { GameMap } from "../parts/map.js";
 import { againQuery } from "./newgame.js";
 import { OwnRounds } from "./ownrounds.js";
-import { ProblemNote } from "./problem.js";
+import { ProblemNote } from "../parts/problem.js";
 import { numberOf } from "./sight.js";
 
 /** Why a game ended, in words. @type {Record<string, string>} */

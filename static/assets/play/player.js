@@ -1,7 +1,7 @@
 // Who plays: the name of a person on boards, and what a game says about them.
 import { html, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
-import { visible } from "./text.js";
+import { visible } from "../parts/text.js";
 
 const NAME_CHARS_MAX = 200;
 

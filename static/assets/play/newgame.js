@@ -3,7 +3,7 @@ import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
 import { HUMAN, NameField, onceKey, playerName } from "./player.js";
-import { ProblemNote } from "./problem.js";
+import { ProblemNote } from "../parts/problem.js";
 import { claimSeat } from "./take.js";
 
 /** @type {[string, string][]} */

@@ -1,13 +1,13 @@
 // What an agent did, round by round, with what its holder could not see: who heard it, and who it heard.
 import { html } from "../ui.js";
-import { actionOf, resultOf } from "./actions.js";
-import { Text } from "./text.js";
+import { actionOf, resultOf } from "../parts/actions.js";
+import { Text } from "../parts/text.js";
 
 /** Rounds that are listed at once: those around the chosen one. */
 const LISTED = 20;
 
 /**
- * @param {{game: import("./game.js").Game, agent: number, round: number, onRound: (round: number) => void,
+ * @param {{game: import("../parts/game.js").Game, agent: number, round: number, onRound: (round: number) => void,
  *   onAgent: (agent: number) => void}} props
  */
 export function OwnRounds({ game, agent, round, onRound, onAgent }) {
@@ -52,7 +52,7 @@ export function OwnRounds({ game, agent, round, onRound, onAgent }) {
   </div>`;
 }
 
-/** @param {{next: import("./game.js").State | null, number: number, agent: number, isChosen: boolean, onRound: (round: number) => void}} props */
+/** @param {{next: import("../parts/game.js").State | null, number: number, agent: number, isChosen: boolean, onRound: (round: number) => void}} props */
 function OwnRound({ next, number, agent, isChosen, onRound }) {
   if (!next) return html`<tr><th scope="row">${number}</th><td colspan="3" class="muted">…</td></tr>`;
   const result = resultOf(next, agent);

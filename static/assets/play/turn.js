@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../ui.js";
 import { Controls, signOf } from "./controls.js";
 import { Sight, meaningOfMark, outcome, surroundings } from "./sight.js";
-import { Text } from "./text.js";
+import { Text } from "../parts/text.js";
 
 const TICK_MS = 200;
 const SOON_S = 10;

@@ -1,11 +1,11 @@
 // A seat is held, and the game has not started: who is missing, and how to invite them.
 import { html, useState } from "../ui.js";
 import { remembered, request, route } from "../api.js";
-import { useLoaded } from "./load.js";
+import { useLoaded } from "../parts/load.js";
 import { HUMAN, onceKey } from "./player.js";
-import { ProblemNote } from "./problem.js";
+import { ProblemNote } from "../parts/problem.js";
 import { SeatTable } from "./seats.js";
-import { Countdown } from "./time.js";
+import { Countdown } from "../parts/time.js";
 
 const AGAIN_MS = 3000;
 

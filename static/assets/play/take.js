@@ -2,11 +2,11 @@
 import { html, useRef, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route, tokenOf } from "../api.js";
-import { useLoaded } from "./load.js";
+import { useLoaded } from "../parts/load.js";
 import { HUMAN, NameField, onceKey, playerName } from "./player.js";
-import { ProblemNote } from "./problem.js";
+import { ProblemNote } from "../parts/problem.js";
 import { SeatTable } from "./seats.js";
-import { Text } from "./text.js";
+import { Text } from "../parts/text.js";
 
 const AGAIN_MS = 3000;
 
