@@ -1,0 +1,115 @@
+// The map of a game at one moment: what is where, what the agents choose, and who hears whom.
+import { html, useMemo } from "../ui.js";
+import { actionOf } from "./actions.js";
+import { CanvasMap } from "./canvas.js";
+import { color } from "./colors.js";
+import { choose } from "./pick.js";
+import { AgentShape, CELL, shapeAt } from "./shapes.js";
+
+/** Cells and agents up to which a map is made of elements; beyond, it is a canvas. */
+const CELLS_MAX = 1600;
+const AGENTS_MAX = 160;
+
+/** Lines between speakers and hearers that are drawn at once. */
+const LINES_MAX = 600;
+
+/**
+ * @typedef {object} MapProps
+ * @property {import("./game.js").Head} head
+ * @property {import("./game.js").State} state the world that is shown
+ * @property {import("./game.js").State | null} next the state after it: its actions and messages are those of this moment
+ * @property {number | null} [agent] the chosen one
+ * @property {(agent: number) => void} [onChoose]
+ * @property {boolean} [arrows]
+ * @property {boolean} [messages]
+ * @property {Set<number>} [marks] agents that are marked as different
+ * @property {string} label
+ */
+
+/** @param {MapProps} props */
+export function GameMap(props) {
+  const { width, height, num_agents: agents } = props.head;
+  return width * height > CELLS_MAX || agents > AGENTS_MAX ? html`<${CanvasMap} ...${props} />` : html`<${SvgMap} ...${props} />`;
+}
+
+/** @param {MapProps} props */
+function SvgMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, label }) {
+  const ground = useMemo(() => head.ground.flatMap((row, i) => [...row].map((symbol, j) => shapeAt(symbol, i, j))), [head.ground]);
+  const [w, h] = [head.width * CELL, head.height * CELL];
+  const numbers = Array.from({ length: head.num_agents }, (_, n) => n).filter((n) => !state.gone?.includes(n));
+  return html`<svg
+    class="map cells"
+    viewBox=${`0 0 ${w} ${h}`}
+    role="img"
+    aria-label=${label}
+    onClick=${(/** @type {MouseEvent} */ event) => choose(event, head, state, onChoose)}
+  >
+    <rect class="floor" width=${w} height=${h} />
+    <path class="lattice" d=${lattice(head.width, head.height)} />
+    ${ground} ${blockOf(head, state)} ${preyOf(state)} ${agent !== null && windowOf(head, state, agent)}
+    ${messages && next && linesOf(state, next, agent)}
+    ${numbers.map((n) => {
+      const [x, y] = centre(state, n);
+      return html`<g key=${`a${n}`} class="agent" style=${{ transform: `translate(${x}px, ${y}px)` }}>
+        ${arrows && arrowOf(next, n)}
+        <${AgentShape}
+          agent=${n}
+          isMarked=${(state.lit ?? state.loaded)?.includes(n)}
+          isHollow=${state.lit && !state.lit.includes(n)}
+          isChosen=${n === agent}
+          isDifferent=${marks?.has(n)}
+        />
+      </g>`;
+    })}
+  </svg>`;
+}
+
+/** @param {number} width @param {number} height */
+function lattice(width, height) {
+  let path = "";
+  for (let j = 1; j < width; j++) path += `M${j * CELL} 0V${height * CELL}`;
+  for (let i = 1; i < height; i++) path += `M0 ${i * CELL}H${width * CELL}`;
+  return path;
+}
+
+/** @param {import("./game.js").State} state @param {number} agent @returns {[number, number]} */
+const centre = (state, agent) => [(state.at[2 * agent + 1] + 0.5) * CELL, (state.at[2 * agent] + 0.5) * CELL];
+
+/** @param {import("./game.js").Head} head @param {import("./game.js").State} state */
+const blockOf = (head, { block }) => block && (head.block_cells ?? []).map(([di, dj]) => shapeAt("B", block[0] + di, block[1] + dj));
+
+/** @param {import("./game.js").State} state */
+const preyOf = ({ prey }) =>
+  prey &&
+  html`<g key="prey" class="agent" style=${{ transform: `translate(${prey[1] * CELL}px, ${prey[0] * CELL}px)` }}>${shapeAt("P", 0, 0)}</g>`;
+
+/** The outline of what an agent sees. @param {import("./game.js").Head} head @param {import("./game.js").State} state @param {number} agent */
+function windowOf(head, state, agent) {
+  if (!head.view_size || head.control === "centralized" || state.gone?.includes(agent)) return null;
+  const side = head.view_size * CELL;
+  const [x, y] = centre(state, agent);
+  return html`<rect class="window" x=${x - side / 2} y=${y - side / 2} width=${side} height=${side} stroke=${color(agent)} />`;
+}
+
+/** @param {import("./game.js").State | null} next @param {number} agent */
+function arrowOf(next, agent) {
+  const action = actionOf(next, agent);
+  if (!action?.by) return null;
+  const [di, dj] = action.by;
+  const isBlocked = next?.blocked?.includes(agent);
+  const angle = (Math.atan2(di, dj) * 180) / Math.PI;
+  return html`<g class=${isBlocked ? "arrow blocked" : "arrow"} transform=${`rotate(${angle})`}>
+    <path d=${isBlocked ? "M8 0H13M10 -3L13 0L10 3M14 -4V4" : "M8 0H15M11.5 -3.5L15 0L11.5 3.5"} stroke=${isBlocked ? undefined : color(agent)} />
+  </g>`;
+}
+
+/** Lines from who spoke to who reads it. @param {import("./game.js").State} state @param {import("./game.js").State} next @param {number | null} agent */
+function linesOf(state, next, agent) {
+  const pairs = (next.heard ?? []).flatMap(({ from, by }) => by.map((to) => /** @type {[number, number]} */ ([from, to])));
+  return pairs.slice(0, LINES_MAX).map(([from, to]) => {
+    const [[x1, y1], [x2, y2]] = [centre(state, from), centre(state, to)];
+    const isOfChosen = from === agent || to === agent;
+    const name = isOfChosen ? "heard chosen-line" : "heard";
+    return html`<line key=${`m${from}-${to}`} class=${name} x1=${x1} y1=${y1} x2=${x2} y2=${y2} stroke=${color(from)} />`;
+  });
+}

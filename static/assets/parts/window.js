@@ -1,0 +1,92 @@
+// The window of one agent.
+import { html } from "../ui.js";
+import { AgentShape, CELL, shapeAt } from "./shapes.js";
+
+/** Cells along a side up to which a window is drawn; a larger one is text. */
+const DRAWN_MAX = 41;
+
+/** What a symbol of a window is, in words. @type {Record<string, string>} */
+const NAMES = { W: "wall", B: "block", P: "prey", N: "nest", F: "food" };
+
+/**
+ * What a window shows, for who does not see it: rows and columns count from its upper left corner.
+ * @param {string[][]} cells
+ */
+export function describe(cells) {
+  const found = cells.flatMap((row, i) =>
+    row.flatMap((symbol, j) => {
+      if ([".", "*"].includes(symbol) || symbol === "W") return [];
+      const what = NAMES[symbol] ?? (symbol === "Y" ? "itself" : `agent ${symbol.replace("$", "")}${symbol.startsWith("$") ? " with a mark" : ""}`);
+      return [`${what} in row ${i + 1}, column ${j + 1}`];
+    }),
+  );
+  return found.length ? found.join("; ") : "nothing but cells and walls";
+}
+
+/**
+ * A window with the symbols of an observation: exactly what the agent saw.
+ * @param {{cells: string[][], agent: number, label: string, isMarked?: boolean}} props `isMarked`: what the agent knows of
+ *   its own light or load, which its symbol does not show
+ */
+export function AgentWindow({ cells, agent, label, isMarked }) {
+  const [rows, columns] = [cells.length, cells[0]?.length ?? 0];
+  if (rows > DRAWN_MAX || columns > DRAWN_MAX) {
+    const text = cells.map((row) => row.map((symbol) => symbol.padStart(3)).join("")).join("\n");
+    return html`<pre class="window-text" tabindex="0" role="region" aria-label=${label}>${text}</pre>`;
+  }
+  const lines = `M0 0H${columns * CELL}V${rows * CELL}H0Z` + cells.map((_, i) => `M0 ${i * CELL}H${columns * CELL}`).join("") + (cells[0] ?? []).map((_, j) => `M${j * CELL} 0V${rows * CELL}`).join("");
+  return html`<svg class="agent-window cells" viewBox=${`-1 -1 ${columns * CELL + 2} ${rows * CELL + 2}`} role="img" aria-label=${`${label}: ${describe(cells)}`}>
+    <rect class="floor" width=${columns * CELL} height=${rows * CELL} />
+    <path class="lattice" d=${lines} />
+    ${cells.flatMap((row, i) => row.map((symbol, j) => seen(symbol, i, j, agent, isMarked)))}
+  </svg>`;
+}
+
+/**
+ * @param {string} symbol
+ * @param {number} i
+ * @param {number} j
+ * @param {number} agent
+ * @param {boolean} [isMarked]
+ */
+function seen(symbol, i, j, agent, isMarked) {
+  const number = /^\$?(\d+)$/.exec(symbol);
+  if (symbol !== "Y" && !number) return shapeAt(symbol, i, j);
+  const shown = number ? Number(number[1]) : agent;
+  return html`<g key=${`${i},${j}`} transform=${`translate(${(j + 0.5) * CELL} ${(i + 0.5) * CELL})`}>
+    <${AgentShape}
+      agent=${shown}
+      label=${symbol === "Y" ? "me" : String(shown)}
+      isMarked=${number ? symbol.startsWith("$") : isMarked}
+      isChosen=${symbol === "Y"}
+    />
+  </g>`;
+}
+
+/**
+ * What is around an agent, in the symbols of a window. It is the truth of a state, not what the agent was sent.
+ * @param {import("./game.js").Head} head
+ * @param {import("./game.js").State} state
+ * @param {number} agent
+ * @returns {string[][]}
+ */
+export function surroundings(head, state, agent) {
+  const size = head.view_size ?? 5;
+  const [top, left] = [state.at[2 * agent] - (size - 1) / 2, state.at[2 * agent + 1] - (size - 1) / 2];
+  const cells = Array.from({ length: size }, (_, a) =>
+    Array.from({ length: size }, (_, b) => head.ground[top + a]?.[left + b] ?? "*"),
+  );
+  /** @param {number} i @param {number} j @param {string} symbol */
+  const put = (i, j, symbol) => {
+    if (cells[i - top]?.[j - left] !== undefined) cells[i - top][j - left] = symbol;
+  };
+  const { block, prey } = state;
+  if (block) for (const [di, dj] of head.block_cells ?? []) put(block[0] + di, block[1] + dj, "B");
+  if (prey) put(prey[0], prey[1], "P");
+  for (let n = 0; n < head.num_agents; n++) {
+    if (state.gone?.includes(n)) continue;
+    const isMarked = (state.lit ?? state.loaded)?.includes(n);
+    put(state.at[2 * n], state.at[2 * n + 1], n === agent ? "Y" : `${isMarked ? "$" : ""}${n}`);
+  }
+  return cells;
+}
