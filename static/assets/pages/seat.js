@@ -1,0 +1,124 @@
+// A seat of a game, played by a person, who sees what the agent sees.
+import { html, useEffect, useState } from "../ui.js";
+import { Problem, remember, remembered, request, route } from "../api.js";
+import { useLoaded } from "../parts/load.js";
+import { ProblemNote } from "../parts/problem.js";
+import { hasManySeats, useSeat } from "../parts/seat.js";
+import { outcome } from "../parts/sight.js";
+import { Clock, Turn, spoken } from "../parts/turn.js";
+import { EnterCode, TakeSeat } from "../parts/take.js";
+import { Lobby } from "../parts/lobby.js";
+import { Afterwards } from "../parts/afterwards.js";
+
+/** @param {{id: string}} props of an episode, or of a run */
+export function Page({ id }) {
+  const name = `token:${id}`;
+  const [token, setToken] = useState(remembered(name));
+  /** @param {string | null} token */
+  const change = (token) => {
+    remember(name, token);
+    setToken(token);
+  };
+  if (token) return html`<${Play} key=${token} id=${id} token=${token} leave=${() => change(null)} />`;
+  return id.startsWith("run_") ? html`<h1>Play a run</h1><${EnterCode} id=${id} onToken=${change} />` : html`<${TakeSeat} id=${id} onToken=${change} />`;
+}
+
+/** @param {{id: string, token: string, leave: () => void}} props */
+function Play({ id, token, leave }) {
+  const seat = useSeat(token);
+  const { obs, phase, problem } = seat;
+  const episode = obs?.episode ?? (id.startsWith("run_") ? null : id);
+  const summary = useLoaded(
+    (signal) => (episode ? request(route`/api/v1/episodes/${episode}`, { token, signal }) : Promise.resolve(null)),
+    [episode, phase === "over"],
+  ).value;
+  useTitle(obs, phase);
+
+  if (phase === "failed") return html`<${Failed} problem=${problem} id=${id} leave=${leave} />`;
+  if (phase === "over") return html`<${Afterwards} id=${id} summary=${summary} obs=${obs} leave=${leave} />`;
+  if (phase === "loading" || (phase === "waiting" && summary?.status === "waiting")) {
+    return html`<${Lobby} id=${id} token=${token} summary=${summary} isLost=${seat.isLost} />`;
+  }
+  if (!obs) return html`<h1>Play</h1><p role="status">None of your seats has to act now. This page waits for the next round.</p>`;
+  return html`
+    <${Top} seat=${seat} many=${hasManySeats(token)} config=${summary?.config} />
+    <${Turn} seat=${seat} config=${summary?.config} onAct=${seat.act} />
+    <${About} obs=${obs} id=${id} leave=${leave} />
+    <p class="unseen" role="status">${phase === "choose" ? spoken(obs, summary?.config) : ""}</p>
+  `;
+}
+
+/** Tells in the tab's title whose turn it is. @param {any} obs @param {string} phase */
+function useTitle(obs, phase) {
+  useEffect(() => {
+    const state = { choose: "Your turn", over: "Over", waiting: "Waiting" }[phase] ?? "Play";
+    document.title = obs ? `${state} · round ${obs.round} · ${obs.task.name}` : "Play";
+  }, [phase, obs?.round, obs?.episode]);
+}
+
+/** @param {{seat: any, many: boolean, config: any}} props */
+function Top({ seat, many, config }) {
+  const { obs, phase, seenAt } = seat;
+  const of = many && config ? ` of ${config.num_agents}` : "";
+  return html`<div class="top-line">
+    <h1>${obs.task.name} <span class="muted">${obs.agent.replace("_", " ")}${of}</span></h1>
+    <dl class="readings">
+      <div><dt>Round</dt><dd class="number">${obs.round} of ${obs.max_round}</dd></div>
+      <div><dt>Score of the swarm</dt><dd class="number">${obs.score.toFixed(2)}</dd></div>
+      <div>
+        <dt>${phase === "choose" ? "Your turn" : obs.alive ? "Sent" : "Gone"}</dt>
+        <dd>${phase === "choose" && obs.remaining_ms === null ? "no clock" : html`<${Clock} obs=${obs} seenAt=${seenAt} isOpen=${phase === "choose"} />`}</dd>
+      </div>
+    </dl>
+    <p class="outcome">${outcome(obs)}</p>
+  </div>`;
+}
+
+/** @param {{obs: any, id: string, leave: () => void}} props */
+function About({ obs, id, leave }) {
+  return html`<details class="about" open=${obs.round === 0}>
+    <summary>The task, and what the signs mean</summary>
+    <p>${obs.task.description}</p>
+    <p>
+      <b>me</b> is your agent, a number another one. A dashed ring around a number is the mark ($) of the text above. Crossed lines
+      are outside of the map, grey is wall. Rows count downwards, columns to the right.
+    </p>
+    <p>Keys: arrows and <kbd>S</kbd> choose, <kbd>Enter</kbd> sends, <kbd>M</kbd> goes to the message, <kbd>Esc</kbd> leaves it.</p>
+    <p class="buttons">
+      <a href="/play">Other games</a>
+      <${Abort} id=${id} />
+      <button type="button" class="quiet" onClick=${leave}>Forget this seat in this tab</button>
+    </p>
+  </details>`;
+}
+
+/** Ends a game that was created in this tab. @param {{id: string}} props */
+function Abort({ id }) {
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const [asked, setAsked] = useState(false);
+  const token = remembered(`creator:${id}`);
+  if (!token) return null;
+  const abort = () => {
+    const path = id.startsWith("run_") ? route`/api/v1/runs/${id}` : route`/api/v1/episodes/${id}`;
+    request(path, { method: "DELETE", token }).catch(setProblem);
+  };
+  if (problem) return html`<${ProblemNote} problem=${problem} />`;
+  return asked
+    ? html`<span>End it for everybody?</span> <button type="button" class="danger" onClick=${abort}>End the game</button>
+        <button type="button" onClick=${() => setAsked(false)}>Play on</button>`
+    : html`<button type="button" onClick=${() => setAsked(true)}>End the game …</button>`;
+}
+
+/** @param {{problem: Error, id: string, leave: () => void}} props */
+function Failed({ problem, id, leave }) {
+  if (!(problem instanceof Problem) || problem.status !== 401) return html`<h1>Play</h1><${ProblemNote} problem=${problem} />`;
+  return html`<h1>This seat is no longer yours</h1>
+    <p>
+      The server does not accept the token of your seat any more. It was replaced or revoked, or the game was deleted. What you did
+      stays in the game.
+    </p>
+    <p class="buttons">
+      <button type="button" class="primary" onClick=${leave}>Take a seat again</button>
+      <a href=${`/episodes/${encodeURIComponent(id)}`}>The game</a> <a href="/play">Other games</a>
+    </p>`;
+}

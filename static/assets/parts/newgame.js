@@ -1,0 +1,214 @@
+// Starts games for people: settings, and who plays beside them.
+import { html, useState } from "../ui.js";
+import { visit } from "../app.js";
+import { remember, request } from "../api.js";
+import { HUMAN, NameField, onceKey, playerName } from "./player.js";
+import { ProblemNote } from "./problem.js";
+import { claimSeat } from "./take.js";
+
+/** @type {[string, string][]} */
+const TASKS = [
+  ["Pursuit", "Surround a prey that flees."],
+  ["Synchronization", "Get all lights on together, then off, again and again."],
+  ["Foraging", "Carry food to the nest, around walls."],
+  ["Flocking", "Form the outline of a square together."],
+  ["Transport", "Push a heavy block out of the way, and leave."],
+];
+
+/** Sizes by their names. @type {Record<string, Record<string, number>>} */
+const SIZES = {
+  small: { num_agents: 4, side: 8, max_round: 30 },
+  standard: { num_agents: 12, side: 10, max_round: 100 },
+  large: { num_agents: 24, side: 16, max_round: 100 },
+};
+
+const BANK_ROUNDS = 3;
+
+const FIRST = { task: "Pursuit", ...SIZES.standard, seed: "", clock: "", beside: "built-in", player: "default", fill: "60", control: "decentralized", watch: true };
+
+/** @param {URLSearchParams} query */
+function settingsOf(query) {
+  const given = Object.keys(FIRST).filter((name) => query.has(name));
+  return { ...FIRST, ...Object.fromEntries(given.map((name) => [name, name === "watch" ? query.get(name) === "true" : query.get(name)])) };
+}
+
+/** The settings of a game as a query of this page, to play the like again. @param {any} config */
+export const againQuery = (config) => ({
+  task: config.task,
+  num_agents: config.num_agents,
+  side: config.width,
+  max_round: config.max_round,
+  clock: config.round_deadline_s,
+  control: config.control,
+});
+
+/** @param {any} form */
+const gameOf = (form) => ({
+  task: form.task,
+  num_agents: Number(form.num_agents),
+  width: Number(form.side),
+  height: Number(form.side),
+  max_round: Number(form.max_round),
+  control: form.control,
+  ...(form.seed === "" ? {} : { seed: Number(form.seed) }),
+  ...(form.clock ? { round_deadline_s: Number(form.clock), bank_s: BANK_ROUNDS * Number(form.clock) } : {}),
+});
+
+/** Who holds the seats, as a creation says it. @type {Record<string, (form: any) => object>} */
+const SEATS = {
+  "built-in": (form) => ({ player: form.player, open_seats: 1, visibility: "owner" }),
+  others: (form) => ({
+    open_seats: Number(form.num_agents),
+    fill_after_s: Number(form.fill),
+    fill_with: form.player,
+    visibility: form.watch ? "public" : "owner",
+  }),
+  nobody: () => ({ model: playerName(), agent_meta: { ...HUMAN, seats: "all" }, visibility: "owner" }),
+};
+
+/** Creates a game, and takes a seat of it, or all. Returns its id. @param {any} form */
+async function createGame(form) {
+  const body = { ...gameOf(form), ...SEATS[form.beside](form) };
+  const game = await request("/api/v1/episodes", { method: "POST", body, idempotencyKey: onceKey() });
+  remember(`creator:${game.id}`, game.swarm_token);
+  if (form.beside === "nobody") remember(`token:${game.id}`, game.swarm_token);
+  else await claimSeat(game.id, undefined, onceKey());
+  return game.id;
+}
+
+/** Creates a run of a suite that one person plays, for its board. @param {string} suite */
+async function createRun(suite) {
+  const body = { suite, model: playerName(), agent_meta: { ...HUMAN, seats: "all" }, parallel: 1 };
+  const run = await request("/api/v1/runs", { method: "POST", body, idempotencyKey: onceKey() });
+  remember(`creator:${run.id}`, run.swarm_token);
+  remember(`token:${run.id}`, run.swarm_token);
+  return run.id;
+}
+
+/** Runs one creation at a time, and goes to the seat. */
+function useCreation() {
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const [isBusy, setBusy] = useState(false);
+  /** @param {() => Promise<string>} create */
+  const start = async (create) => {
+    if (isBusy) return;
+    setBusy(true);
+    setProblem(null);
+    try {
+      visit(`/play/${encodeURIComponent(await create())}`);
+    } catch (error) {
+      setProblem(/** @type {Error} */ (error));
+      setBusy(false);
+    }
+  };
+  return { problem, isBusy, start };
+}
+
+/** @param {{query: URLSearchParams}} props */
+export function NewGame({ query }) {
+  const [form, setForm] = useState(/** @type {any} */ (() => settingsOf(query)));
+  const { problem, isBusy, start } = useCreation();
+  /** @param {object} change */
+  const set = (change) => setForm((/** @type {any} */ form) => ({ ...form, ...change }));
+  /** @param {Event} event */
+  const submitted = (event) => {
+    event.preventDefault();
+    start(() => createGame(form));
+  };
+  return html`<form onSubmit=${submitted} class="new-game">
+    <fieldset>
+      <legend>Task</legend>
+      ${TASKS.map(
+        ([task, what]) => html`<label class="choice" key=${task}>
+          <input type="radio" name="task" checked=${form.task === task} onChange=${() => set({ task })} />
+          <span><b>${task}</b> <span class="muted">${what}</span></span>
+        </label>`,
+      )}
+    </fieldset>
+    <fieldset>
+      <legend>Who plays the other seats</legend>
+      <${Beside} form=${form} set=${set} />
+    </fieldset>
+    <${Size} form=${form} set=${set} />
+    <details>
+      <summary>More settings</summary>
+      <${More} form=${form} set=${set} />
+    </details>
+    <${NameField} />
+    <p><button type="submit" class="primary" aria-disabled=${isBusy}>${isBusy ? "Starting …" : "Play"}</button></p>
+    ${problem && html`<${ProblemNote} problem=${problem} what="The game" />`}
+  </form>`;
+}
+
+/** @type {[string, string, string][]} */
+const BESIDE = [
+  ["built-in", "Built-in players", "You hold one seat. The game begins at once."],
+  ["others", "People and programs", "Each takes a seat. Built-in players take what is left."],
+  ["nobody", "I do, in turn", "You decide for every agent, one after another, with what that agent sees."],
+];
+
+/** @param {{form: any, set: (change: object) => void}} props */
+const Beside = ({ form, set }) => html`${BESIDE.map(
+    ([beside, name, what]) => html`<label class="choice" key=${beside}>
+      <input type="radio" name="beside" checked=${form.beside === beside} onChange=${() => set({ beside })} />
+      <span><b>${name}</b> <span class="muted">${what}</span></span>
+    </label>`,
+  )}
+  ${form.beside === "others" &&
+  html`<div class="row">
+    <label>Seconds until then <input type="number" min="0" max="604800" required value=${form.fill} onInput=${(/** @type {any} */ event) => set({ fill: event.target.value })} /></label>
+    <label><input type="checkbox" checked=${form.watch} onChange=${(/** @type {any} */ event) => set({ watch: event.target.checked })} /> listed, and everybody may watch</label>
+  </div>`}`;
+
+/** @param {{form: any, set: (change: object) => void}} props */
+function Size({ form, set }) {
+  const isOf = (/** @type {Record<string, number>} */ size) => Object.entries(size).every(([field, value]) => Number(form[field]) === value);
+  return html`<fieldset>
+    <legend>Size</legend>
+    <p class="buttons">
+      ${Object.entries(SIZES).map(
+        ([name, size]) => html`<button type="button" key=${name} aria-pressed=${isOf(size)} onClick=${() => set(size)}>${name}</button>`,
+      )}
+      <span class="muted">${form.num_agents} agents, ${form.side} × ${form.side} cells, ${form.max_round} rounds</span>
+    </p>
+  </fieldset>`;
+}
+
+/** @param {{form: any, set: (change: object) => void}} props */
+function More({ form, set }) {
+  const to = (/** @type {string} */ field) => (/** @type {any} */ event) => set({ [field]: event.target.value });
+  const number = (/** @type {string} */ field, /** @type {string} */ label, /** @type {number} */ min, /** @type {number} */ max) =>
+    html`<label>${label} <input type="number" min=${min} max=${max} required value=${form[field]} onInput=${to(field)} /></label>`;
+  return html`<div class="row">
+    ${number("num_agents", "Agents", 1, 1024)} ${number("side", "Cells on a side", 8, 256)} ${number("max_round", "Rounds", 1, 100_000)}
+    <label>Seed <input inputmode="numeric" pattern="[0-9]*" placeholder="random" value=${form.seed} onInput=${to("seed")} /></label>
+    <label>Seconds a round <input type="number" min="1" max="86400" placeholder="no clock" value=${form.clock} onInput=${to("clock")} /></label>
+    <label
+      >Built-in player
+      <select value=${form.player} onChange=${to("player")}>
+        <option value="default">the task's own</option>
+        <option value="random">random</option>
+      </select></label
+    >
+    <label
+      >Control
+      <select value=${form.control} onChange=${to("control")}>
+        <option value="decentralized">decentralized: small windows</option>
+        <option value="centralized">centralized: Agent 0 commands</option>
+      </select></label
+    >
+  </div>
+  <p class="muted small">With a clock each seat also has a bank of ${BANK_ROUNDS} rounds. Who knows the seed can compute the map.</p>`;
+}
+
+/** The paper's human baselines: a suite, all seats in turn, on the board. */
+export function NewRun() {
+  const { problem, isBusy, start } = useCreation();
+  return html`<h2>Be on a board</h2>
+    <p>
+      Play the suite <code>quick</code> alone: five tasks, 12 agents, 20 rounds each. You decide for every agent in turn, 1,200 times.
+      You can stop and come back in the same tab. The result is on the board <a href="/board/quick">quick</a>, marked as human.
+    </p>
+    <p><button type="button" aria-disabled=${isBusy} onClick=${() => start(() => createRun("quick"))}>Play the suite quick</button></p>
+    ${problem && html`<${ProblemNote} problem=${problem} what="The run" />`}`;
+}

@@ -1,0 +1,196 @@
+// A seat as its holder's browser plays it: what the agent sees now, and acts. A seat token has one agent; a swarm token has
+// several, of one game or of all games of a run, which are played in turn.
+import { useEffect, useRef, useState } from "../ui.js";
+import { Problem, request, sleep, withQuery } from "../api.js";
+
+/** How long the server may hold a request back. */
+const WAIT_S = 25;
+/** How often a game that has not started is looked at. */
+const START_MS = 2000;
+const FIRST_PAUSE_MS = 500;
+const LONGEST_PAUSE_MS = 8000;
+/** After the end of a clock the server needs a moment to open the next round. */
+const CLOCK_GRACE_MS = 300;
+
+/**
+ * @typedef {object} Seat
+ * @property {any} obs the observation that is shown; null before the first
+ * @property {number} seenAt when it came, for clocks (`performance.now()`)
+ * @property {"loading" | "waiting" | "choose" | "sending" | "sent" | "over" | "failed"} phase
+ * @property {any} receipt of the last act
+ * @property {boolean} isLost whether the server did not answer lately
+ * @property {Problem | null} problem why the last act was not taken, or why all is over
+ */
+
+/** @type {Seat} */
+const EMPTY = { obs: null, seenAt: 0, phase: "loading", receipt: null, isLost: false, problem: null };
+
+const ENDED = ["finished", "aborted", "abandoned"];
+
+/** Problems that pass: the same request is sent again. @param {Problem} problem */
+const passes = (problem) => [0, 429, 500, 502, 503].includes(problem.status);
+
+/** @param {string} token */
+export const hasManySeats = (token) => token.startsWith("swarm_");
+
+/**
+ * Plays with a token as long as the page is open.
+ * @param {string} token
+ * @returns {Seat & {act: (choice: Choice) => void}}
+ */
+export function useSeat(token) {
+  const [seat, setSeat] = useState(EMPTY);
+  const session = useRef(/** @type {Session | null} */ (null));
+  useEffect(() => {
+    const aborted = new AbortController();
+    session.current = new Session(token, aborted.signal, setSeat);
+    session.current.play();
+    return () => aborted.abort();
+  }, [token]);
+  return { ...seat, act: (choice) => void session.current?.act(choice) };
+}
+
+/** @typedef {{action: string, message?: string, to?: string}} Choice */
+
+class Session {
+  /**
+   * @param {string} token
+   * @param {AbortSignal} signal
+   * @param {(seat: Seat) => void} onChange
+   */
+  constructor(token, signal, onChange) {
+    this.token = token;
+    this.signal = signal;
+    this.onChange = onChange;
+    this.seat = EMPTY;
+    this.look = hasManySeats(token) ? () => this.lookAtSwarm() : () => this.lookAtSeat();
+    this.resume = () => {};
+  }
+
+  /** @param {Partial<Seat>} change */
+  set(change) {
+    if (this.signal.aborted) return;
+    this.seat = { ...this.seat, ...change };
+    this.onChange(this.seat);
+  }
+
+  /** Looks again and again, until all is over. */
+  async play() {
+    let pause = FIRST_PAUSE_MS;
+    while (!this.signal.aborted && this.seat.phase !== "over") {
+      try {
+        await this.look();
+        if (this.seat.isLost) this.set({ isLost: false });
+        pause = FIRST_PAUSE_MS;
+      } catch (error) {
+        if (this.signal.aborted) return;
+        const problem = asProblem(error);
+        if (!passes(problem)) return this.set({ phase: "failed", problem });
+        this.set({ isLost: true });
+        await sleep(Math.max(pause, problem.retryAfterMs ?? 0), this.signal);
+        pause = Math.min(pause * 2, LONGEST_PAUSE_MS);
+      }
+    }
+  }
+
+  /** @param {any} obs */
+  show(obs) {
+    const phase = phaseOf(obs);
+    const isSame = sameRound(obs, this.seat.obs);
+    // An act that is under way decides by itself what comes next.
+    if (isSame && this.seat.phase === "sending") return;
+    this.set({ obs, seenAt: performance.now(), phase, ...(isSame ? {} : { receipt: null, problem: null }) });
+  }
+
+  async lookAtSeat() {
+    const { obs, isLost } = this.seat;
+    // After a lost connection the clock is asked for at once.
+    const query = obs?.status === "running" && !isLost ? { after: obs.round, wait: WAIT_S } : {};
+    const seen = await this.ask(withQuery("/obs", query));
+    this.show(seen);
+    if (seen.status === "waiting") await sleep(START_MS, this.signal);
+  }
+
+  async lookAtSwarm() {
+    const answer = await this.ask(withQuery("/swarm/obs", { limit: 1, wait: this.seat.obs ? WAIT_S : START_MS / 1000 }));
+    const [obs] = answer.observations;
+    if (answer.finished) return this.set({ phase: "over" });
+    if (!obs) return this.set({ phase: this.seat.obs ? "sent" : "waiting" });
+    this.show(obs);
+    await this.acted(obs);
+  }
+
+  /** Until this seat has acted, or its clock is over. @param {any} obs */
+  async acted(obs) {
+    const over = new AbortController();
+    const stop = () => over.abort();
+    this.resume = stop;
+    this.signal.addEventListener("abort", stop);
+    await sleep(obs.remaining_ms === null ? 2 ** 31 - 1 : obs.remaining_ms + CLOCK_GRACE_MS, over.signal);
+    this.signal.removeEventListener("abort", stop);
+  }
+
+  /** @param {string} path */
+  ask(path) {
+    return request(path, { token: this.token, signal: this.signal });
+  }
+
+  /**
+   * Sends an act, and the same one again until there is an answer.
+   * @param {Choice} choice
+   */
+  async act(choice) {
+    const { obs, phase } = this.seat;
+    if (phase !== "choose") return;
+    this.set({ phase: "sending", problem: null });
+    let pause = FIRST_PAUSE_MS;
+    while (!this.signal.aborted && sameRound(obs, this.seat.obs)) {
+      try {
+        const receipt = await this.send(obs, choice);
+        if (sameRound(obs, this.seat.obs)) this.set({ receipt, phase: "sent", isLost: false });
+        return this.resume();
+      } catch (error) {
+        if (this.signal.aborted) return;
+        const problem = asProblem(error);
+        if (!passes(problem)) return this.refused(obs, problem);
+        this.set({ isLost: true });
+        await sleep(Math.max(pause, problem.retryAfterMs ?? 0), this.signal);
+        pause = Math.min(pause * 2, LONGEST_PAUSE_MS);
+      }
+    }
+  }
+
+  /** @param {any} obs @param {Choice} choice */
+  async send(obs, choice) {
+    const act = { round: obs.round, ...choice };
+    if (!hasManySeats(this.token)) {
+      return request("/act", { method: "POST", token: this.token, body: act, signal: this.signal });
+    }
+    const acts = [{ episode: obs.episode, agent: obs.agent, ...act }];
+    const answer = await request("/swarm/act", { method: "POST", token: this.token, body: { acts }, signal: this.signal });
+    const [receipt] = answer.receipts;
+    if (receipt.code) throw new Problem(receipt.status, receipt);
+    return receipt;
+  }
+
+  /** @param {any} obs @param {Problem} problem */
+  refused(obs, problem) {
+    if (problem.status === 401) return this.set({ phase: "failed", problem });
+    const isAnswered = problem.code === "already_acted";
+    if (sameRound(obs, this.seat.obs)) this.set({ problem, phase: isAnswered ? "sent" : "choose" });
+    this.resume();
+  }
+}
+
+/** An answer that broke off is no answer. @param {unknown} error */
+const asProblem = (error) => (error instanceof Problem ? error : new Problem(0, { detail: String(error) }));
+
+/** @param {any} obs */
+function phaseOf(obs) {
+  if (ENDED.includes(obs.status)) return "over";
+  if (obs.status === "waiting") return "waiting";
+  return obs.acted || !obs.alive ? "sent" : "choose";
+}
+
+/** @param {any} a @param {any} b */
+const sameRound = (a, b) => a && b && a.episode === b.episode && a.agent === b.agent && a.round === b.round;

@@ -1,0 +1,139 @@
+// Before a seat is held: the seats of a game, and the two ways to get one.
+import { html, useRef, useState } from "../ui.js";
+import { visit } from "../app.js";
+import { remember, request, route, tokenOf } from "../api.js";
+import { useLoaded } from "./load.js";
+import { HUMAN, NameField, onceKey, playerName } from "./player.js";
+import { ProblemNote } from "./problem.js";
+import { SeatTable } from "./seats.js";
+import { Text } from "./text.js";
+
+const AGAIN_MS = 3000;
+
+/** @param {{id: string, onToken: (token: string) => void}} props */
+export function TakeSeat({ id, onToken }) {
+  const loaded = useLoaded(
+    async (signal) => {
+      const options = { token: tokenOf(id), signal };
+      const [summary, claims] = await Promise.all([
+        request(route`/api/v1/episodes/${id}`, options),
+        request(route`/api/v1/episodes/${id}/claims`, options),
+      ]);
+      return { summary, claims };
+    },
+    [id],
+    AGAIN_MS,
+  );
+  const { value, problem, reload } = loaded;
+  if (problem && !value) return html`<h1>Play</h1><${ProblemNote} problem=${problem} retry=${reload} /><${EnterCode} id=${id} onToken=${onToken} />`;
+  if (!value) return html`<h1>Play</h1><p class="muted" role="status">Loading …</p>`;
+  const { summary, claims } = value;
+  return html`<h1>${summary.task}: take a seat</h1>
+    <${What} summary=${summary} open=${claims.open} id=${id} />
+    ${claims.open > 0 && html`<${Claim} id=${id} claims=${claims} onToken=${onToken} onRefused=${reload} />`}
+    <${EnterCode} id=${id} onToken=${onToken} />`;
+}
+
+/** @param {{summary: any, open: number, id: string}} props */
+function What({ summary, open, id }) {
+  const { config } = summary;
+  const clock = config.round_deadline_s ? `${config.round_deadline_s} s a round` : "no clock";
+  const game = html`<a href=${`/episodes/${encodeURIComponent(id)}`}>the game</a>`;
+  return html`<p>
+      ${config.num_agents} agents on ${config.width} × ${config.height} cells, ${config.max_round} rounds, ${clock}. Created by
+      ${" "}<${Text} value=${summary.model} />.
+    </p>
+    ${open === 0 &&
+    html`<p>
+      ${["waiting", "running"].includes(summary.status)
+        ? html`Every seat has a holder: you can only watch ${game}, or <a href="/play">play another one</a>.`
+        : html`This game is over. Look at ${game}, or <a href="/play">play another one</a>.`}
+    </p>`}`;
+}
+
+/** @param {{id: string, claims: any, onToken: (token: string) => void, onRefused: () => void}} props */
+function Claim({ id, claims, onToken, onRefused }) {
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const [isBusy, setBusy] = useState(false);
+  const once = useRef(onceKey());
+  /** @param {string} [agent] */
+  const claim = async (agent) => {
+    setBusy(true);
+    setProblem(null);
+    try {
+      onToken(await claimSeat(id, agent, once.current));
+    } catch (error) {
+      setProblem(/** @type {Error} */ (error));
+      setBusy(false);
+      once.current = onceKey();
+      onRefused();
+    }
+  };
+  return html`<${NameField} />
+    <p class="buttons">
+      <button type="button" class="primary" aria-disabled=${isBusy} onClick=${() => !isBusy && claim()}>
+        Take ${claims.open === 1 ? "the open seat" : "any open seat"}
+      </button>
+    </p>
+    ${problem && html`<${ProblemNote} problem=${problem} what="The seat" />`}
+    <details>
+      <summary>${claims.open} of ${claims.seats.length} seats ${claims.open === 1 ? "is" : "are"} open: choose one</summary>
+      <${SeatTable} seats=${claims.seats} onTake=${(/** @type {string} */ agent) => !isBusy && claim(agent)} />
+    </details>`;
+}
+
+/**
+ * Takes a seat for a person, and returns its token.
+ * @param {string} id
+ * @param {string | undefined} agent any where it is left out
+ * @param {string} idempotencyKey
+ */
+export async function claimSeat(id, agent, idempotencyKey) {
+  const body = { model: playerName(), agent_meta: HUMAN, ...(agent ? { agent } : {}) };
+  const claim = await request(route`/api/v1/episodes/${id}/claims`, { method: "POST", body, idempotencyKey });
+  const [seat] = claim.seats;
+  remember(`token:${id}`, seat.token);
+  return seat.token;
+}
+
+/**
+ * A seat that somebody else claimed for who plays here.
+ * @param {{id?: string, onToken?: (token: string) => void}} props the game that is shown, if there is one
+ */
+export function EnterCode({ id, onToken }) {
+  const input = useRef(/** @type {HTMLInputElement | null} */ (null));
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  /** @param {Event} event */
+  const entered = async (event) => {
+    event.preventDefault();
+    const token = input.current?.value.trim();
+    if (!token) return;
+    setProblem(null);
+    try {
+      const found = (await episodeOf(token)) ?? id;
+      if (onToken && (found === id || id?.startsWith("run_"))) return onToken(token);
+      if (!found) throw new Error("No seat of this code has to act now. Open the page of its game, and enter it there.");
+      remember(`token:${found}`, token);
+      visit(`/play/${encodeURIComponent(found)}`);
+    } catch (error) {
+      setProblem(/** @type {Error} */ (error));
+    }
+  };
+  return html`<form onSubmit=${entered} class="code">
+    <h2>You were given a code?</h2>
+    <label class="field"
+      >Code of a seat (<code>seat_…</code> or <code>swarm_…</code>)
+      <input ref=${input} type="password" autocomplete="off" spellcheck="false" />
+    </label>
+    <p class="muted small">It stays in this tab, and is forgotten when the tab is closed.</p>
+    <p><button type="submit">Play with this code</button></p>
+    ${problem && html`<${ProblemNote} problem=${problem} what="The code" />`}
+  </form>`;
+}
+
+/** The game of a token, if it says one; a token that the server does not accept is a problem. @param {string} token */
+async function episodeOf(token) {
+  if (token.startsWith("seat_")) return (await request("/obs", { token })).episode;
+  const { observations } = await request("/swarm/obs?limit=1", { token });
+  return observations[0]?.episode;
+}
