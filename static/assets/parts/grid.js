@@ -1,0 +1,94 @@
+// The games of a run: a row for each task, a column for each seed.
+import { html } from "../ui.js";
+import { Sparkline, extent, short } from "./chart.js";
+import { Score, scale } from "./rows.js";
+import { interval } from "./statistics.js";
+import { reasonText } from "./status.js";
+
+/**
+ * Games by task and seed. Of a game that was voided and played again the newest one is shown.
+ * @param {any[]} games in the order of the plan
+ */
+function arrange(games) {
+  /** @type {Map<string, Map<string, any[]>>} */
+  const tasks = new Map();
+  /** @type {Map<string, number | null>} */
+  const seeds = new Map();
+  for (const game of games) {
+    const row = tasks.get(game.task) ?? new Map();
+    tasks.set(game.task, row);
+    // While seeds are secret, games have their place in the task.
+    const place = [...row.values()].findIndex((of) => of[0].slot === game.slot);
+    const name = game.seed === null ? `game ${(place < 0 ? row.size : place) + 1}` : `seed ${game.seed}`;
+    seeds.set(name, game.seed);
+    row.set(name, [...(row.get(name) ?? []), game]);
+  }
+  return { tasks, seeds: [...seeds.keys()] };
+}
+
+/**
+ * @param {{games: any[], tasks: any[], scores: Map<string, number[]>, caption: string}} props
+ * `tasks` are the results by task, `scores` are series by episode
+ */
+export function GameGrid({ games, tasks: results, scores, caption }) {
+  const { tasks, seeds } = arrange(games);
+  return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
+    <table class="games">
+      <caption class="unseen">${caption}</caption>
+      <thead>
+        <tr>
+          <th scope="col">Task</th>
+          <th scope="col" class="number">Mean ± deviation</th>
+          ${seeds.map((seed) => html`<th scope="col" class="number">${seed}</th>`)}
+        </tr>
+      </thead>
+      <tbody>
+        ${[...tasks].map(([task, of]) => {
+          const range = extent([...of.values()].flatMap((games) => games.flatMap((game) => scores.get(game.episode) ?? [])));
+          return html`<tr key=${task}>
+            <th scope="row">${task}</th>
+            <td class="number"><${Mean} result=${results.find((result) => result.task === task)} /></td>
+            ${seeds.map((seed) => html`<td><${Game} games=${of.get(seed) ?? []} seed=${seed} scores=${scores} range=${range} /></td>`)}
+          </tr>`;
+        })}
+      </tbody>
+    </table>
+  </div>`;
+}
+
+/** @param {{result: any}} props */
+function Mean({ result }) {
+  if (!result) return null;
+  const of = interval([{ ...result, games: result.planned }]);
+  return html`<${Score} of=${of} deviation=${result.deviation} range=${scale([of])} name=${result.task} />
+    ${result.played < result.planned && html`<span class="muted small">${result.played} of ${result.planned} played</span>`}`;
+}
+
+/** @param {{games: any[], seed: string, scores: Map<string, number[]>, range: [number, number]}} props */
+function Game({ games, seed, scores, range }) {
+  const game = games.at(-1);
+  if (!game) return null;
+  if (!game.episode) return html`<span class="muted small">planned</span>`;
+  const series = scores.get(game.episode);
+  const note = noteOf(game, games.length);
+  const label = `${game.task}, ${seed}: score ${short(game.score)}, ${game.status} after ${game.round} rounds${note && `, ${note}`}`;
+  return html`<a class="game" href=${`/episodes/${encodeURIComponent(game.episode)}`} aria-label=${label} title=${label}>
+    <span class="number">${short(game.score)}</span>
+    ${series && series.length > 1 && html`<span aria-hidden="true"><${Sparkline} values=${series} range=${range} label="" width=${64} height=${20} /></span>`}
+    <span class=${`small ${game.status === "running" ? "good" : note ? "bad" : "muted"}`}>${note || (game.status === "finished" ? "" : `${game.status} ${game.round}`)}</span>
+  </a>`;
+}
+
+/** What went wrong with a game, in a few words. @param {any} game @param {number} tries */
+function noteOf(game, tries) {
+  if (game.void_reason !== null) return "voided";
+  if (game.status === "aborted" || game.status === "abandoned") return game.status;
+  return tries > 1 ? "played again" : "";
+}
+
+/** Games that did not end as planned, with the reason. @param {any[]} games */
+export const failed = (games) =>
+  games.filter((game) => game.void_reason !== null || ["aborted", "abandoned"].includes(game.status));
+
+/** Why a game ended, or was voided. @param {any} game */
+export const whyOf = (game) => reasonText(game.reason) || game.status;

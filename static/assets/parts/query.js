@@ -1,0 +1,32 @@
+// The query of the address as state of a page: a link to what is seen, without loading the page again.
+import { useCallback, useEffect, useState } from "../ui.js";
+
+const here = () => new URLSearchParams(location.search);
+
+/** @returns {[URLSearchParams, (changes: Record<string, string | null>) => void]} null and "" remove a name */
+export function useQuery() {
+  const [query, setQuery] = useState(here);
+  useEffect(() => {
+    const changed = () => setQuery(here());
+    addEventListener("popstate", changed);
+    return () => removeEventListener("popstate", changed);
+  }, []);
+  const change = useCallback((/** @type {Record<string, string | null>} */ changes) => {
+    const next = here();
+    for (const [name, value] of Object.entries(changes)) {
+      if (value) next.set(name, value);
+      else next.delete(name);
+    }
+    const text = next.toString();
+    history.replaceState(null, "", location.pathname + (text && `?${text}`));
+    setQuery(next);
+  }, []);
+  return [query, change];
+}
+
+/** Sets the title of the document when it is known. @param {string | null | undefined} title */
+export function useTitle(title) {
+  useEffect(() => {
+    if (title) document.title = `${title} · swarmbench`;
+  }, [title]);
+}

@@ -1,0 +1,52 @@
+// What the statuses of games and runs mean, in words.
+import { html } from "../ui.js";
+
+/** @type {Record<string, string>} */
+const GAMES = {
+  planned: "Not opened yet",
+  waiting: "Waits for players",
+  running: "Rounds are played",
+  finished: "Played to its end",
+  aborted: "Ended by its creator or an organizer, or because its competition closed",
+  abandoned: "Nobody acted for longer than the game waits",
+};
+
+/** @type {Record<string, string>} */
+const RUNS = {
+  running: "Games are open, or will be opened",
+  finished: "All games have ended",
+  aborted: "Ended by its creator or an organizer. Games that were never played count as 0",
+  abandoned: "Nobody acted in one of its games for longer than it waits. Games that were never played count as 0",
+  closed: "Its competition closed. Games that were never played count as 0",
+};
+
+/** @type {Record<string, string>} */
+const REASONS = {
+  task_done: "the task was done",
+  rounds_played: "all rounds were played",
+  aborted: "aborted",
+  idle: "nobody acted for too long",
+  closed: "the competition closed",
+};
+
+/** @param {string | null | undefined} reason */
+export const reasonText = (reason) => (reason ? (REASONS[reason] ?? reason) : "");
+
+/** @param {string} status */
+export const runStatusText = (status) => RUNS[status] ?? "";
+
+/** @param {string} status */
+const isBad = (status) => ["aborted", "abandoned", "closed"].includes(status);
+
+/** A status as a word with a mark. @param {{status: string, of?: "game" | "run"}} props */
+export const Status = ({ status, of = "game" }) =>
+  html`<span class=${`badge ${isBad(status) ? "bad" : status === "running" ? "good" : ""}`} title=${(of === "run" ? RUNS : GAMES)[status]}
+    >${status}</span
+  >`;
+
+/** @param {number | null | undefined} share 0 to 1 */
+export function percent(share) {
+  if (share === null || share === undefined) return "–";
+  if (share === 0) return "0 %";
+  return share < 0.001 ? "< 0.1 %" : `${(share * 100).toFixed(1)} %`;
+}
