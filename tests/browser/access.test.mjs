@@ -1,0 +1,54 @@
+// Every page for everybody: axe-core finds nothing, in both colour schemes, wide and narrow, and a narrow page is never
+// scrolled sideways.
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { NARROW, WIDE, open } from "./support/browser.mjs";
+import { PLACES, expectedAt, full } from "./support/site.mjs";
+import { suite } from "./support/suite.mjs";
+
+const AXE = await readFile(new URL("node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
+
+/** How far a page may be too wide: rounding. */
+const SLACK_PX = 1;
+
+const { visit } = suite({ keys: true }, full);
+
+/** @param {import("playwright-core").Page} page */
+async function violations(page) {
+  const found = await page.evaluate(async () => {
+    // @ts-expect-error axe is added below
+    const { violations } = await globalThis.axe.run(document, { resultTypes: ["violations"] });
+    return violations.map(({ id, help, nodes }) => `${id}: ${help}\n    ${nodes.map(({ html }) => html).join("\n    ")}`);
+  });
+  return found.join("\n");
+}
+
+/** What makes a page wider than the window. @param {import("playwright-core").Page} page @param {number} slack */
+const tooWide = (page, slack) =>
+  page.evaluate((slack) => {
+    const { scrollWidth, clientWidth } = document.documentElement;
+    if (scrollWidth <= clientWidth + slack) return "";
+    const wide = [...document.body.querySelectorAll("*")].filter((one) => one.getBoundingClientRect().right > clientWidth + slack);
+    const names = wide.map((one) => `${one.tagName} ${one.className} ${one.textContent?.slice(0, 40)}`);
+    return `${scrollWidth} px of ${clientWidth}: ${names.slice(0, 5).join(" | ")}`;
+  }, slack);
+
+for (const { name, address, needsKey } of PLACES) {
+  visit(
+    `${name}: everybody can read it`,
+    async ({ page, watch }, { data }) => {
+      watch.expect(...expectedAt(name));
+      await open(page, address(data));
+      await page.evaluate(AXE);
+      for (const [size, viewport] of Object.entries({ WIDE, NARROW })) {
+        await page.setViewportSize(viewport);
+        for (const colorScheme of /** @type {const} */ (["light", "dark"])) {
+          await page.emulateMedia({ colorScheme });
+          assert.equal(await violations(page), "", `${name}, ${size}, ${colorScheme}`);
+        }
+      }
+      assert.equal(await tooWide(page, SLACK_PX), "", name);
+    },
+    { asOrganizer: needsKey },
+  );
+}

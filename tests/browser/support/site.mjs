@@ -1,0 +1,170 @@
+// A server with something on every page, with the texts that its users wrote.
+import { spawnSync } from "node:child_process";
+import { writeFile } from "node:fs/promises";
+import path from "node:path";
+import { competition, hosted, play, run, smallSuite, spoken, talkative } from "./games.mjs";
+import { BINARY } from "./program.mjs";
+
+/**
+ * What strangers write. Names have at most `chars` characters.
+ * @typedef {object} Texts
+ * @property {(what: string, chars?: number) => string} name
+ * @property {(index: number) => string} message
+ * @property {string} response
+ * @property {string} reasoning
+ * @property {string | undefined} template
+ * @property {string} description
+ * @property {string} reason
+ * @property {object} meta
+ */
+
+/** @type {Texts} */
+export const PLAIN = {
+  name: (what) => what,
+  message: (index) => ["I go up", "prey at (3,4)", "close from the left", "wait for me"][index % 4],
+  response: "I look around and compare.",
+  reasoning: "The prey is two cells to the left, and the agent beside me goes up.",
+  template: undefined,
+  description: "Two tasks on layouts that nobody knows. Do not pool what your agents see.",
+  reason: "the disk was full",
+  meta: { prompt: "v3", temperature_note: "as served" },
+};
+
+/** How long a short competition is open: its games are played by then. */
+const SHORT_MS = 6_000;
+
+/**
+ * @param {import("./program.mjs").Program} program with keys
+ * @param {Texts} [texts]
+ */
+export async function full(program, texts = PLAIN) {
+  const closed = shortCompetition(program, texts);
+  const agents = { agent_meta: texts.meta, ...(texts.template && { prompt_template: texts.template }) };
+  const decide = speaks(texts);
+
+  const built = await run(program, { suite: smallSuite(), model: texts.name("careful walker") });
+  const named = await run(program, { suite: { ...smallSuite(), name: texts.name("forest", 60) }, model: texts.name("explorer") });
+  const row = (await program.get(`/api/v1/leaderboard?suite=small`)).items[0].id;
+  const model = texts.name("gpt-x", 200);
+  const talk = await spoken(program, { task: "Pursuit", seed: 27, num_agents: 6, max_round: 40, model, ...agents }, { decide });
+  const same = { task: "Foraging", seed: 42, max_round: 60 };
+  const first = await hosted(program, { ...same, model: texts.name("first") });
+  const second = await hosted(program, { ...same, player: "random", model: texts.name("second") });
+  const live = await spoken(
+    program,
+    { task: "Synchronization", seed: 57, num_agents: 6, model: texts.name("still playing"), ...agents },
+    { decide, rounds: 12 },
+  );
+  const voided = await hosted(program, { task: "Flocking", seed: 7, num_agents: 4, max_round: 10 });
+  await program.post(`/api/v1/episodes/${voided}/void`, { reason: texts.reason });
+  const mixed = await program.post("/api/v1/episodes", {
+    ...{ task: "Foraging", seed: 3, num_agents: 4, max_round: 20, player: "default", open_seats: 1, visibility: "public" },
+    model: texts.name("host of a mixed game"),
+  });
+  await program.post("/api/v1/keys", { name: texts.name("team blue") });
+  const cup = await openCompetition(program, texts);
+  const games = { built, named, row, talk: talk.id, first, second, live, voided, mixed: mixed.id, cup, closed: await closed };
+  return { ...games, imported: await importOf(program, talk.id) };
+}
+
+/** Answers like a language model's, with the texts. @param {Texts} texts */
+function speaks(texts) {
+  const draw = talkative(27);
+  let count = 0;
+  return (/** @type {any} */ observation) => {
+    const drawn = draw(observation);
+    count += 1;
+    const action = /ACTION: \w+/.exec(drawn.response)?.[0] ?? "";
+    const response = `${texts.response}\n${action}\nMSG: ${texts.message(count)}`;
+    return { ...drawn, response, reasoning: texts.reasoning };
+  };
+}
+
+/** @param {import("./program.mjs").Program} program @param {Texts} texts */
+async function openCompetition(program, texts) {
+  const made = await competition(program, { name: texts.name("Spring cup"), description: texts.description });
+  const base = `/api/v1/competitions/${made.id}`;
+  for (const who of ["blue", "red"]) {
+    const key = await enter(program, base, texts, who);
+    const { swarm_token: token } = await program.post(`${base}/attempts`, {}, { token: key });
+    await play(program, token, speaks(texts), who === "blue" ? Infinity : 3);
+  }
+  const { items } = await program.get(`${base}/entrants`);
+  await program.call("PATCH", `${base}/entrants/${items[0].id}`, {
+    body: { status: "disqualified", reason: texts.reason },
+  });
+  await program.post(`${base}/codes`, { labels: [texts.name("team green")] });
+  return made.id;
+}
+
+/** A competition that is over when this returns. @param {import("./program.mjs").Program} program @param {Texts} texts */
+async function shortCompetition(program, texts) {
+  const closes = Date.now() + SHORT_MS;
+  const made = await competition(program, {
+    name: texts.name("Winter cup"),
+    description: texts.description,
+    closes_at: new Date(closes).toISOString(),
+    clocks: { round_deadline_s: 1 },
+  });
+  const base = `/api/v1/competitions/${made.id}`;
+  const key = await enter(program, base, texts, "grey");
+  const { run: id, swarm_token: token } = await program.post(`${base}/attempts`, {}, { token: key });
+  await play(program, token, speaks(texts));
+  await program.get(`/api/v1/runs/${id}/events`, { text: true });
+  for (;;) {
+    const { phase } = await program.get(base);
+    if (phase === "closed") return made.id;
+    await new Promise((resolve) => setTimeout(resolve, 200));
+  }
+}
+
+/** @param {import("./program.mjs").Program} program @param {string} base @param {Texts} texts @param {string} who */
+async function enter(program, base, texts, who) {
+  const body = { name: texts.name(who), model: texts.name(`model of ${who}`), agent_meta: texts.meta };
+  // Without the organizer's key: an entrant gets one of its own.
+  const { key } = await program.post(`${base}/entrants`, body, { token: "" });
+  return key;
+}
+
+/** A game as it comes back from a file. @param {import("./program.mjs").Program} program @param {string} id */
+async function importOf(program, id) {
+  const answer = await fetch(`${program.url}/api/v1/exports/dataset.zip?episode=${id}`);
+  const file = path.join(program.folder, "games.zip");
+  await writeFile(file, Buffer.from(await answer.arrayBuffer()));
+  await program.restart(async () => {
+    const done = spawnSync(BINARY, ["import", file, "--db", program.database]);
+    if (done.status !== 0) throw new Error(`not imported: ${done.stderr}`);
+  });
+  return (await program.get("/api/v1/imports")).items[0].id;
+}
+
+/**
+ * Every page, with something on it. `needsKey`: an organizer's.
+ * @type {{name: string, address: (data: Awaited<ReturnType<typeof full>>) => string, needsKey?: boolean}[]}
+ */
+export const PLACES = [
+  { name: "front", address: () => "/" },
+  { name: "boards", address: () => "/boards" },
+  { name: "board", address: () => "/board/small" },
+  { name: "player", address: ({ row }) => `/board/small/${encodeURIComponent(row)}` },
+  { name: "runs", address: () => "/runs" },
+  { name: "run", address: ({ built }) => `/runs/${built}` },
+  { name: "games", address: () => "/episodes" },
+  { name: "game", address: ({ talk }) => `/episodes/${talk}#r=12&a=2` },
+  { name: "live", address: ({ live }) => `/episodes/${live.id}` },
+  { name: "voided", address: ({ voided }) => `/episodes/${voided}` },
+  { name: "embedded", address: ({ talk }) => `/embed/episodes/${talk}` },
+  { name: "imports", address: () => "/imports" },
+  { name: "import", address: ({ imported }) => `/imports/${imported}` },
+  { name: "compare", address: ({ first, second }) => `/compare?a=${first}&b=${second}` },
+  { name: "play", address: () => "/play" },
+  { name: "seat", address: ({ mixed }) => `/play/${mixed}`, needsKey: true },
+  { name: "competitions", address: () => "/competitions" },
+  { name: "competition", address: ({ cup }) => `/competitions/${cup}` },
+  { name: "revealed", address: ({ closed }) => `/competitions/${closed}` },
+  { name: "desk", address: () => "/desk", needsKey: true },
+  { name: "missing", address: () => "/nowhere" },
+];
+
+/** What the watch of a place expects. @param {string} name */
+export const expectedAt = (name) => (name === "missing" ? [/404.*\/nowhere|404.*\(Not Found\) \(.*\/nowhere/] : []);

@@ -1,0 +1,60 @@
+// What the tests of one file share: a server with games, and a browser.
+import { mkdir } from "node:fs/promises";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+import { after, before, test } from "node:test";
+import { launch, visitor } from "./browser.mjs";
+import { Program } from "./program.mjs";
+
+const FAILURES = path.join(path.dirname(fileURLToPath(import.meta.url)), "../out/failures");
+
+/** A test that waits for something that does not come fails after this. */
+const PATIENCE_MS = 120_000;
+
+/**
+ * @template D
+ * @param {{keys?: boolean, args?: string[]}} options
+ * @param {(program: Program) => Promise<D>} fill makes the games, before the first test
+ */
+export function suite(options, fill) {
+  /** @type {{program: Program, browser: import("playwright-core").Browser, data: D}} */
+  const site = /** @type {any} */ ({});
+  before(
+    async () => {
+      site.program = await Program.start(options);
+      [site.browser, site.data] = await Promise.all([launch(), fill(site.program)]);
+    },
+    { timeout: PATIENCE_MS },
+  );
+  after(async () => {
+    await site.browser?.close();
+    await site.program?.stop();
+  });
+
+  /**
+   * A test with a visitor of its own, whose pages must have no fault.
+   * @param {string} name
+   * @param {(visitor: Awaited<ReturnType<typeof visitor>>, site: {program: Program, data: D}) => Promise<void>} run
+   * @param {Parameters<typeof visitor>[2] & {asOrganizer?: boolean}} [who]
+   */
+  const visit = (name, run, { asOrganizer, ...who } = {}) =>
+    test(name, { timeout: PATIENCE_MS }, async () => {
+      const key = asOrganizer ? site.program.organizer : undefined;
+      const one = await visitor(site.browser, site.program, { key, ...who });
+      try {
+        await run(one, site);
+      } catch (error) {
+        await picture(one.page, name);
+        throw Object.assign(error, { message: `${error.message}\n${one.watch.faults.slice(0, 5).join("\n")}` });
+      }
+      await one.done();
+    });
+  return { site, visit };
+}
+
+/** What a page showed when its test failed. @param {import("playwright-core").Page} page @param {string} name */
+async function picture(page, name) {
+  await mkdir(FAILURES, { recursive: true });
+  const file = path.join(FAILURES, `${name.replaceAll(/\W+/g, "-")}.png`);
+  await page.screenshot({ path: file }).catch(() => {});
+}
