@@ -5,6 +5,7 @@ mod backup;
 mod board;
 mod clock;
 mod competition;
+mod completions;
 mod correlations;
 mod demo;
 mod embedder;
@@ -18,6 +19,7 @@ mod journals;
 mod key;
 mod leaderboard;
 mod loadtest;
+mod man;
 mod metrics;
 mod no_match;
 mod openapi;
@@ -34,7 +36,7 @@ mod verify;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Whether language models can act as a swarm, measured over HTTP.
 #[derive(Debug, Parser)]
@@ -101,6 +103,10 @@ enum Command {
     Openapi(openapi::Args),
     /// Fail if a server does not answer.
     Healthcheck(healthcheck::Args),
+    /// Print a script that completes commands and options in a shell.
+    Completions(completions::Args),
+    /// Write manual pages.
+    Man(man::Args),
 }
 
 /// Runs the command line of this process.
@@ -130,6 +136,8 @@ pub fn main() -> ExitCode {
         Command::Loadtest(args) => with_runtime(loadtest::run(*args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
+        Command::Man(args) => man::run(&args, Cli::command()),
     };
     exit_code(result.map(|()| ExitCode::SUCCESS))
 }
