@@ -43,26 +43,9 @@ impl ImportMeter {
     /// # Errors
     /// If it is a game of an unknown task.
     pub fn new(stored: &StoredImport, series: bool) -> Result<Self, String> {
-        let settings = &stored.settings;
-        let task = TaskName::parse(&stored.task);
-        let task = task.ok_or_else(|| format!("there is no task {:?}", stored.task))?;
-        let size = |cells: u32| i32::try_from(cells).unwrap_or(i32::MAX);
-        let setup = Setup {
-            task,
-            // The toolkit has no other.
-            control: settings
-                .control
-                .as_deref()
-                .and_then(Control::parse)
-                .unwrap_or(Control::Decentralized),
-            height: size(settings.height),
-            width: size(settings.width),
-            view_size: size(settings.view_size),
-            memory: settings.memory.and_then(|rounds| u32::try_from(rounds).ok()),
-            open_cells: 0,
-        };
+        let setup = setup(stored)?;
         let options = Options::all(series);
-        Ok(Self { setup, task, options, meter: None, decided: Vec::new() })
+        Ok(Self { task: setup.task, setup, options, meter: None, decided: Vec::new() })
     }
 
     /// Adds the next state, and what was decided in it.
@@ -72,20 +55,7 @@ impl ImportMeter {
     pub fn add(&mut self, round: &ImportedRound) -> Result<(), String> {
         let row = imported::game_row(self.task.name(), round)?;
         let state = state(self.task, &row);
-        let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows)?;
-        let mut decided = vec![Decision::default(); row.agents.len()];
-        for act in rows {
-            let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
-            let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
-            // The toolkit still writes rows for agents that have escaped.
-            if state.agents[agent].alive {
-                decided[agent] = Decision {
-                    action: act.action.as_deref().and_then(|name| Action::parse(self.task, name)),
-                    message: act.message.filter(|text| !text.is_empty()),
-                    ..Decision::default()
-                };
-            }
-        }
+        let decided = decisions_of(self.task, round, &row, &state)?;
         let before = std::mem::replace(&mut self.decided, decided);
         if let Some(meter) = &mut self.meter {
             meter.round(&before, state, None);
@@ -113,8 +83,54 @@ impl ImportMeter {
     }
 }
 
+/// The setup of an imported game; how many cells are open follows from its layout.
+///
+/// # Errors
+/// If it is a game of an unknown task.
+pub(super) fn setup(stored: &StoredImport) -> Result<Setup, String> {
+    let settings = &stored.settings;
+    let task = TaskName::parse(&stored.task);
+    let task = task.ok_or_else(|| format!("there is no task {:?}", stored.task))?;
+    let size = |cells: u32| i32::try_from(cells).unwrap_or(i32::MAX);
+    // The toolkit has no other control.
+    let control = settings.control.as_deref().and_then(Control::parse);
+    Ok(Setup {
+        task,
+        control: control.unwrap_or(Control::Decentralized),
+        height: size(settings.height),
+        width: size(settings.width),
+        view_size: size(settings.view_size),
+        memory: settings.memory.and_then(|rounds| u32::try_from(rounds).ok()),
+        open_cells: 0,
+    })
+}
+
+/// What was decided in a state of the files, in the order of its agents.
+pub(super) fn decisions_of(
+    task: TaskName,
+    round: &ImportedRound,
+    row: &GameRow,
+    state: &State,
+) -> Result<Vec<Decision>, String> {
+    let rows = round.acts.as_deref().map_or(Ok(Vec::new()), imported::agent_rows)?;
+    let mut decided = vec![Decision::default(); row.agents.len()];
+    for act in rows {
+        let agent = row.agents.iter().position(|agent| agent.id == act.agent_id);
+        let agent = agent.ok_or_else(|| format!("there is no agent {:?}", act.agent_id))?;
+        // The toolkit still writes rows for agents that have escaped.
+        if state.agents[agent].alive {
+            decided[agent] = Decision {
+                action: act.action.as_deref().and_then(|name| Action::parse(task, name)),
+                message: act.message.filter(|text| !text.is_empty()),
+                ..Decision::default()
+            };
+        }
+    }
+    Ok(decided)
+}
+
 /// A state of the files, as far as metrics need it.
-fn state(task: TaskName, row: &GameRow) -> State {
+pub(super) fn state(task: TaskName, row: &GameRow) -> State {
     let cell = |at: Pos| {
         let (i, j) = (usize::try_from(at.i).ok()?, usize::try_from(at.j).ok()?);
         Some(row.grid.get(i)?.get(j)?.as_str())

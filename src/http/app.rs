@@ -11,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::body::Bodies;
 use super::cache::{ANSWERS_BYTES_MAX, Answer, RANKINGS_BYTES_MAX, SharedCache};
+use super::episodes::verification::{VERIFICATIONS_MAX, Verifications};
 use super::error::{ApiError, Code};
 use super::heavy::Heavy;
 use super::idempotency::Creations;
@@ -93,6 +94,8 @@ pub struct Shared {
     pub(super) streams: Arc<Streams>,
     /// Pages of replays as they were written.
     pub(super) replay_pages: ReplayPages,
+    /// What was found when journals were played again.
+    pub(super) verifications: Verifications,
     /// What seats see in open rounds, as it was written.
     pub(super) sights: Sights,
     pub(super) standings: Standings,
@@ -122,6 +125,7 @@ impl App {
             heavy: Heavy::new(workers.clone(), limits),
             streams: Arc::new(Streams::new(registry.clone(), workers.clone(), limits)),
             replay_pages: ReplayPages::new(),
+            verifications: Verifications::new(VERIFICATIONS_MAX),
             sights: Sights::new(),
             standings: Standings::new(store.clone()),
             answers: SharedCache::new(ANSWERS_BYTES_MAX, cache.clone()),

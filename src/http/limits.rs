@@ -1,5 +1,6 @@
 //! Every limit of the server by its name; the unit is the last part.
 
+use crate::dataset::replay::IMPORT_CELLS_MAX;
 use crate::episode::in_flight::SEAT_ACTS_WAITING_MAX;
 use crate::episode::quota::Caps;
 use crate::episode::registry::RECOVERIES_MAX;
@@ -187,6 +188,7 @@ limits! {
         replay_rounds_max = ROUNDS_MAX,
         replay_agent_rounds_max = AGENT_ROUNDS_MAX,
         replay_page_bytes_max = PAGE_BYTES_MAX,
+        replay_import_cells_max = IMPORT_CELLS_MAX,
         score_points_max = SCORE_POINTS_MAX,
         take_ups_max = RECOVERIES_MAX,
         readers_max = READERS_MAX,

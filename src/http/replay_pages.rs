@@ -1,12 +1,12 @@
 //! Pages of replays as they were written, for all who ask for the same rounds.
 
 use bytes::Bytes;
-use quick_cache::sync::Cache;
+use quick_cache::sync::{Cache, DefaultLifecycle};
 use quick_cache::{DefaultHashBuilder, OptionsBuilder, Weighter};
 
 use super::error::ApiError;
-use crate::ids::EpisodeKey;
-use quick_cache::sync::DefaultLifecycle;
+use crate::ids::{EpisodeKey, ImportKey};
+use swarmbench_protocol::replay::ReplayPage;
 
 /// Bytes of all cached pages.
 const REPLAY_PAGES_BYTES_MAX: u64 = 32 * 1024 * 1024;
@@ -17,7 +17,7 @@ const PAGE_USUAL_BYTES: u64 = 32 * 1024;
 /// What decides the bytes of a page: resolved rounds never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct PageKey {
-    pub(super) episode: EpisodeKey,
+    pub(super) game: Game,
     pub(super) from: u32,
     /// The last round that it may have.
     pub(super) to: u32,
@@ -25,11 +25,25 @@ pub(super) struct PageKey {
     pub(super) has_decisions: bool,
 }
 
+/// Whose states a page has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Game {
+    Episode(EpisodeKey),
+    Import(ImportKey),
+}
+
 /// A page as it was written, and its last state.
 #[derive(Clone, Debug)]
 pub(super) struct WrittenPage {
     pub(super) json: Bytes,
     pub(super) last: u32,
+}
+
+impl WrittenPage {
+    pub(super) fn of(page: &ReplayPage) -> Self {
+        let json = serde_json::to_vec(page).expect("string keys").into();
+        Self { json, last: page.from + page.length - 1 }
+    }
 }
 
 /// Pages that were written. They are computed once for concurrent requests.

@@ -128,6 +128,20 @@ impl Store {
         self.fetch_all(query.bind(key.0).bind(from).bind(to)).await
     }
 
+    /// The scores of these states, in order.
+    pub async fn imported_scores(
+        &self,
+        key: ImportKey,
+        states: &[u32],
+    ) -> Result<Vec<f64>, StoreError> {
+        let states = serde_json::to_string(states).expect("numbers");
+        let query = sqlx::query(
+            "SELECT score FROM import_rounds
+             WHERE import = ? AND round IN (SELECT value FROM json_each(?)) ORDER BY round",
+        );
+        self.fetch_all(query.bind(key.0).bind(states)).await
+    }
+
     /// All imported games, as far as results are compared; the oldest first.
     pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
         let query =

@@ -6,7 +6,7 @@
 use sha2::{Digest, Sha256};
 
 /// The hash of a chain up to some record.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Head(pub [u8; 32]);
 
 impl Head {

@@ -180,17 +180,46 @@ pub fn verify_seen(
     solver: Solver,
     mut see: impl FnMut(&World, &[ActRecord]),
 ) -> Result<Report, Fault> {
-    let mut head = Head::START;
-    let mut played: Option<Player> = None;
-    for number in 1.. {
+    let mut verifier = Verifier::new(solver);
+    loop {
         let mut line = Vec::new();
         if journal.read_until(b'\n', &mut line)? == 0 {
-            break;
+            return verifier.finish(expected);
         }
+        verifier.line(&line, &mut see)?;
+    }
+}
+
+/// A journal that is played again and checked line by line.
+pub struct Verifier {
+    solver: Solver,
+    head: Head,
+    lines: usize,
+    played: Option<Player>,
+}
+
+impl Verifier {
+    /// Begins before the first line.
+    #[must_use]
+    pub const fn new(solver: Solver) -> Self {
+        Self { solver, head: Head::START, lines: 0, played: None }
+    }
+
+    /// Checks the next line, with the end of the line. `see` gets the state, if it leads to one, with the acts.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn line(
+        &mut self,
+        line: &[u8],
+        mut see: impl FnMut(&World, &[ActRecord]),
+    ) -> Result<(), Fault> {
+        self.lines += 1;
+        let Self { solver, head, lines, played } = self;
         let mut at = String::new();
-        let checked = check_line(&line, &mut head).and_then(|record: Record| match record {
+        let checked = check_line(line, head).and_then(|record: Record| match record {
             Record::Opening(opening) if played.is_none() => {
-                see(played.insert(Player::new(*opening, solver)?).world(), &[]);
+                see(played.insert(Player::new(*opening, *solver)?).world(), &[]);
                 Ok(())
             }
             Record::Opening(_) => Err("a second opening".to_owned()),
@@ -210,23 +239,39 @@ pub fn verify_seen(
                 played.as_mut().ok_or("the first record is not an opening")?.finish(end)
             }
         });
-        checked.map_err(|problem| Fault::Line { line: number, at, problem })?;
+        checked.map_err(|problem| Fault::Line { line: *lines, at, problem })
     }
-    let Some(player) = played else { return Err(Fault::Whole("the journal is empty".to_owned())) };
-    if let Some(expected) = expected.filter(|&expected| expected != head) {
-        return Err(Fault::Whole(format!(
-            "its head is {head}, not {expected}: it is consistent, but not the journal you asked for"
-        )));
+
+    /// The state after the last line that was right; `None` before the opening.
+    #[must_use]
+    pub fn world(&self) -> Option<&World> {
+        self.played.as_ref().map(Player::world)
     }
-    Ok(Report {
-        rounds: player.world().round(),
-        score: player.world().score(),
-        opening: player.opening,
-        seats: player.seats,
-        end: player.end,
-        head,
-        tally: player.tally,
-    })
+
+    /// What the lines prove together; see [`verify`] for `expected`.
+    ///
+    /// # Errors
+    /// If there was no line, or the head is another one.
+    pub fn finish(self, expected: Option<Head>) -> Result<Report, Fault> {
+        let Self { head, played, .. } = self;
+        let Some(player) = played else {
+            return Err(Fault::Whole("the journal is empty".to_owned()));
+        };
+        if let Some(expected) = expected.filter(|&expected| expected != head) {
+            return Err(Fault::Whole(format!(
+                "its head is {head}, not {expected}: it is consistent, but not the journal you asked for"
+            )));
+        }
+        Ok(Report {
+            rounds: player.world().round(),
+            score: player.world().score(),
+            opening: player.opening,
+            seats: player.seats,
+            end: player.end,
+            head,
+            tally: player.tally,
+        })
+    }
 }
 
 /// A line of a journal file.

@@ -12,6 +12,7 @@ pub(super) mod scores;
 pub(super) mod show;
 pub(super) mod start;
 pub(super) mod state;
+pub(super) mod verification;
 pub(super) mod void;
 
 use serde_json::json;

@@ -9,7 +9,7 @@ use utoipa::IntoParams;
 
 use super::super::answer::{joined, json};
 use super::super::prelude::*;
-use super::super::replay_pages::{PageKey, WrittenPage};
+use super::super::replay_pages::{Game, PageKey, WrittenPage};
 use crate::episode::Snapshot;
 use crate::episode::actor::Handle;
 use crate::episode::replay::{Rounds, state_at};
@@ -91,7 +91,7 @@ pub(in super::super) async fn show_replay(
     let newest = snapshot.world.round();
     let agents = snapshot.world.config().num_agents().into();
     let (from, to) = params.range(newest, agents)?;
-    let key = PageKey { episode: handle.key, from, to, has_decisions };
+    let key = PageKey { game: Game::Episode(handle.key), from, to, has_decisions };
     let page = app.replay_pages.page(key, app.write_page(&handle, key)).await?;
     let next = (page.last < newest).then_some(page.last);
     Ok(json(joined(&head(&handle, &snapshot, params.wants_ground(), next), &page.json)))
@@ -168,9 +168,7 @@ impl App {
         if !key.has_decisions {
             page = without_decisions(page);
         }
-        let last = page.from + page.length - 1;
-        let json = serde_json::to_vec(&page).expect("string keys").into();
-        Ok(WrittenPage { json, last })
+        Ok(WrittenPage::of(&page))
     }
 }
 

@@ -4,6 +4,7 @@ use axum::Json;
 
 use super::super::episodes::metrics::{MetricsParams, definition};
 use super::super::prelude::*;
+use super::broken;
 use crate::dataset::measure::ImportMeter;
 use crate::measure::{self, SERIES_BYTES_OF_A_ROUND, method};
 use crate::store::metrics::Measured;
@@ -41,9 +42,6 @@ pub(in super::super) async fn show_import_metrics(
     let kept = if states.is_some() { stored.rounds as usize + 1 } else { 1 };
     let _memory = app.registry.room(kept * SERIES_BYTES_OF_A_ROUND)?;
     let _permit = app.heavy.replay().await?;
-    let broken = |problem: String| {
-        ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
-    };
     let mut meter = ImportMeter::new(&stored, states.is_some()).map_err(broken)?;
     let mut from = 0;
     while from <= stored.rounds {

@@ -1,13 +1,16 @@
 //! Games that were read from files: list, show, and what spectators read.
 
+pub(super) mod agent;
 pub(super) mod list;
 pub(super) mod metrics;
+pub(super) mod replay;
+pub(super) mod scores;
 pub(super) mod show;
 pub(super) mod state;
 
 use super::App;
 use super::auth::Caller;
-use super::error::ApiError;
+use super::error::{ApiError, Code};
 use crate::store::imports::StoredImport;
 use swarmbench_protocol::import::ImportSummary;
 
@@ -20,6 +23,11 @@ impl App {
         }
         self.store.find_import(id).await?.ok_or_else(unknown)
     }
+}
+
+/// The error of a stored game that cannot be read.
+fn broken(problem: String) -> ApiError {
+    ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
 }
 
 impl From<StoredImport> for ImportSummary {

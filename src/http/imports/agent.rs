@@ -1,0 +1,91 @@
+//! `GET /api/v1/imports/{id}/rounds/{round}/agents/{agent}`.
+
+use std::time::Duration;
+
+use axum::Json;
+use jiff::Timestamp;
+use swarmbench_engine::AgentId;
+
+use super::super::extract::AgentPlace;
+use super::super::prelude::*;
+use super::broken;
+use crate::dataset::format::{AgentRow, GameRow};
+use crate::dataset::imported::{agent_rows, game_row};
+use swarmbench_clock::millis;
+use swarmbench_protocol::act::Usage;
+use swarmbench_protocol::replay::{AgentRound, ShownAct};
+
+/// Show what an agent of an imported game did in a round, as far as the files have it.
+///
+/// Its prompt, answer and act. The files do not have its messages with their senders.
+#[utoipa::path(
+    get,
+    path = "/api/v1/imports/{id}/rounds/{round}/agents/{agent}",
+    operation_id = "show_import_agent_round",
+    tag = "data",
+    params(
+        ("id" = String, Path, description = "The game's id"),
+        ("round" = u32, Path, description = "The round: 0 up to the number of rounds"),
+        ("agent" = String, Path, description = "The agent's name in the files, or `Agent_5` for the sixth of them"),
+    ),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "What it did", body = AgentRound),
+        (status = 404, description = "`not_found`: no such game, round or agent"),
+    )
+)]
+pub(in super::super) async fn show_import_agent_round(
+    State(app): State<App>,
+    caller: Caller,
+    AgentPlace { id, round, agent }: AgentPlace,
+    _: Params<Nothing>,
+) -> Result<Json<AgentRound>, ApiError> {
+    let stored = app.import(&caller, &id).await?;
+    if round > stored.rounds {
+        let detail = format!("the game has {} rounds, and no round {round}", stored.rounds);
+        return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
+    }
+    let state = app.imported_state(&stored, round).await?;
+    let row = game_row(&stored.task, &state).map_err(broken)?;
+    let agent = name(&row, &agent).ok_or_else(|| ApiError::not_found("the agent"))?;
+    let rows = state.acts.as_deref().map_or(Ok(Vec::new()), agent_rows).map_err(broken)?;
+    let act = rows.into_iter().find(|row| row.agent_id == agent);
+    let prompt = act.as_ref().and_then(|act| act.prompt.clone());
+    Ok(Json(AgentRound {
+        episode: stored.id,
+        round,
+        agent,
+        observation: None,
+        inbox: None,
+        prompt,
+        prompt_problem: None,
+        act: act.map(shown),
+    }))
+}
+
+/// The name in the files that is meant.
+fn name(row: &GameRow, agent: &str) -> Option<String> {
+    let by_name = row.agents.iter().find(|known| known.id == agent);
+    let by_place = || row.agents.get(AgentId::parse(agent)?.index());
+    by_name.or_else(by_place).map(|known| known.id.clone())
+}
+
+fn shown(row: AgentRow) -> ShownAct {
+    let latency = row.api_call_time.and_then(|s| Duration::try_from_secs_f64(s).ok());
+    let usage = latency.map(|time| Usage { latency_ms: Some(millis(time)), ..Usage::default() });
+    let at = row.timestamp.and_then(|s| Duration::try_from_secs_f64(s).ok());
+    let at = at.and_then(|since| Timestamp::from_millisecond(millis(since).try_into().ok()?).ok());
+    let text = |text: Option<String>| text.filter(|text| !text.is_empty());
+    ShownAct {
+        source: None,
+        action: text(row.action),
+        message: text(row.message),
+        to: None,
+        valid: None,
+        response: text(row.response),
+        reasoning: None,
+        usage,
+        bank_spent_ms: None,
+        at: at.map(Into::into),
+    }
+}

@@ -1,0 +1,111 @@
+//! `GET /api/v1/imports/{id}/replay`.
+
+use super::super::answer::{joined, json};
+use super::super::episodes::replay::ReplayParams;
+use super::super::prelude::*;
+use super::super::replay_pages::{Game, PageKey, WrittenPage};
+use super::broken;
+use crate::dataset::replay::{ImportPage, ground, rounds_of_import_page};
+use crate::replay::{PAGE_BYTES_MAX, ROUNDS_BEFORE};
+use crate::store::entries::ImportedRound;
+use crate::store::imports::StoredImport;
+use swarmbench_protocol::replay::{Replay, ReplayHead};
+
+/// States that are read and shown at once.
+const CHUNK: u32 = 8;
+
+/// Read the states of an imported game, a page of rounds at a time.
+///
+/// As those of an episode; who heard a message is not in the files of a game.
+#[utoipa::path(
+    get,
+    path = "/api/v1/imports/{id}/replay",
+    operation_id = "show_import_replay",
+    tag = "data",
+    params(("id" = String, Path, description = "The game's id"), ReplayParams),
+    security((), ("seat" = []), ("swarm" = []), ("key" = [])),
+    responses(
+        (status = 200, description = "The states", body = Replay),
+        (status = 404, description = "`not_found`: no such game, or no such state"),
+        (status = 503, description = "`overloaded`: too many games are being replayed"),
+    )
+)]
+pub(in super::super) async fn show_import_replay(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+    Params(params): Params<ReplayParams>,
+) -> Result<Response, ApiError> {
+    let stored = app.import(&caller, &id).await?;
+    let (from, to) = params.range(stored.rounds, stored.settings.num_agents)?;
+    let to = to.min(from.saturating_add(rounds_of_import_page(&stored)));
+    let layout = app.imported_state(&stored, 0).await?;
+    let head = head(&stored, &layout, &params)?;
+    let page = ImportPage::new(&stored, &layout, from).map_err(broken)?;
+    let head = ReplayHead { block_cells: page.block_cells(), ..head };
+    let key = PageKey { game: Game::Import(stored.key), from, to, has_decisions: stored.acts > 0 };
+    let page = app.replay_pages.page(key, app.write_import_page(&stored, key, page)).await?;
+    let next = (page.last < stored.rounds).then_some(page.last);
+    Ok(json(joined(&ReplayHead { next, ..head }, &page.json)))
+}
+
+fn head(
+    stored: &StoredImport,
+    layout: &ImportedRound,
+    params: &ReplayParams,
+) -> Result<ReplayHead, ApiError> {
+    let settings = &stored.settings;
+    let ground = params.wants_ground().then(|| ground(&stored.task, layout)).transpose();
+    Ok(ReplayHead {
+        episode: stored.id.clone(),
+        task: stored.task.clone(),
+        rules: settings.rules.clone(),
+        control: settings.control.clone(),
+        status: "imported".to_owned(),
+        rounds: stored.rounds,
+        max_round: Some(settings.max_round),
+        score: stored.score,
+        width: settings.width,
+        height: settings.height,
+        num_agents: settings.num_agents,
+        view_size: Some(settings.view_size),
+        ground: ground.map_err(broken)?,
+        block_cells: None,
+        next: None,
+    })
+}
+
+impl App {
+    /// One state of an imported game.
+    pub(super) async fn imported_state(
+        &self,
+        stored: &StoredImport,
+        round: u32,
+    ) -> Result<ImportedRound, ApiError> {
+        let found = self.store.imported_rounds(stored.key, round, round + 1).await?;
+        found.into_iter().next().ok_or_else(|| broken(format!("state {round} is missing")))
+    }
+
+    /// Reads the states of a page.
+    async fn write_import_page(
+        &self,
+        stored: &StoredImport,
+        key: PageKey,
+        mut page: ImportPage,
+    ) -> Result<WrittenPage, ApiError> {
+        // The page, and the same as JSON.
+        let _memory = self.registry.room(2 * PAGE_BYTES_MAX)?;
+        let _permit = self.heavy.replay().await?;
+        let mut from = key.from.saturating_sub(ROUNDS_BEFORE);
+        while from <= key.to {
+            let to = (key.to + 1).min(from + CHUNK);
+            let rounds = self.store.imported_rounds(stored.key, from, to).await?;
+            let added = self
+                .heavy
+                .render(move || rounds.iter().try_for_each(|round| page.add(round)).map(|()| page));
+            page = added.await?.map_err(broken)?;
+            from = to;
+        }
+        Ok(WrittenPage::of(&page.finish().map_err(broken)?))
+    }
+}
