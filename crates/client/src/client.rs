@@ -1,5 +1,7 @@
 //! A client of the wire contract, as far as the built-in players need it.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use backon::{ExponentialBuilder, Retryable};
@@ -95,6 +97,8 @@ pub struct Client {
     http: reqwest::Client,
     base: Url,
     key: Option<Secret>,
+    /// Whether the server has answered. One that never did is more likely not there than restarting.
+    answered: Arc<AtomicBool>,
 }
 
 /// A key, which `Debug` does not show.
@@ -123,7 +127,7 @@ impl Client {
         }
         let failed = |source| ClientError::Transport { url: base.clone(), source };
         let http = http.build().map_err(failed)?;
-        Ok(Self { http, base, key: None })
+        Ok(Self { http, base, key: None, answered: Arc::default() })
     }
 
     /// Sends this key with requests that have no token.
@@ -375,9 +379,15 @@ impl Client {
         ask: impl FnMut() -> F,
     ) -> Result<T, ClientError> {
         ask.retry(ExponentialBuilder::default().with_jitter().with_max_times(5))
-            .when(ClientError::is_temporary)
+            .when(|error| error.is_temporary() && !self.is_absent(error))
             .adjust(|error, pause| pause.map(|pause| pause_after(error.retry_after(), pause)))
             .await
+    }
+
+    /// Whether there is no server at the address, as far as this client knows.
+    fn is_absent(&self, error: &ClientError) -> bool {
+        let ClientError::Transport { source, .. } = error else { return false };
+        source.is_connect() && !self.answered.load(Ordering::Relaxed)
     }
 
     async fn once<T: DeserializeOwned>(
@@ -407,6 +417,7 @@ impl Client {
         let failed = |source| ClientError::Transport { url: url.clone(), source };
         let call = self.http.request(method, url.clone()).timeout(PATIENCE * 3);
         let response = fill(call).send().await.map_err(failed)?;
+        self.answered.store(true, Ordering::Relaxed);
         let status = response.status();
         let body = response.bytes().await.map_err(failed)?;
         Ok((url, status, body.into()))
