@@ -17,7 +17,7 @@ export function Facts({ game: { head, summary, kind } }) {
   const facts = [
     ["Task", head.task],
     ["Model", html`<${Text} value=${summary.model} />`],
-    ["Run", summary.run && html`<a href=${route`/runs/${summary.run}`}><${Text} value=${summary.run} /></a>`],
+    ["Run", kind !== "file" && summary.run && html`<a href=${route`/runs/${summary.run}`}><${Text} value=${summary.run} /></a>`],
     ["Run", summary.run_id && html`<${Text} value=${summary.run_id} />`],
     ["Seed", config.seed ?? summary.seed ?? (isLive(head) ? "shown after the end" : null)],
     ["Rules", head.rules],

@@ -2,11 +2,11 @@
 import { html, useEffect, useState } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { color } from "../parts/colors.js";
+import { isLive } from "../parts/game.js";
 import { ProblemNote } from "../parts/problem.js";
 import { LongText, Text } from "../parts/text.js";
 import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
-import { Problem } from "../api.js";
 import { PANELS } from "./place.js";
 
 /** For how long one has to stay at a round until the act is read: scrubbing asks for none. */
@@ -44,8 +44,9 @@ export function AgentChooser({ head, agent, onChoose }) {
 function useAct(game, round, agent, isResting) {
   const [read, setRead] = useState(/** @type {any} */ ({}));
   const isSettled = round < game.last;
+  const secret = isSecret(game);
   useEffect(() => {
-    if (!isResting) return;
+    if (!isResting || secret) return;
     const aborted = new AbortController();
     const timer = setTimeout(() => {
       game.act(round, agent, aborted.signal).then(
@@ -57,9 +58,12 @@ function useAct(game, round, agent, isResting) {
       clearTimeout(timer);
       aborted.abort();
     };
-  }, [game, round, agent, isResting, isSettled]);
+  }, [game, round, agent, isResting, isSettled, secret]);
   return read.round === round && read.agent === agent ? read : {};
 }
+
+/** Before the end only those may read acts who may know the seed. @param {import("../parts/game.js").Game} game */
+const isSecret = ({ head, summary }) => isLive(head) && summary.config?.seed === null;
 
 /**
  * @param {{game: import("../parts/game.js").Game, state: import("../parts/game.js").State,
@@ -75,17 +79,15 @@ export function AgentPanel({ game, state, next, agent, panel, isResting, onPanel
     </div>
     <div class="panel-content">
       ${panel === "window"
-        ? html`<${WindowPanel} head=${game.head} state=${state} next=${next} agent=${agent} read=${read} problem=${problem} isGone=${isGone} />`
-        : html`<${ReadPanel} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
+        ? html`<${WindowPanel} game=${game} state=${state} next=${next} agent=${agent} read=${read} isGone=${isGone} />`
+        : html`<${ReadPanel} game=${game} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
     </div>
   </section>`;
 }
 
-/** The caller may not read acts before the end. @param {unknown} problem */
-const isSecret = (problem) => problem instanceof Problem && problem.status === 403;
-
 /** @param {any} props */
-function WindowPanel({ head, state, next, agent, read, problem, isGone }) {
+function WindowPanel({ game, state, next, agent, read, isGone }) {
+  const { head } = game;
   if (isGone) return html`<p class="muted">Agent ${agent} has left the map. It sees and does nothing any more.</p>`;
   const view = read?.observation?.view;
   // What a centralized agent sees is the map.
@@ -93,7 +95,7 @@ function WindowPanel({ head, state, next, agent, read, problem, isGone }) {
   const cells = view?.cells ?? surroundings(head, state, agent);
   const source = view
     ? "as it was seen"
-    : isSecret(problem)
+    : isSecret(game)
       ? "around the agent on the map; what it saw can be read after the end"
       : "around the agent on the map";
   const isMarked = read?.observation?.light_on ?? read?.observation?.carrying_food;
@@ -145,11 +147,12 @@ function costOf({ prompt_tokens: read, completion_tokens: written, latency_ms: t
   return parts.join(", ");
 }
 
-/** @param {{panel: string, read: any, problem?: Error, isResting: boolean}} props */
-function ReadPanel({ panel, read, problem, isResting }) {
-  if (isSecret(problem)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
+/** @param {{game: import("../parts/game.js").Game, panel: string, read: any, problem?: Error, isResting: boolean}} props */
+function ReadPanel({ game, panel, read, problem, isResting }) {
+  if (isSecret(game)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
   if (problem) return html`<${ProblemNote} problem=${problem} what="This act" />`;
   if (!read) return html`<p class="muted" role="status">${isResting ? "Loading …" : "Pause to read it."}</p>`;
+  if (read.isMissing) return html`<p class="muted">What this agent read and answered is not in this file.</p>`;
   if (panel === "inbox") return html`<${Inbox} inbox=${read.inbox ?? []} />`;
   if (panel === "prompt") return html`<${Prompt} read=${read} />`;
   const text = panel === "answer" ? read.act?.response : read.act?.reasoning;

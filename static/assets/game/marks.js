@@ -1,4 +1,5 @@
 // What happened in a round, as marks on the curve and as places to go to.
+import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
 
 /** @type {Record<string, {sign: string, name: string, kind: "good" | "bad" | "talk"}>} */
@@ -13,6 +14,30 @@ export const MARKS = {
 
 /** Pages that are read to find the next mark. */
 const SEARCHED_MAX = 20;
+
+/** Pages of a game that are read for their marks alone. */
+const READ_MAX = 10;
+
+/** @param {import("../parts/game.js").Game} game */
+const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 2) - 1, 1);
+
+/** Whether the marks of all rounds are read by themselves. @param {import("../parts/game.js").Game} game */
+export const isShort = (game) => (game.last - game.first) / pageRounds(game) <= READ_MAX;
+
+/** Reads the marks of a game that is not long. @param {import("../parts/game.js").Game} game */
+export function useAllMarks(game) {
+  useEffect(() => {
+    let isCurrent = isShort(game);
+    const read = async () => {
+      for (let round = game.first; isCurrent && round <= game.last; round += pageRounds(game)) await game.load(round);
+    };
+    // What cannot be read now is read when it is looked at.
+    read().catch(() => {});
+    return () => {
+      isCurrent = false;
+    };
+  }, [game]);
+}
 
 /** Marks as words. @param {string[] | undefined} marks */
 export const inWords = (marks) => (marks ?? []).map((mark) => MARKS[mark]?.name ?? mark).join(", ");

@@ -7,7 +7,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Legend } from "../parts/shapes.js";
 import { AgentChooser, AgentPanel } from "./agent.js";
 import { KeyHelp, useKeys } from "./keys.js";
-import { findMark, inWords } from "./marks.js";
+import { findMark, inWords, useAllMarks } from "./marks.js";
 import { Metrics } from "./metrics.js";
 import { usePlace } from "./place.js";
 import { SPEEDS, usePlayback } from "./playback.js";
@@ -24,7 +24,7 @@ const ANNOUNCE_MS = 500;
 export function Viewer({ game, keys = {}, children }) {
   const count = useChanges(game);
   const [place, move] = usePlace();
-  const [shows, setShows] = useState({ messages: true, windows: false, table: false });
+  const [shows, setShows] = useState({ messages: true, windows: false, table: false, large: false });
   const help = useRef(/** @type {HTMLDialogElement | null} */ (null));
 
   const live = isLive(game.head);
@@ -32,6 +32,7 @@ export function Viewer({ game, keys = {}, children }) {
   const round = Math.min(Math.max(place.round ?? (live ? game.last : game.first), game.first), game.last);
   const agent = Math.min(place.agent ?? 0, game.head.num_agents - 1);
   const { state, next, problem } = useMoment(game, round);
+  useAllMarks(game);
 
   const go = useCallback((/** @type {number} */ to) => move({ round: Math.min(Math.max(to, game.first), game.last) }), [game]);
   const playback = usePlayback(game, round, go);
@@ -46,7 +47,7 @@ export function Viewer({ game, keys = {}, children }) {
     if (found !== null) jump(found);
   };
   const follow = () => (isFollowing ? jump(round) : move({ round: null }));
-  const toggle = (/** @type {"messages" | "windows" | "table"} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
+  const toggle = (/** @type {"messages" | "windows" | "table" | "large"} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
 
   useKeys({
     ArrowLeft: () => jump(round - 1),
@@ -65,6 +66,7 @@ export function Viewer({ game, keys = {}, children }) {
     m: () => toggle("messages"),
     v: () => toggle("windows"),
     t: () => toggle("table"),
+    z: () => toggle("large"),
     f: () => live && follow(),
     "?": () => help.current?.showModal(),
     ...Object.fromEntries(Array.from({ length: Math.min(10, game.head.num_agents) }, (_, n) => [String(n), () => choose(n)])),
@@ -76,7 +78,7 @@ export function Viewer({ game, keys = {}, children }) {
   const summary = sentence(state, next);
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}
-    <div class="stage">
+    <div class=${shows.large ? "stage large" : "stage"}>
       <div class="map-side">
         <${GameMap} ...${common} messages=${shows.messages} label=${`Map. ${summary}`} />
       </div>
@@ -103,6 +105,7 @@ export function Viewer({ game, keys = {}, children }) {
       <button type="button" aria-pressed=${shows.messages} onClick=${() => toggle("messages")}>Lines of messages</button>
       <button type="button" aria-pressed=${shows.windows} onClick=${() => toggle("windows")}>All windows</button>
       <button type="button" aria-pressed=${shows.table} onClick=${() => toggle("table")}>Table of agents</button>
+      <button type="button" aria-pressed=${shows.large} onClick=${() => toggle("large")}>Large map</button>
     </div>
     ${shows.windows && html`<h2>All windows</h2><${AllWindows} ...${common} />`}
     ${shows.table && html`<${AgentTable} ...${common} />`}

@@ -10,6 +10,9 @@ const SIDE_PX = 1280;
 /** Pixels of a cell from which agents have numbers and arrows. */
 const DETAIL_PX = 14;
 
+/** Pixels of an agent at least, so that it can be seen on the largest map. */
+const AGENT_MIN_PX = 9;
+
 /** @typedef {{context: CanvasRenderingContext2D, cell: number}} Brush */
 
 /** @param {import("./map.js").MapProps} props */
@@ -103,7 +106,7 @@ function drawThings({ context, cell }, head, { block, prey }) {
 function drawAgents({ context, cell }, head, state, marks) {
   const gone = new Set(state.gone);
   const marked = new Set(state.lit ?? state.loaded);
-  const side = Math.max(cell * 0.8, 3);
+  const side = Math.max(cell * 0.8, AGENT_MIN_PX);
   context.font = `600 ${Math.round(cell * 0.42)}px sans-serif`;
   context.textAlign = "center";
   context.textBaseline = "middle";
