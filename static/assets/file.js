@@ -5,16 +5,18 @@ import { Facts } from "./game/about.js";
 import { Notices, Title, titleOf } from "./game/title.js";
 import { Viewer } from "./game/viewer.js";
 
+/** @typedef {import("./parts/game.js").Game} Game */
+/** @typedef {import("./parts/game.js").Scores} Scores */
+/** @typedef {import("./parts/game.js").State} State */
+
 /**
  * @typedef {object} Content
  * @property {any} head the answer of a replay without its states
- * @property {import("./parts/game.js").State[]} states
+ * @property {State[]} states
  * @property {Record<string, any>} acts by round and agent: "37/5"
- * @property {import("./parts/game.js").Scores} [scores]
+ * @property {Scores} [scores]
  * @property {any} summary
  */
-
-/** @typedef {import("./parts/game.js").Game} Game */
 
 /** @implements {Game} */
 class FileGame {

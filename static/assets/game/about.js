@@ -130,20 +130,20 @@ function Commands({ id, mayEmbed }) {
   return html`<details>
     <summary>Commands: animation, one file, check on your own machine</summary>
     <p>An animated GIF:</p>
-    <${Command} text=${`swarmbench replay ${id} --gif game.gif --messages --server ${server}`} />
+    <${Command} label="Command for the animation" text=${`swarmbench replay ${id} --gif game.gif --messages --server ${server}`} />
     <p>This page as one file, which opens without a server:</p>
-    <${Command} text=${`swarmbench replay ${id} --html game.html --server ${server}`} />
+    <${Command} label="Command for one file" text=${`swarmbench replay ${id} --html game.html --server ${server}`} />
     <p>Check the journal without trusting this server:</p>
-    <${Command} text=${`swarmbench verify ${id}.jsonl`} />
-    ${mayEmbed && html`<p>The game in another page:</p><${Command} text=${`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`} />`}
+    <${Command} label="Command for the check" text=${`swarmbench verify ${id}.jsonl`} />
+    ${mayEmbed && html`<p>The game in another page:</p><${Command} label="Markup for another page" text=${`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`} />`}
   </details>`;
 }
 
-/** @param {{text: string}} props */
-function Command({ text }) {
+/** @param {{text: string, label: string}} props */
+function Command({ text, label }) {
   const [isCopied, setCopied] = useState(false);
   return html`<div class="command">
-    <pre tabindex="0" role="region" aria-label="Command">${text}</pre>
+    <pre tabindex="0" role="region" aria-label=${label}>${text}</pre>
     <button type="button" onClick=${async () => setCopied(await copy(text))}>${isCopied ? "Copied" : "Copy"}</button>
   </div>`;
 }

@@ -9,6 +9,10 @@ import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
 import { PANELS } from "./place.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+/** @typedef {import("../parts/game.js").Head} Head */
+/** @typedef {import("../parts/game.js").State} State */
+
 /** For how long one has to stay at a round until the act is read: scrubbing asks for none. */
 const REST_MS = 180;
 
@@ -18,7 +22,7 @@ const BUTTONS_MAX = 40;
 /** @type {Record<string, string>} */
 const NAMES = { window: "Window", inbox: "Inbox", prompt: "Prompt", answer: "Answer", reasoning: "Reasoning" };
 
-/** @param {{head: import("../parts/game.js").Head, agent: number, onChoose: (agent: number) => void}} props */
+/** @param {{head: Head, agent: number, onChoose: (agent: number) => void}} props */
 export function AgentChooser({ head, agent, onChoose }) {
   const last = head.num_agents - 1;
   if (last >= BUTTONS_MAX) {
@@ -36,7 +40,7 @@ export function AgentChooser({ head, agent, onChoose }) {
 
 /**
  * The act of an agent, when one rests at it.
- * @param {import("../parts/game.js").Game} game
+ * @param {Game} game
  * @param {number} round
  * @param {number} agent
  * @param {boolean} isResting
@@ -62,12 +66,12 @@ function useAct(game, round, agent, isResting) {
   return read.round === round && read.agent === agent ? read : {};
 }
 
-/** Before the end only those may read acts who may know the seed. @param {import("../parts/game.js").Game} game */
+/** Before the end only those may read acts who may know the seed. @param {Game} game */
 const isSecret = ({ head, summary }) => isLive(head) && summary.config?.seed === null;
 
 /**
- * @param {{game: import("../parts/game.js").Game, state: import("../parts/game.js").State,
- *   next: import("../parts/game.js").State | null, agent: number, panel: string, isResting: boolean,
+ * @param {{game: Game, state: State,
+ *   next: State | null, agent: number, panel: string, isResting: boolean,
  *   onPanel: (panel: string) => void}} props
  */
 export function AgentPanel({ game, state, next, agent, panel, isResting, onPanel }) {
@@ -132,7 +136,7 @@ function Decision({ state, next, agent, read }) {
   </dl>`;
 }
 
-/** Messages that an agent reads with a state, as far as replays have their texts. @param {import("../parts/game.js").State} state @param {number} agent */
+/** Messages that an agent reads with a state, as far as replays have their texts. @param {State} state @param {number} agent */
 function heardBy(state, agent) {
   const heard = (state.heard ?? []).filter(({ by }) => by.includes(agent));
   return heard.map(({ from, text }) => text ?? state.said?.find((one) => one.from === from)?.text ?? "");
@@ -147,7 +151,7 @@ function costOf({ prompt_tokens: read, completion_tokens: written, latency_ms: t
   return parts.join(", ");
 }
 
-/** @param {{game: import("../parts/game.js").Game, panel: string, read: any, problem?: Error, isResting: boolean}} props */
+/** @param {{game: Game, panel: string, read: any, problem?: Error, isResting: boolean}} props */
 function ReadPanel({ game, panel, read, problem, isResting }) {
   if (isSecret(game)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
   if (problem) return html`<${ProblemNote} problem=${problem} what="This act" />`;

@@ -5,6 +5,8 @@ import { useLoaded } from "../parts/load.js";
 import { isLive } from "../parts/game.js";
 import { MARKS, inWords, isShort } from "./marks.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+
 const [WIDTH, HEIGHT] = [1000, 60];
 
 /** Marks that are drawn; where there are more, some stand for their neighbours. */
@@ -12,8 +14,6 @@ const COLUMNS = 160;
 
 /** How often the curve of a long running game is read again. */
 const RELOAD_MS = 10_000;
-
-/** @typedef {import("../parts/game.js").Game} Game */
 
 /**
  * Points of the curve: rounds and scores. What is newer than the curve comes from the states.

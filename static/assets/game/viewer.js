@@ -14,11 +14,14 @@ import { SPEEDS, usePlayback } from "./playback.js";
 import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+/** @typedef {import("../parts/game.js").State} State */
+
 /** After how long a round is announced: not each of many that pass by. */
 const ANNOUNCE_MS = 500;
 
 /**
- * @param {{game: import("../parts/game.js").Game, keys?: Record<string, () => void>, children?: unknown}} props `keys`: more
+ * @param {{game: Game, keys?: Record<string, () => void>, children?: unknown}} props `keys`: more
  *   keys; children come after what one watches
  */
 export function Viewer({ game, keys = {}, children }) {
@@ -143,7 +146,7 @@ function Controls({ game, round, state, next, playback, isFollowing, onGo, onMar
   </div>`;
 }
 
-/** A moment in a sentence. @param {import("../parts/game.js").State} state @param {import("../parts/game.js").State | null} next */
+/** A moment in a sentence. @param {State} state @param {State | null} next */
 function sentence(state, next) {
   const parts = [`Round ${state.round}. Score ${short(state.score)}.`];
   /** @param {number[] | undefined} agents @param {string} what */

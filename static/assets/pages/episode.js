@@ -9,16 +9,18 @@ import { copy } from "../game/save.js";
 import { Notices, Title, titleOf } from "../game/title.js";
 import { Viewer } from "../game/viewer.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+
 /** @param {{id: string, embedded: boolean}} props */
 export function Page({ id, embedded }) {
   const kind = location.pathname.startsWith("/imports/") ? "imports" : "episodes";
   const { value: game, problem, reload } = useLoaded((signal) => openGame({ kind, id }, signal), [kind, id]);
   if (game) return html`<${ServedGame} game=${game} embedded=${embedded} />`;
   if (problem) return html`<h1>Game</h1><${ProblemNote} problem=${problem} retry=${reload} /><p><a href="/episodes">All games</a></p>`;
-  return html`<p class="muted" role="status">Loading the game …</p>`;
+  return html`<h1>Game</h1><p class="muted" role="status">Loading …</p>`;
 }
 
-/** @param {{game: import("../parts/game.js").Game, embedded: boolean}} props */
+/** @param {{game: Game, embedded: boolean}} props */
 function ServedGame({ game, embedded }) {
   useChanges(game);
   const [problem, setProblem] = useState(/** @type {Error | null} */ (null));

@@ -76,7 +76,7 @@ const Games = ({ games, label, chosen, onChoose }) => html`<div class="scroll" t
   <table>
     <thead>
       <tr>
-        <th scope="col">Compare</th><th scope="col">Game</th><th scope="col">Model</th><th scope="col">Seed</th>
+        <th scope="col">Compare</th><th scope="col">Game</th><th scope="col">Model</th><th scope="col" class="number">Seed</th>
         <th scope="col" class="number">Score</th><th scope="col" class="number">Round</th><th scope="col">Status</th><th scope="col">Created</th>
       </tr>
     </thead>

@@ -32,7 +32,7 @@ const Imports = ({ games }) => html`<div class="scroll" tabindex="0" role="regio
   <table>
     <thead>
       <tr>
-        <th scope="col">Game</th><th scope="col">Model</th><th scope="col">Run</th><th scope="col">Seed</th>
+        <th scope="col">Game</th><th scope="col">Model</th><th scope="col">Run</th><th scope="col" class="number">Seed</th>
         <th scope="col" class="number">Score</th><th scope="col" class="number">Rounds</th>
       </tr>
     </thead>
