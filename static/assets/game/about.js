@@ -1,6 +1,6 @@
 // What a game is: its facts, its seats, what can be done with it, and whether its journal is right.
 import { html, useState } from "../ui.js";
-import { request, route, send, withQuery } from "../api.js";
+import { request, route, send } from "../api.js";
 import { isLive } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
@@ -98,8 +98,8 @@ export function Verify({ game }) {
     </div>`;
 }
 
-/** Links, files and commands. @param {{game: Game, onLink: () => Promise<void>, link: string}} props */
-export function Actions({ game, onLink, link }) {
+/** Files and commands. @param {{game: Game}} props */
+export function Actions({ game }) {
   const [problem, setProblem] = useState(/** @type {any} */ (null));
   const { id } = game.head;
   const saveJournal = async () => {
@@ -114,12 +114,9 @@ export function Actions({ game, onLink, link }) {
   const isEpisode = game.kind === "episodes";
   return html`<h2>Take it with you</h2>
     <div class="buttons">
-      <button type="button" onClick=${onLink}>Copy a link to this moment</button>
       ${isEpisode && html`<button type="button" onClick=${saveJournal}>Journal</button>`}
       <button type="button" onClick=${() => savePicture(`${id}-map`)}>Picture of the map</button>
-      ${isEpisode && html`<a href=${withQuery("/compare", { a: id })}>Compare with another game</a>`}
     </div>
-    ${link && html`<p><label>The link to this moment <input readonly size="60" value=${link} onFocus=${(/** @type {any} */ event) => event.currentTarget.select()} /></label></p>`}
     ${problem && html`<${ProblemNote} problem=${problem} what="The journal" />`}
     ${isEpisode && html`<${Commands} id=${id} mayEmbed=${game.summary.config?.visibility === "public" || !isLive(game.head)} />`}`;
 }

@@ -128,7 +128,7 @@ function Decision({ state, next, agent, read }) {
     <dt>At</dt>
     <dd class="number">row ${state.at[2 * agent]}, column ${state.at[2 * agent + 1]}${own && `, ${own}`}</dd>
     <dt>Read</dt>
-    <dd>${heard.length ? html`<ul class="plain">${heard.map((text) => html`<li>“<${Text} value=${text} />”</li>`)}</ul>` : html`<span class="muted">no message</span>`}</dd>
+    <dd>${heard.length ? html`<ul class="plain">${heard.map(({ from, text }) => html`<li><span class="muted">${from}:</span> “<${Text} value=${text} />”</li>`)}</ul>` : html`<span class="muted">no message</span>`}</dd>
     <dt>Said</dt>
     <dd>${said ? html`“<${Text} value=${said.text} />”` : html`<span class="muted">nothing</span>`}</dd>
     ${usage && html`<dt>Cost</dt><dd class="number">${costOf(usage)}</dd>`}
@@ -139,7 +139,7 @@ function Decision({ state, next, agent, read }) {
 /** Messages that an agent reads with a state, as far as replays have their texts. @param {State} state @param {number} agent */
 function heardBy(state, agent) {
   const heard = (state.heard ?? []).filter(({ by }) => by.includes(agent));
-  return heard.map(({ from, text }) => text ?? state.said?.find((one) => one.from === from)?.text ?? "");
+  return heard.map(({ from, text }) => ({ from, text: text ?? state.said?.find((one) => one.from === from)?.text ?? "" }));
 }
 
 /** @param {{prompt_tokens?: number, completion_tokens?: number, latency_ms?: number}} usage */

@@ -9,7 +9,7 @@ import { AgentChooser, AgentPanel } from "./agent.js";
 import { KeyHelp, useKeys } from "./keys.js";
 import { findMark, inWords, useAllMarks } from "./marks.js";
 import { Metrics } from "./metrics.js";
-import { usePlace } from "./place.js";
+import { usePlace, writePlace } from "./place.js";
 import { SPEEDS, usePlayback } from "./playback.js";
 import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
@@ -21,10 +21,10 @@ import { Scrubber } from "./scrubber.js";
 const ANNOUNCE_MS = 500;
 
 /**
- * @param {{game: Game, keys?: Record<string, () => void>, children?: unknown}} props `keys`: more
- *   keys; children come after what one watches
+ * @param {{game: Game, onLink?: (link: string) => void, onCompare?: (round: number) => void, children?: unknown}} props
+ *   children come after what one watches
  */
-export function Viewer({ game, keys = {}, children }) {
+export function Viewer({ game, onLink, onCompare, children }) {
   const count = useChanges(game);
   const [place, move] = usePlace();
   const [shows, setShows] = useState({ messages: true, windows: false, table: false, large: false });
@@ -32,7 +32,9 @@ export function Viewer({ game, keys = {}, children }) {
 
   const live = isLive(game.head);
   const isFollowing = live && place.round === null;
-  const round = Math.min(Math.max(place.round ?? (live ? game.last : game.first), game.first), game.last);
+  // Who followed a game to its end stays there.
+  const wasLive = useRef(live);
+  const round = Math.min(Math.max(place.round ?? (wasLive.current ? game.last : game.first), game.first), game.last);
   const agent = Math.min(place.agent ?? 0, game.head.num_agents - 1);
   const { state, next, problem } = useMoment(game, round);
   useAllMarks(game);
@@ -49,6 +51,7 @@ export function Viewer({ game, keys = {}, children }) {
     const found = await findMark(game, round, direction).catch(() => null);
     if (found !== null) jump(found);
   };
+  const link = () => onLink?.(location.origin + location.pathname + writePlace({ round, agent, panel: place.panel }));
   const follow = () => (isFollowing ? jump(round) : move({ round: null }));
   const toggle = (/** @type {"messages" | "windows" | "table" | "large"} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
 
@@ -73,7 +76,8 @@ export function Viewer({ game, keys = {}, children }) {
     f: () => live && follow(),
     "?": () => help.current?.showModal(),
     ...Object.fromEntries(Array.from({ length: Math.min(10, game.head.num_agents) }, (_, n) => [String(n), () => choose(n)])),
-    ...keys,
+    l: link,
+    c: () => onCompare?.(round),
   });
 
   if (!state) return problem ? html`<${ProblemNote} problem=${problem} />` : html`<p class="muted" role="status">Loading …</p>`;
@@ -109,6 +113,8 @@ export function Viewer({ game, keys = {}, children }) {
       <button type="button" aria-pressed=${shows.windows} onClick=${() => toggle("windows")}>All windows</button>
       <button type="button" aria-pressed=${shows.table} onClick=${() => toggle("table")}>Table of agents</button>
       <button type="button" aria-pressed=${shows.large} onClick=${() => toggle("large")}>Large map</button>
+      ${onLink && html`<button type="button" onClick=${link}>Copy a link to this moment</button>`}
+      ${onCompare && html`<button type="button" onClick=${() => onCompare(round)}>Compare with another game</button>`}
     </div>
     ${shows.windows && html`<h2>All windows</h2><${AllWindows} ...${common} />`}
     ${shows.table && html`<${AgentTable} ...${common} />`}
