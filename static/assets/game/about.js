@@ -1,6 +1,6 @@
 // What a game is: its facts, its seats, what can be done with it, and whether its journal is right.
 import { html, useState } from "../ui.js";
-import { request, route, send, withQuery } from "../api.js";
+import { request, route, send } from "../api.js";
 import { isLive } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
@@ -17,7 +17,7 @@ export function Facts({ game: { head, summary, kind } }) {
   const facts = [
     ["Task", head.task],
     ["Model", html`<${Text} value=${summary.model} />`],
-    ["Run", summary.run && html`<a href=${route`/runs/${summary.run}`}><${Text} value=${summary.run} /></a>`],
+    ["Run", kind !== "file" && summary.run && html`<a href=${route`/runs/${summary.run}`}><${Text} value=${summary.run} /></a>`],
     ["Run", summary.run_id && html`<${Text} value=${summary.run_id} />`],
     ["Seed", config.seed ?? summary.seed ?? (isLive(head) ? "shown after the end" : null)],
     ["Rules", head.rules],
@@ -98,8 +98,8 @@ export function Verify({ game }) {
     </div>`;
 }
 
-/** Links, files and commands. @param {{game: Game, onLink: () => Promise<void>, link: string}} props */
-export function Actions({ game, onLink, link }) {
+/** Files and commands. @param {{game: Game}} props */
+export function Actions({ game }) {
   const [problem, setProblem] = useState(/** @type {any} */ (null));
   const { id } = game.head;
   const saveJournal = async () => {
@@ -114,12 +114,9 @@ export function Actions({ game, onLink, link }) {
   const isEpisode = game.kind === "episodes";
   return html`<h2>Take it with you</h2>
     <div class="buttons">
-      <button type="button" onClick=${onLink}>Copy a link to this moment</button>
       ${isEpisode && html`<button type="button" onClick=${saveJournal}>Journal</button>`}
       <button type="button" onClick=${() => savePicture(`${id}-map`)}>Picture of the map</button>
-      ${isEpisode && html`<a href=${withQuery("/compare", { a: id })}>Compare with another game</a>`}
     </div>
-    ${link && html`<p><label>The link to this moment <input readonly size="60" value=${link} onFocus=${(/** @type {any} */ event) => event.currentTarget.select()} /></label></p>`}
     ${problem && html`<${ProblemNote} problem=${problem} what="The journal" />`}
     ${isEpisode && html`<${Commands} id=${id} mayEmbed=${game.summary.config?.visibility === "public" || !isLive(game.head)} />`}`;
 }
@@ -130,20 +127,20 @@ function Commands({ id, mayEmbed }) {
   return html`<details>
     <summary>Commands: animation, one file, check on your own machine</summary>
     <p>An animated GIF:</p>
-    <${Command} text=${`swarmbench replay ${id} --gif game.gif --messages --server ${server}`} />
+    <${Command} label="Command for the animation" text=${`swarmbench replay ${id} --gif game.gif --messages --server ${server}`} />
     <p>This page as one file, which opens without a server:</p>
-    <${Command} text=${`swarmbench replay ${id} --html game.html --server ${server}`} />
+    <${Command} label="Command for one file" text=${`swarmbench replay ${id} --html game.html --server ${server}`} />
     <p>Check the journal without trusting this server:</p>
-    <${Command} text=${`swarmbench verify ${id}.jsonl`} />
-    ${mayEmbed && html`<p>The game in another page:</p><${Command} text=${`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`} />`}
+    <${Command} label="Command for the check" text=${`swarmbench verify ${id}.jsonl`} />
+    ${mayEmbed && html`<p>The game in another page:</p><${Command} label="Markup for another page" text=${`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`} />`}
   </details>`;
 }
 
-/** @param {{text: string}} props */
-function Command({ text }) {
+/** @param {{text: string, label: string}} props */
+function Command({ text, label }) {
   const [isCopied, setCopied] = useState(false);
   return html`<div class="command">
-    <pre tabindex="0" role="region" aria-label="Command">${text}</pre>
+    <pre tabindex="0" role="region" aria-label=${label}>${text}</pre>
     <button type="button" onClick=${async () => setCopied(await copy(text))}>${isCopied ? "Copied" : "Copy"}</button>
   </div>`;
 }

@@ -2,12 +2,16 @@
 import { html, useEffect, useState } from "../ui.js";
 import { actionOf, resultOf } from "../parts/actions.js";
 import { color } from "../parts/colors.js";
+import { isLive } from "../parts/game.js";
 import { ProblemNote } from "../parts/problem.js";
 import { LongText, Text } from "../parts/text.js";
 import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
-import { Problem } from "../api.js";
 import { PANELS } from "./place.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
+/** @typedef {import("../parts/game.js").Head} Head */
+/** @typedef {import("../parts/game.js").State} State */
 
 /** For how long one has to stay at a round until the act is read: scrubbing asks for none. */
 const REST_MS = 180;
@@ -18,7 +22,7 @@ const BUTTONS_MAX = 40;
 /** @type {Record<string, string>} */
 const NAMES = { window: "Window", inbox: "Inbox", prompt: "Prompt", answer: "Answer", reasoning: "Reasoning" };
 
-/** @param {{head: import("../parts/game.js").Head, agent: number, onChoose: (agent: number) => void}} props */
+/** @param {{head: Head, agent: number, onChoose: (agent: number) => void}} props */
 export function AgentChooser({ head, agent, onChoose }) {
   const last = head.num_agents - 1;
   if (last >= BUTTONS_MAX) {
@@ -36,7 +40,7 @@ export function AgentChooser({ head, agent, onChoose }) {
 
 /**
  * The act of an agent, when one rests at it.
- * @param {import("../parts/game.js").Game} game
+ * @param {Game} game
  * @param {number} round
  * @param {number} agent
  * @param {boolean} isResting
@@ -44,8 +48,9 @@ export function AgentChooser({ head, agent, onChoose }) {
 function useAct(game, round, agent, isResting) {
   const [read, setRead] = useState(/** @type {any} */ ({}));
   const isSettled = round < game.last;
+  const secret = isSecret(game);
   useEffect(() => {
-    if (!isResting) return;
+    if (!isResting || secret) return;
     const aborted = new AbortController();
     const timer = setTimeout(() => {
       game.act(round, agent, aborted.signal).then(
@@ -57,13 +62,16 @@ function useAct(game, round, agent, isResting) {
       clearTimeout(timer);
       aborted.abort();
     };
-  }, [game, round, agent, isResting, isSettled]);
+  }, [game, round, agent, isResting, isSettled, secret]);
   return read.round === round && read.agent === agent ? read : {};
 }
 
+/** Before the end only those may read acts who may know the seed. @param {Game} game */
+const isSecret = ({ head, summary }) => isLive(head) && summary.config?.seed === null;
+
 /**
- * @param {{game: import("../parts/game.js").Game, state: import("../parts/game.js").State,
- *   next: import("../parts/game.js").State | null, agent: number, panel: string, isResting: boolean,
+ * @param {{game: Game, state: State,
+ *   next: State | null, agent: number, panel: string, isResting: boolean,
  *   onPanel: (panel: string) => void}} props
  */
 export function AgentPanel({ game, state, next, agent, panel, isResting, onPanel }) {
@@ -75,17 +83,15 @@ export function AgentPanel({ game, state, next, agent, panel, isResting, onPanel
     </div>
     <div class="panel-content">
       ${panel === "window"
-        ? html`<${WindowPanel} head=${game.head} state=${state} next=${next} agent=${agent} read=${read} problem=${problem} isGone=${isGone} />`
-        : html`<${ReadPanel} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
+        ? html`<${WindowPanel} game=${game} state=${state} next=${next} agent=${agent} read=${read} isGone=${isGone} />`
+        : html`<${ReadPanel} game=${game} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
     </div>
   </section>`;
 }
 
-/** The caller may not read acts before the end. @param {unknown} problem */
-const isSecret = (problem) => problem instanceof Problem && problem.status === 403;
-
 /** @param {any} props */
-function WindowPanel({ head, state, next, agent, read, problem, isGone }) {
+function WindowPanel({ game, state, next, agent, read, isGone }) {
+  const { head } = game;
   if (isGone) return html`<p class="muted">Agent ${agent} has left the map. It sees and does nothing any more.</p>`;
   const view = read?.observation?.view;
   // What a centralized agent sees is the map.
@@ -93,7 +99,7 @@ function WindowPanel({ head, state, next, agent, read, problem, isGone }) {
   const cells = view?.cells ?? surroundings(head, state, agent);
   const source = view
     ? "as it was seen"
-    : isSecret(problem)
+    : isSecret(game)
       ? "around the agent on the map; what it saw can be read after the end"
       : "around the agent on the map";
   const isMarked = read?.observation?.light_on ?? read?.observation?.carrying_food;
@@ -122,7 +128,7 @@ function Decision({ state, next, agent, read }) {
     <dt>At</dt>
     <dd class="number">row ${state.at[2 * agent]}, column ${state.at[2 * agent + 1]}${own && `, ${own}`}</dd>
     <dt>Read</dt>
-    <dd>${heard.length ? html`<ul class="plain">${heard.map((text) => html`<li>“<${Text} value=${text} />”</li>`)}</ul>` : html`<span class="muted">no message</span>`}</dd>
+    <dd>${heard.length ? html`<ul class="plain">${heard.map(({ from, text }) => html`<li><span class="muted">${from}:</span> “<${Text} value=${text} />”</li>`)}</ul>` : html`<span class="muted">no message</span>`}</dd>
     <dt>Said</dt>
     <dd>${said ? html`“<${Text} value=${said.text} />”` : html`<span class="muted">nothing</span>`}</dd>
     ${usage && html`<dt>Cost</dt><dd class="number">${costOf(usage)}</dd>`}
@@ -130,10 +136,10 @@ function Decision({ state, next, agent, read }) {
   </dl>`;
 }
 
-/** Messages that an agent reads with a state, as far as replays have their texts. @param {import("../parts/game.js").State} state @param {number} agent */
+/** Messages that an agent reads with a state, as far as replays have their texts. @param {State} state @param {number} agent */
 function heardBy(state, agent) {
   const heard = (state.heard ?? []).filter(({ by }) => by.includes(agent));
-  return heard.map(({ from, text }) => text ?? state.said?.find((one) => one.from === from)?.text ?? "");
+  return heard.map(({ from, text }) => ({ from, text: text ?? state.said?.find((one) => one.from === from)?.text ?? "" }));
 }
 
 /** @param {{prompt_tokens?: number, completion_tokens?: number, latency_ms?: number}} usage */
@@ -145,11 +151,12 @@ function costOf({ prompt_tokens: read, completion_tokens: written, latency_ms: t
   return parts.join(", ");
 }
 
-/** @param {{panel: string, read: any, problem?: Error, isResting: boolean}} props */
-function ReadPanel({ panel, read, problem, isResting }) {
-  if (isSecret(problem)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
+/** @param {{game: Game, panel: string, read: any, problem?: Error, isResting: boolean}} props */
+function ReadPanel({ game, panel, read, problem, isResting }) {
+  if (isSecret(game)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
   if (problem) return html`<${ProblemNote} problem=${problem} what="This act" />`;
   if (!read) return html`<p class="muted" role="status">${isResting ? "Loading …" : "Pause to read it."}</p>`;
+  if (read.isMissing) return html`<p class="muted">What this agent read and answered is not in this file.</p>`;
   if (panel === "inbox") return html`<${Inbox} inbox=${read.inbox ?? []} />`;
   if (panel === "prompt") return html`<${Prompt} read=${read} />`;
   const text = panel === "answer" ? read.act?.response : read.act?.reasoning;

@@ -14,6 +14,7 @@ const HELP = [
   ["m", "lines to who heard a message"],
   ["v", "the windows of all agents"],
   ["t", "the table of all agents"],
+  ["z", "a large map"],
   ["f", "follow a running game"],
   ["l", "copy a link to this moment"],
   ["c", "compare with another game"],

@@ -1,5 +1,8 @@
 // What happened in a round, as marks on the curve and as places to go to.
+import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
 
 /** @type {Record<string, {sign: string, name: string, kind: "good" | "bad" | "talk"}>} */
 export const MARKS = {
@@ -14,12 +17,36 @@ export const MARKS = {
 /** Pages that are read to find the next mark. */
 const SEARCHED_MAX = 20;
 
+/** Pages of a game that are read for their marks alone. */
+const READ_MAX = 10;
+
+/** @param {Game} game */
+const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 2) - 1, 1);
+
+/** Whether the marks of all rounds are read by themselves. @param {Game} game */
+export const isShort = (game) => (game.last - game.first) / pageRounds(game) <= READ_MAX;
+
+/** Reads the marks of a game that is not long. @param {Game} game */
+export function useAllMarks(game) {
+  useEffect(() => {
+    let isCurrent = isShort(game);
+    const read = async () => {
+      for (let round = game.first; isCurrent && round <= game.last; round += pageRounds(game)) await game.load(round);
+    };
+    // What cannot be read now is read when it is looked at.
+    read().catch(() => {});
+    return () => {
+      isCurrent = false;
+    };
+  }, [game]);
+}
+
 /** Marks as words. @param {string[] | undefined} marks */
 export const inWords = (marks) => (marks ?? []).map((mark) => MARKS[mark]?.name ?? mark).join(", ");
 
 /**
  * The next round with a mark, or the one before; pages are read on the way. Null where there is none.
- * @param {import("../parts/game.js").Game} game
+ * @param {Game} game
  * @param {number} round
  * @param {1 | -1} direction
  * @returns {Promise<number | null>}
@@ -48,7 +75,7 @@ const REASONS = {
 
 /**
  * How a game stands, in a sentence.
- * @param {import("../parts/game.js").Game} game
+ * @param {Game} game
  */
 export function standing({ head, summary }) {
   const rounds = `${head.rounds} ${head.rounds === 1 ? "round" : "rounds"}`;

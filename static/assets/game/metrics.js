@@ -3,6 +3,8 @@ import { html, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { extent, linePath, short } from "../parts/chart.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+
 /** Curves that are shown at once. */
 const CURVES = 3;
 
@@ -14,7 +16,7 @@ const [WIDTH, HEIGHT] = [300, 36];
 /** @param {string} name */
 const inWords = (name) => name.replaceAll("_", " ");
 
-/** @param {{game: import("../parts/game.js").Game, round: number}} props */
+/** @param {{game: Game, round: number}} props */
 export function Metrics({ game, round }) {
   const [chosen, setChosen] = useState(() => remembered("metrics")?.split(",") ?? null);
   const piece = game.piece(round);

@@ -1,13 +1,15 @@
 // Playing a game: one round after the other.
 import { useEffect, useState } from "../ui.js";
 
+/** @typedef {import("../parts/game.js").Game} Game */
+
 /** Multiples of two rounds a second. */
 export const SPEEDS = [0.5, 1, 2, 4, 10];
 
 const ROUND_MS = 500;
 
 /**
- * @param {import("../parts/game.js").Game} game
+ * @param {Game} game
  * @param {number} round
  * @param {(round: number) => void} go
  */

@@ -5,7 +5,10 @@ import { color } from "../parts/colors.js";
 import { Text } from "../parts/text.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
 
-/** @typedef {{head: import("../parts/game.js").Head, state: import("../parts/game.js").State, next: import("../parts/game.js").State | null, agent: number | null, onChoose: (agent: number) => void}} Props */
+/** @typedef {import("../parts/game.js").Head} Head */
+/** @typedef {import("../parts/game.js").State} State */
+
+/** @typedef {{head: Head, state: State, next: State | null, agent: number | null, onChoose: (agent: number) => void}} Props */
 
 /** Rows, messages and windows that are shown at once; more on request. */
 const SHOWN = 48;
@@ -78,7 +81,7 @@ export function AgentTable({ head, state, next, agent, onChoose }) {
   return html`<${Shown} items=${rows} wrap=${table} />`;
 }
 
-/** @param {import("../parts/game.js").State} state @param {import("../parts/game.js").State | null} next @param {number} n @returns {Record<string, any>} */
+/** @param {State} state @param {State | null} next @param {number} n @returns {Record<string, any>} */
 function rowOf(state, next, n) {
   const isGone = state.gone?.includes(n);
   const said = next?.said?.find((one) => one.from === n)?.text ?? "";

@@ -1,7 +1,7 @@
 // Files and links that leave the page.
 
 /** Properties of shapes that come from style sheets, which a file does not have. */
-const DRAWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font", "text-anchor", "transform"];
+const DRAWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "text-anchor", "transform"];
 
 /** @param {Blob} blob @param {string} name */
 export function download(blob, name) {

@@ -3,7 +3,9 @@ import { html, useMemo, useState } from "../ui.js";
 import { extent, short } from "../parts/chart.js";
 import { useLoaded } from "../parts/load.js";
 import { isLive } from "../parts/game.js";
-import { MARKS, inWords } from "./marks.js";
+import { MARKS, inWords, isShort } from "./marks.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
 
 const [WIDTH, HEIGHT] = [1000, 60];
 
@@ -12,8 +14,6 @@ const COLUMNS = 160;
 
 /** How often the curve of a long running game is read again. */
 const RELOAD_MS = 10_000;
-
-/** @typedef {import("../parts/game.js").Game} Game */
 
 /**
  * Points of the curve: rounds and scores. What is newer than the curve comes from the states.
@@ -27,7 +27,7 @@ function usePoints(game, count) {
     /** @type {[number, number][]} */
     const points = [];
     const known = value?.rounds ?? -1;
-    value?.scores.forEach((/** @type {number} */ score, /** @type {number} */ index) => points.push([Math.min(index * value.every, known), score]));
+    value?.scores.forEach((/** @type {number} */ score, /** @type {number} */ index) => points.push([Math.min((value.first ?? 0) + index * value.every, known), score]));
     for (let round = known + 1; round <= game.last; round++) {
       const state = game.peek(round);
       if (state) points.push([round, state.score]);
@@ -78,6 +78,7 @@ export function Scrubber({ game, count, round, onGo }) {
       aria-valuetext=${`round ${round} of ${game.last}, score ${short(scoreNow)}`}
       onInput=${(/** @type {any} */ event) => onGo(Number(event.currentTarget.value))}
     />
+    ${!isShort(game) && html`<p class="muted small">A long game: marks are shown where it was read. “Next mark” reads on.</p>`}
   </div>`;
 }
 

@@ -7,31 +7,37 @@ import { ProblemNote } from "../parts/problem.js";
 import { Legend } from "../parts/shapes.js";
 import { AgentChooser, AgentPanel } from "./agent.js";
 import { KeyHelp, useKeys } from "./keys.js";
-import { findMark, inWords } from "./marks.js";
+import { findMark, inWords, useAllMarks } from "./marks.js";
 import { Metrics } from "./metrics.js";
-import { usePlace } from "./place.js";
+import { usePlace, writePlace } from "./place.js";
 import { SPEEDS, usePlayback } from "./playback.js";
 import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
+/** @typedef {import("../parts/game.js").State} State */
 
 /** After how long a round is announced: not each of many that pass by. */
 const ANNOUNCE_MS = 500;
 
 /**
- * @param {{game: import("../parts/game.js").Game, keys?: Record<string, () => void>, children?: unknown}} props `keys`: more
- *   keys; children come after what one watches
+ * @param {{game: Game, onLink?: (link: string) => void, onCompare?: (round: number) => void, children?: unknown}} props
+ *   children come after what one watches
  */
-export function Viewer({ game, keys = {}, children }) {
+export function Viewer({ game, onLink, onCompare, children }) {
   const count = useChanges(game);
   const [place, move] = usePlace();
-  const [shows, setShows] = useState({ messages: true, windows: false, table: false });
+  const [shows, setShows] = useState({ messages: true, windows: false, table: false, large: false });
   const help = useRef(/** @type {HTMLDialogElement | null} */ (null));
 
   const live = isLive(game.head);
   const isFollowing = live && place.round === null;
-  const round = Math.min(Math.max(place.round ?? (live ? game.last : game.first), game.first), game.last);
+  // Who followed a game to its end stays there.
+  const wasLive = useRef(live);
+  const round = Math.min(Math.max(place.round ?? (wasLive.current ? game.last : game.first), game.first), game.last);
   const agent = Math.min(place.agent ?? 0, game.head.num_agents - 1);
   const { state, next, problem } = useMoment(game, round);
+  useAllMarks(game);
 
   const go = useCallback((/** @type {number} */ to) => move({ round: Math.min(Math.max(to, game.first), game.last) }), [game]);
   const playback = usePlayback(game, round, go);
@@ -45,8 +51,9 @@ export function Viewer({ game, keys = {}, children }) {
     const found = await findMark(game, round, direction).catch(() => null);
     if (found !== null) jump(found);
   };
+  const link = () => onLink?.(location.origin + location.pathname + writePlace({ round, agent, panel: place.panel }));
   const follow = () => (isFollowing ? jump(round) : move({ round: null }));
-  const toggle = (/** @type {"messages" | "windows" | "table"} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
+  const toggle = (/** @type {"messages" | "windows" | "table" | "large"} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
 
   useKeys({
     ArrowLeft: () => jump(round - 1),
@@ -65,10 +72,12 @@ export function Viewer({ game, keys = {}, children }) {
     m: () => toggle("messages"),
     v: () => toggle("windows"),
     t: () => toggle("table"),
+    z: () => toggle("large"),
     f: () => live && follow(),
     "?": () => help.current?.showModal(),
     ...Object.fromEntries(Array.from({ length: Math.min(10, game.head.num_agents) }, (_, n) => [String(n), () => choose(n)])),
-    ...keys,
+    l: link,
+    c: () => onCompare?.(round),
   });
 
   if (!state) return problem ? html`<${ProblemNote} problem=${problem} />` : html`<p class="muted" role="status">Loading …</p>`;
@@ -76,7 +85,7 @@ export function Viewer({ game, keys = {}, children }) {
   const summary = sentence(state, next);
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}
-    <div class="stage">
+    <div class=${shows.large ? "stage large" : "stage"}>
       <div class="map-side">
         <${GameMap} ...${common} messages=${shows.messages} label=${`Map. ${summary}`} />
       </div>
@@ -103,6 +112,9 @@ export function Viewer({ game, keys = {}, children }) {
       <button type="button" aria-pressed=${shows.messages} onClick=${() => toggle("messages")}>Lines of messages</button>
       <button type="button" aria-pressed=${shows.windows} onClick=${() => toggle("windows")}>All windows</button>
       <button type="button" aria-pressed=${shows.table} onClick=${() => toggle("table")}>Table of agents</button>
+      <button type="button" aria-pressed=${shows.large} onClick=${() => toggle("large")}>Large map</button>
+      ${onLink && html`<button type="button" onClick=${link}>Copy a link to this moment</button>`}
+      ${onCompare && html`<button type="button" onClick=${() => onCompare(round)}>Compare with another game</button>`}
     </div>
     ${shows.windows && html`<h2>All windows</h2><${AllWindows} ...${common} />`}
     ${shows.table && html`<${AgentTable} ...${common} />`}
@@ -140,7 +152,7 @@ function Controls({ game, round, state, next, playback, isFollowing, onGo, onMar
   </div>`;
 }
 
-/** A moment in a sentence. @param {import("../parts/game.js").State} state @param {import("../parts/game.js").State | null} next */
+/** A moment in a sentence. @param {State} state @param {State | null} next */
 function sentence(state, next) {
   const parts = [`Round ${state.round}. Score ${short(state.score)}.`];
   /** @param {number[] | undefined} agents @param {string} what */
