@@ -6,6 +6,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Countdown, Time } from "../parts/time.js";
 import { short } from "../parts/chart.js";
+import { Command } from "../parts/command.js";
 import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
 
 const RUNNING_MS = 5000;
@@ -65,13 +66,15 @@ export function Page() {
 const Join = ({ isEmpty }) => html`
   <h2>${isEmpty ? "No game has been played here yet. Start one:" : "Join"}</h2>
   ${isEmpty &&
-  html`<pre tabindex="0">curl ${location.origin}/api/v1/episodes -H 'Content-Type: application/json' -d '{"task": "Pursuit", "player": "default"}'</pre>
+  html`<${Command} lines=${[`curl ${location.origin}/api/v1/episodes -H 'Content-Type: application/json' -d '{"task": "Pursuit", "player": "default"}'`]} />
     <p class="muted">Or <a href="/play">play yourself</a>, or let models play:</p>`}
-  <pre tabindex="0">${[
-    `export SWARMBENCH_SERVER=${location.origin}`,
-    "swarmbench play --suite quick                    # built-in players",
-    "swarmbench eval --model NAME --api-base URL      # a language model",
-  ].join("\n")}</pre>
+  <${Command}
+    lines=${[
+      `export SWARMBENCH_SERVER=${location.origin}`,
+      "swarmbench play --suite quick                 # built-in players",
+      "swarmbench eval --model NAME --api-base URL   # a language model",
+    ]}
+  />
   <p class="muted small">
     Or take a seat with any program (<a href="/docs">API</a>) or yourself: <a href="/play">play</a>. Where the server asks for a key, set${" "}
     <code>SWARMBENCH_KEY</code>.

@@ -38,7 +38,7 @@ export const Leaders = ({ rows }) => {
   if (!rows) return html`<span class="muted">…</span>`;
   const ranked = rows.filter((row) => row.rank !== null);
   if (ranked.length === 0) return html`<span class="muted">nobody has played every task</span>`;
-  return html`<ol class="leaders">
+  return html`<ol class="plain">
     ${ranked.map(
       (row) => html`<li>
         <${Text} value=${row.model} />${row.reference && html` <span class="muted small">paper</span>`} <span class="number muted">${short(row.total)}</span>
