@@ -54,12 +54,12 @@ export function useKeys(actions) {
   }, []);
 }
 
-/** @param {{dialog: {current: HTMLDialogElement | null}}} props */
-export const KeyHelp = ({ dialog }) => html`<dialog ref=${dialog} aria-labelledby="keys-title">
+/** @param {{dialog: {current: HTMLDialogElement | null}, help?: [string, string][]}} props */
+export const KeyHelp = ({ dialog, help = HELP }) => html`<dialog ref=${dialog} aria-labelledby="keys-title">
   <h2 id="keys-title">Keys</h2>
   <table>
     <tbody>
-      ${HELP.map(([keys, what]) => html`<tr><th scope="row">${keys.split(" ").map((key) => (key === "…" ? " … " : html`<kbd>${key}</kbd> `))}</th><td>${what}</td></tr>`)}
+      ${help.map(([keys, what]) => html`<tr><th scope="row">${keys.split(" ").map((key) => (key === "…" ? " … " : html`<kbd>${key}</kbd> `))}</th><td>${what}</td></tr>`)}
     </tbody>
   </table>
   <p><button type="button" onClick=${() => dialog.current?.close()}>Close</button></p>

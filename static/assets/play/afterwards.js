@@ -1,6 +1,7 @@
 // A game is over: how it ended, and what its player could not see.
 import { html, useState } from "../ui.js";
 import { request, route, tokenOf, withQuery } from "../api.js";
+import { standing } from "../game/marks.js";
 import { openGame, useChanges, useMoment } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { GameMap } from "../parts/map.js";
@@ -8,15 +9,6 @@ import { againQuery } from "./newgame.js";
 import { OwnRounds } from "./ownrounds.js";
 import { ProblemNote } from "../parts/problem.js";
 import { numberOf } from "./sight.js";
-
-/** Why a game ended, in words. @type {Record<string, string>} */
-const REASONS = {
-  task_done: "The task was done",
-  rounds_played: "All rounds were played",
-  aborted: "It was ended early",
-  idle: "Nobody acted any more",
-  closed: "Its competition closed",
-};
 
 /** @param {{id: string, summary: any, obs: any, leave: () => void}} props */
 export function Afterwards({ id, summary, obs, leave }) {
@@ -26,7 +18,7 @@ export function Afterwards({ id, summary, obs, leave }) {
   const again = withQuery("/play", againQuery(config));
   return html`<h1>${summary.task}: the game is over</h1>
     <p role="status">
-      ${REASONS[result.reason] ?? result.reason}, after ${result.rounds} rounds. The swarm scored <b class="number">${result.score.toFixed(2)}</b>.
+      ${standing(/** @type {any} */ ({ head: { status: summary.status, rounds: result.rounds }, summary }))} The swarm scored <b class="number">${result.score.toFixed(2)}</b>.
     </p>
     <p class="buttons">
       <a class="button primary" href=${`/episodes/${encodeURIComponent(id)}#r=0${obs ? `&a=${numberOf(obs.agent)}` : ""}`}>The whole game</a>
@@ -51,11 +43,11 @@ function Unseen({ id, first }) {
       <div>
         <${GameMap} head=${head} state=${state} next=${next} agent=${agent} onChoose=${setAgent} label=${`The map in round ${state.round}`} />
         <label class="round"
-          >Round ${state.round} of ${head.rounds}
+          >Round ${state.round} of ${game.last}
           <input
             type="range"
             min="0"
-            max=${head.rounds}
+            max=${game.last}
             value=${round}
             onInput=${(/** @type {any} */ event) => setRound(Number(event.target.value))}
           />

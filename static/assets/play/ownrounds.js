@@ -11,7 +11,8 @@ const LISTED = 20;
  *   onAgent: (agent: number) => void}} props
  */
 export function OwnRounds({ game, agent, round, onRound, onAgent }) {
-  const { rounds, num_agents: count } = game.head;
+  const rounds = game.last;
+  const count = game.head.num_agents;
   const first = Math.floor(round / LISTED) * LISTED;
   const listed = Array.from({ length: Math.max(0, Math.min(LISTED, rounds - first)) }, (_, index) => first + index);
   return html`<div>
