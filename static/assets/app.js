@@ -14,7 +14,7 @@ const ROUTES = [
   { path: "/board/:suite", page: "board", title: "Board", style: true },
   { path: "/board/:suite/:row", page: "player", title: "Player", style: true },
   { path: "/runs", page: "runs", title: "Runs" },
-  { path: "/runs/:id", page: "run", title: "Run", style: true },
+  { path: "/runs/:id", page: "run", title: "Run" },
   { path: "/episodes", page: "episodes", title: "Games" },
   { path: "/imports", page: "imports", title: "Imported games" },
   { path: "/episodes/:id", page: "episode", title: "Game", style: true },

@@ -1,6 +1,7 @@
 // The board of a suite: who scored what, and how sure the order is.
 import { html, useMemo } from "../ui.js";
 import { withQuery } from "../api.js";
+import { Command } from "../parts/command.js";
 import { usePages, More, PAGE_ITEMS } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
@@ -142,7 +143,7 @@ const Choice = ({ label, value, options, set }) =>
 const Empty = ({ isAll, suite }) =>
   isAll
     ? html`<p class="empty">Nobody has ended a run of this suite yet.</p>
-        <pre>swarmbench play --suite ${visible(suite)} --server ${location.origin}</pre>`
+        ${["quick", "standard"].includes(suite) && html`<p>This plays it with built-in players:</p><${Command} lines=${[`swarmbench play --suite ${suite} --server ${location.origin}`]} />`}`
     : html`<p class="empty">All rows are hidden. Choose above what to show.</p>`;
 
 /** @param {{rows: any[], pick: string, method?: any}} props */

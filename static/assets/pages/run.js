@@ -4,6 +4,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text, LongText, visible } from "../parts/text.js";
 import { Time, duration } from "../parts/time.js";
 import { short } from "../parts/chart.js";
+import { boardHref } from "../parts/boards.js";
 import { GameGrid } from "../parts/grid.js";
 import { useRun, useScores } from "../parts/runs.js";
 import { useTitle } from "../parts/query.js";
@@ -68,10 +69,9 @@ const Progress = ({ run }) => html`
 /** @param {{run: any}} props */
 function About({ run }) {
   const { suite, acts } = run;
-  const board = `/board/${encodeURIComponent(suite.digest ? `${suite.name}@${suite.digest}` : suite.name)}?rules=${encodeURIComponent(suite.rules)}`;
   const end = run.ended_at ? new Date(run.ended_at).getTime() : null;
   const facts = [
-    ["Board", html`<a href=${board}><${Text} value=${suite.name} /></a>, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
+    ["Board", html`<a href=${boardHref(suite)}><${Text} value=${suite.name} /></a>, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
     ["Setting", settingText(suite.settings)],
     ["Started", html`<${Time} value=${run.created_at} />${end && html`, took ${duration(end - new Date(run.created_at).getTime())}`}`],
     ["Sampling", `temperature ${run.temperature ?? "not declared"}, top p ${run.top_p ?? "not declared"}`],

@@ -1,5 +1,7 @@
 // Actions in words, and what became of them.
 
+/** @typedef {import("./game.js").State} State */
+
 /** By the characters of a replay. @type {Record<string, {name: string, arrow: string, by?: [number, number]}>} */
 export const ACTIONS = {
   U: { name: "UP", arrow: "↑", by: [-1, 0] },
@@ -13,14 +15,14 @@ export const ACTIONS = {
 
 /**
  * What an agent chose in the round that led to a state.
- * @param {import("./game.js").State | null} next
+ * @param {State | null} next
  * @param {number} agent
  */
 export const actionOf = (next, agent) => (next?.actions ? (ACTIONS[next.actions[agent]] ?? null) : null);
 
 /**
  * What became of the choice of an agent, in words.
- * @param {import("./game.js").State | null} next
+ * @param {State | null} next
  * @param {number} agent
  */
 export function resultOf(next, agent) {

@@ -4,15 +4,22 @@ import { actionOf } from "./actions.js";
 import { canvasColor, cssValue } from "./colors.js";
 import { choose } from "./pick.js";
 
+/** @typedef {import("./game.js").Head} Head */
+/** @typedef {import("./game.js").State} State */
+/** @typedef {import("./map.js").MapProps} MapProps */
+
 /** Pixels along the longer side, which the page scales. */
 const SIDE_PX = 1280;
 
 /** Pixels of a cell from which agents have numbers and arrows. */
 const DETAIL_PX = 14;
 
+/** Pixels of an agent at least, so that it can be seen on the largest map. */
+const AGENT_MIN_PX = 9;
+
 /** @typedef {{context: CanvasRenderingContext2D, cell: number}} Brush */
 
-/** @param {import("./map.js").MapProps} props */
+/** @param {MapProps} props */
 export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, label }) {
   const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
   const cell = Math.max(2, Math.floor(SIDE_PX / Math.max(head.width, head.height)));
@@ -45,7 +52,7 @@ export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = 
 /** Whether the page is dark now: colours of a canvas do not change by themselves. */
 const useDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
 
-/** @param {import("./game.js").Head} head @param {number} cell */
+/** @param {Head} head @param {number} cell */
 function drawGround(head, cell) {
   const canvas = document.createElement("canvas");
   canvas.width = head.width * cell;
@@ -75,7 +82,7 @@ function triangle(context, x, y, side) {
   context.fill();
 }
 
-/** The block and the prey. @param {Brush} brush @param {import("./game.js").Head} head @param {import("./game.js").State} state */
+/** The block and the prey. @param {Brush} brush @param {Head} head @param {State} state */
 function drawThings({ context, cell }, head, { block, prey }) {
   context.lineWidth = Math.max(1, cell / 10);
   if (block) {
@@ -99,11 +106,11 @@ function drawThings({ context, cell }, head, { block, prey }) {
   }
 }
 
-/** @param {Brush} brush @param {import("./game.js").Head} head @param {import("./game.js").State} state @param {Set<number>} [marks] */
+/** @param {Brush} brush @param {Head} head @param {State} state @param {Set<number>} [marks] */
 function drawAgents({ context, cell }, head, state, marks) {
   const gone = new Set(state.gone);
   const marked = new Set(state.lit ?? state.loaded);
-  const side = Math.max(cell * 0.8, 3);
+  const side = Math.max(cell * 0.8, AGENT_MIN_PX);
   context.font = `600 ${Math.round(cell * 0.42)}px sans-serif`;
   context.textAlign = "center";
   context.textBaseline = "middle";
@@ -129,7 +136,7 @@ function outline(context, x, y, side, name) {
   context.strokeRect(x - side / 2, y - side / 2, side, side);
 }
 
-/** @param {Brush} brush @param {import("./game.js").Head} head @param {import("./game.js").State} state @param {import("./game.js").State | null} next */
+/** @param {Brush} brush @param {Head} head @param {State} state @param {State | null} next */
 function drawArrows({ context, cell }, head, state, next) {
   context.lineWidth = Math.max(1, cell / 10);
   for (let n = 0; n < head.num_agents; n++) {
@@ -144,7 +151,7 @@ function drawArrows({ context, cell }, head, state, next) {
   }
 }
 
-/** Lines of what the chosen agent said and heard. @param {Brush} brush @param {import("./game.js").State} state @param {import("./game.js").State} next @param {number} agent */
+/** Lines of what the chosen agent said and heard. @param {Brush} brush @param {State} state @param {State} next @param {number} agent */
 function drawLines({ context, cell }, state, next, agent) {
   context.lineWidth = 2;
   for (const { from, by } of next.heard ?? []) {
@@ -158,7 +165,7 @@ function drawLines({ context, cell }, state, next, agent) {
   }
 }
 
-/** @param {Brush} brush @param {import("./game.js").Head} head @param {import("./game.js").State} state @param {number} agent */
+/** @param {Brush} brush @param {Head} head @param {State} state @param {number} agent */
 function drawChosen({ context, cell }, head, state, agent) {
   const [x, y] = [(state.at[2 * agent + 1] + 0.5) * cell, (state.at[2 * agent] + 0.5) * cell];
   context.lineWidth = 2;

@@ -40,13 +40,14 @@ import { request, route, sleep, stream, tokenOf, withQuery } from "../api.js";
  * @property {string[]} [marks]
  *
  * @typedef {{from: number, states: State[], metrics: Record<string, (number | null)[]>}} Piece states of one page
- * @typedef {{every: number, scores: number[]}} Scores
+ * @typedef {{rounds: number, every: number, first?: number, scores: number[]}} Scores `first`: the round of the first one, if not 0
  *
  * @typedef {object} Game
  * @property {"episodes" | "imports" | "file"} kind
  * @property {Head} head
  * @property {any} summary what the lists say about it: model, run, configuration, result
  * @property {number} first the first round that can be shown
+ * @property {number} last the last one, so far
  * @property {boolean} isLost whether the connection to a running game is interrupted
  * @property {Map<number, string[]>} marks what happened in a round, as far as it was read
  * @property {(round: number) => State | null} peek a state that was read
@@ -72,6 +73,12 @@ const SCORE_POINTS = 400;
 
 /** Between two readings of a running game. */
 const LIVE_PAUSE_MS = 500;
+
+/** After a reading of a running game that failed. */
+const RETRY_MS = 2000;
+
+/** For how long one has to stay at a round that was not read: scrubbing over many pages reads few of them. */
+const REST_MS = 80;
 
 const RUNNING = ["waiting", "running"];
 
@@ -111,6 +118,10 @@ class ServerGame {
     this.acts = new Map();
     /** @type {Set<() => void>} */
     this.listeners = new Set();
+  }
+
+  get last() {
+    return this.head.rounds;
   }
 
   /** @param {string} path @param {AbortSignal} [signal] */
@@ -274,11 +285,13 @@ class ServerGame {
     const from = this.piece(at) && known - at <= this.pageRounds ? at : this.#start(known);
     try {
       const page = await this.get(this.#address(from, false));
+      this.isLost = false;
       this.#setHead(page);
       this.#add(page);
     } catch {
       this.isLost = true;
       this.changed();
+      await sleep(RETRY_MS);
     }
   }
 }
@@ -325,17 +338,20 @@ export function useMoment(game, round) {
   useEffect(() => {
     if (!game) return;
     let isCurrent = true;
-    const last = Math.min(round + 1, game.head.rounds);
-    Promise.all([game.load(round), game.load(last)]).then(
-      ([state]) => {
-        if (!isCurrent) return;
-        setShown(state);
-        setProblem(null);
-      },
-      (error) => isCurrent && setProblem(error),
-    );
+    const last = Math.min(round + 1, game.last);
+    const read = () =>
+      Promise.all([game.load(round), game.load(last)]).then(
+        ([state]) => {
+          if (!isCurrent) return;
+          setShown(state);
+          setProblem(null);
+        },
+        (error) => isCurrent && setProblem(error),
+      );
+    const timer = setTimeout(read, game.peek(round) ? 0 : REST_MS);
     return () => {
       isCurrent = false;
+      clearTimeout(timer);
     };
   }, [game, round, count]);
   const state = game?.peek(round) ?? shown;

@@ -27,8 +27,8 @@ function arrange(games) {
 }
 
 /**
- * @param {{games: any[], tasks: any[], scores: Map<string, number[]>, caption: string}} props
- * `tasks` are the results by task, `scores` are series by episode
+ * @param {{games: any[], tasks: any[], scores: import("./runs.js").Scores, caption: string}} props
+ * `tasks` are the results by task
  */
 export function GameGrid({ games, tasks: results, scores, caption }) {
   const { tasks, seeds } = arrange(games);
@@ -44,7 +44,7 @@ export function GameGrid({ games, tasks: results, scores, caption }) {
       </thead>
       <tbody>
         ${[...tasks].map(([task, of]) => {
-          const range = extent([...of.values()].flatMap((games) => games.flatMap((game) => scores.get(game.episode) ?? [])));
+          const range = extent([...of.values()].flatMap((games) => games.flatMap((game) => scores.get(game.episode)?.scores ?? [])));
           return html`<tr key=${task}>
             <th scope="row">${task}</th>
             <td class="number"><${Mean} result=${results.find((result) => result.task === task)} /></td>
@@ -64,12 +64,12 @@ function Mean({ result }) {
     ${result.played < result.planned && html`<span class="muted small">${result.played} of ${result.planned} played</span>`}`;
 }
 
-/** @param {{games: any[], seed: string, scores: Map<string, number[]>, range: [number, number]}} props */
+/** @param {{games: any[], seed: string, scores: import("./runs.js").Scores, range: [number, number]}} props */
 function Game({ games, seed, scores, range }) {
   const game = games.at(-1);
   if (!game) return null;
   if (!game.episode) return html`<span class="muted small">planned</span>`;
-  const series = scores.get(game.episode);
+  const series = scores.get(game.episode)?.scores;
   const note = noteOf(game, games.length);
   const label = `${game.task}, ${seed}: score ${short(game.score)}, ${game.status} after ${game.round} rounds${note && `, ${note}`}`;
   return html`<a class="game" href=${`/episodes/${encodeURIComponent(game.episode)}`} aria-label=${label} title=${label}>

@@ -6,6 +6,9 @@ import { color } from "./colors.js";
 import { choose } from "./pick.js";
 import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
+/** @typedef {import("./game.js").Head} Head */
+/** @typedef {import("./game.js").State} State */
+
 /** Cells and agents up to which a map is made of elements; beyond, it is a canvas. */
 const CELLS_MAX = 1600;
 const AGENTS_MAX = 160;
@@ -15,9 +18,9 @@ const LINES_MAX = 600;
 
 /**
  * @typedef {object} MapProps
- * @property {import("./game.js").Head} head
- * @property {import("./game.js").State} state the world that is shown
- * @property {import("./game.js").State | null} next the state after it: its actions and messages are those of this moment
+ * @property {Head} head
+ * @property {State} state the world that is shown
+ * @property {State | null} next the state after it: its actions and messages are those of this moment
  * @property {number | null} [agent] the chosen one
  * @property {(agent: number) => void} [onChoose]
  * @property {boolean} [arrows]
@@ -72,18 +75,18 @@ function lattice(width, height) {
   return path;
 }
 
-/** @param {import("./game.js").State} state @param {number} agent @returns {[number, number]} */
+/** @param {State} state @param {number} agent @returns {[number, number]} */
 const centre = (state, agent) => [(state.at[2 * agent + 1] + 0.5) * CELL, (state.at[2 * agent] + 0.5) * CELL];
 
-/** @param {import("./game.js").Head} head @param {import("./game.js").State} state */
+/** @param {Head} head @param {State} state */
 const blockOf = (head, { block }) => block && (head.block_cells ?? []).map(([di, dj]) => shapeAt("B", block[0] + di, block[1] + dj));
 
-/** @param {import("./game.js").State} state */
+/** @param {State} state */
 const preyOf = ({ prey }) =>
   prey &&
   html`<g key="prey" class="agent" style=${{ transform: `translate(${prey[1] * CELL}px, ${prey[0] * CELL}px)` }}>${shapeAt("P", 0, 0)}</g>`;
 
-/** The outline of what an agent sees. @param {import("./game.js").Head} head @param {import("./game.js").State} state @param {number} agent */
+/** The outline of what an agent sees. @param {Head} head @param {State} state @param {number} agent */
 function windowOf(head, state, agent) {
   if (!head.view_size || head.control === "centralized" || state.gone?.includes(agent)) return null;
   const side = head.view_size * CELL;
@@ -91,7 +94,7 @@ function windowOf(head, state, agent) {
   return html`<rect class="window" x=${x - side / 2} y=${y - side / 2} width=${side} height=${side} stroke=${color(agent)} />`;
 }
 
-/** @param {import("./game.js").State | null} next @param {number} agent */
+/** @param {State | null} next @param {number} agent */
 function arrowOf(next, agent) {
   const action = actionOf(next, agent);
   if (!action?.by) return null;
@@ -103,7 +106,7 @@ function arrowOf(next, agent) {
   </g>`;
 }
 
-/** Lines from who spoke to who reads it. @param {import("./game.js").State} state @param {import("./game.js").State} next @param {number | null} agent */
+/** Lines from who spoke to who reads it. @param {State} state @param {State} next @param {number | null} agent */
 function linesOf(state, next, agent) {
   const pairs = (next.heard ?? []).flatMap(({ from, by }) => by.map((to) => /** @type {[number, number]} */ ([from, to])));
   return pairs.slice(0, LINES_MAX).map(([from, to]) => {

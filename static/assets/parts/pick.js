@@ -1,13 +1,16 @@
 // Which agent of a map is clicked.
 
+/** @typedef {import("./game.js").Head} Head */
+/** @typedef {import("./game.js").State} State */
+
 /** How far from its centre an agent can be clicked, in cells. */
 const REACH = 1.5;
 
 /**
  * Chooses the agent nearest to a click.
  * @param {MouseEvent} event
- * @param {import("./game.js").Head} head
- * @param {import("./game.js").State} state
+ * @param {Head} head
+ * @param {State} state
  * @param {((agent: number) => void) | undefined} onChoose
  */
 export function choose(event, head, state, onChoose) {

@@ -49,19 +49,22 @@ function useSettled(call) {
   }, [call]);
 }
 
+/** @typedef {Map<string, {rounds: number, every: number, scores: number[]}>} Scores score curves by episode */
+
 /**
  * The score curves of a run's games; empty where the server has none to show.
  * @param {string | null | undefined} id
  * @param {unknown} version they are read again when it changes
+ * @returns {Scores}
  */
 export function useScores(id, version) {
   const { value } = useLoaded(
     async (signal) => {
-      /** @type {Map<string, number[]>} */
+      /** @type {Scores} */
       const scores = new Map();
       if (!id) return scores;
       await eachPage(route`/api/v1/runs/${id}/scores`, { points: POINTS }, signal, (page) => {
-        for (const item of page.items) scores.set(item.episode, item.scores);
+        for (const item of page.items) scores.set(item.episode, item);
       });
       return scores;
     },

@@ -2,6 +2,9 @@
 import { html } from "../ui.js";
 import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
+/** @typedef {import("./game.js").Head} Head */
+/** @typedef {import("./game.js").State} State */
+
 /** Cells along a side up to which a window is drawn; a larger one is text. */
 const DRAWN_MAX = 41;
 
@@ -65,8 +68,8 @@ function seen(symbol, i, j, agent, isMarked) {
 
 /**
  * What is around an agent, in the symbols of a window. It is the truth of a state, not what the agent was sent.
- * @param {import("./game.js").Head} head
- * @param {import("./game.js").State} state
+ * @param {Head} head
+ * @param {State} state
  * @param {number} agent
  * @returns {string[][]}
  */

@@ -1,6 +1,7 @@
 // What the creator of a run can do with it.
 import { html, useState } from "../../ui.js";
 import { request, route } from "../../api.js";
+import { Command } from "../../parts/command.js";
 import { ProblemNote } from "../../parts/problem.js";
 
 /** @param {{run: any, changed: () => void}} props */
@@ -43,8 +44,9 @@ export function Actions({ run, changed }) {
     ${token &&
     html`<div role="status">
       <p>The new token, shown only this once. The earlier one is revoked.</p>
-      <pre>${token}</pre>
-      <p class="muted">Continue with it: <code>SWARMBENCH_RUN_TOKEN=… swarmbench play --run ${run.id} --server ${location.origin}</code></p>
+      <${Command} lines=${[token]} />
+      <p class="muted">Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
+      <${Command} lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />
     </div>`}
     ${problem && html`<${ProblemNote} problem=${problem} />`}
   `;

@@ -1,0 +1,87 @@
+// The entry of a page that is one file: a game that opens without a server. All of it is in the document.
+import { html, render, useEffect } from "./ui.js";
+import { collectMarks } from "./parts/game.js";
+import { Facts } from "./game/about.js";
+import { Notices, Title, titleOf } from "./game/title.js";
+import { Viewer } from "./game/viewer.js";
+
+/** @typedef {import("./parts/game.js").Game} Game */
+/** @typedef {import("./parts/game.js").Scores} Scores */
+/** @typedef {import("./parts/game.js").State} State */
+
+/**
+ * @typedef {object} Content
+ * @property {any} head the answer of a replay without its states
+ * @property {State[]} states
+ * @property {Record<string, any>} acts by round and agent: "37/5"
+ * @property {Scores} [scores]
+ * @property {any} summary
+ */
+
+/** @implements {Game} */
+class FileGame {
+  /** @param {Content} content */
+  constructor({ head, states, acts, scores, summary }) {
+    this.kind = /** @type {const} */ ("file");
+    this.head = { ...head, id: head.id ?? head.episode ?? "game" };
+    this.summary = { ...summary, config: summary.config ?? {} };
+    this.states = states;
+    this.acts = acts;
+    this.curve = scores;
+    this.first = states[0].round;
+    this.last = states[states.length - 1].round;
+    this.isLost = false;
+    this.marks = new Map();
+    collectMarks(this.marks, states.slice(1));
+    this.all = { from: this.first, states, metrics: head.metrics ?? {} };
+  }
+
+  /** @param {number} round */
+  peek(round) {
+    return this.states[round - this.first] ?? null;
+  }
+
+  /** @param {number} round */
+  piece(round) {
+    return this.peek(round) && this.all;
+  }
+
+  /** @param {number} round */
+  async load(round) {
+    const state = this.peek(round);
+    if (!state) throw new Error(`Round ${round} is not in this file.`);
+    return state;
+  }
+
+  /** @param {number} round @param {number} agent */
+  async act(round, agent) {
+    return this.acts[`${round}/${agent}`] ?? { isMissing: true };
+  }
+
+  async scores() {
+    const scores = this.states.map((state) => state.score);
+    // The curve of the whole game is of no use where the file has a part of it.
+    return this.curve && this.states.length > this.head.rounds ? this.curve : { rounds: this.last, every: 1, first: this.first, scores };
+  }
+
+  subscribe() {
+    return () => {};
+  }
+
+  async follow() {}
+}
+
+/** @param {{game: FileGame}} props */
+function File({ game }) {
+  useEffect(() => void (document.title = titleOf(game)), []);
+  return html`<main id="main" tabindex="-1">
+    <div class="game">
+      <${Title} game=${game} />
+      <${Notices} game=${game} />
+      <${Viewer} game=${game}><${Facts} game=${game} /><//>
+    </div>
+  </main>`;
+}
+
+const [root, content] = [document.getElementById("app"), document.getElementById("game")];
+if (root && content) render(html`<${File} game=${new FileGame(JSON.parse(content.textContent ?? ""))} />`, root);

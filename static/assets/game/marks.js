@@ -1,0 +1,86 @@
+// What happened in a round, as marks on the curve and as places to go to.
+import { useEffect } from "../ui.js";
+import { isLive } from "../parts/game.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
+
+/** @type {Record<string, {sign: string, name: string, kind: "good" | "bad" | "talk"}>} */
+export const MARKS = {
+  points: { sign: "▲", name: "the score rose", kind: "good" },
+  drop: { sign: "▼", name: "the score fell", kind: "bad" },
+  invalid: { sign: "!", name: "invalid answer", kind: "bad" },
+  timeout: { sign: "◷", name: "out of time", kind: "bad" },
+  silence: { sign: "○", name: "nobody spoke any more", kind: "talk" },
+  convergence: { sign: "≡", name: "all said the same", kind: "talk" },
+};
+
+/** Pages that are read to find the next mark. */
+const SEARCHED_MAX = 20;
+
+/** Pages of a game that are read for their marks alone. */
+const READ_MAX = 10;
+
+/** @param {Game} game */
+const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 2) - 1, 1);
+
+/** Whether the marks of all rounds are read by themselves. @param {Game} game */
+export const isShort = (game) => (game.last - game.first) / pageRounds(game) <= READ_MAX;
+
+/** Reads the marks of a game that is not long. @param {Game} game */
+export function useAllMarks(game) {
+  useEffect(() => {
+    let isCurrent = isShort(game);
+    const read = async () => {
+      for (let round = game.first; isCurrent && round <= game.last; round += pageRounds(game)) await game.load(round);
+    };
+    // What cannot be read now is read when it is looked at.
+    read().catch(() => {});
+    return () => {
+      isCurrent = false;
+    };
+  }, [game]);
+}
+
+/** Marks as words. @param {string[] | undefined} marks */
+export const inWords = (marks) => (marks ?? []).map((mark) => MARKS[mark]?.name ?? mark).join(", ");
+
+/**
+ * The next round with a mark, or the one before; pages are read on the way. Null where there is none.
+ * @param {Game} game
+ * @param {number} round
+ * @param {1 | -1} direction
+ * @returns {Promise<number | null>}
+ */
+export async function findMark(game, round, direction) {
+  let at = round + direction;
+  for (let read = 0; at >= game.first && at < game.last; at += direction) {
+    if (game.marks.has(at)) return at;
+    // The marks of a round come with the state after it.
+    if (game.peek(at + 1)) continue;
+    if (read++ === SEARCHED_MAX) return null;
+    await game.load(at + 1);
+    if (game.marks.has(at)) return at;
+  }
+  return null;
+}
+
+/** @type {Record<string, string>} */
+const REASONS = {
+  task_done: "The task was done",
+  rounds_played: "All rounds were played",
+  aborted: "It was ended by its creator or an organizer",
+  idle: "Nobody acted for too long",
+  closed: "Its competition closed",
+};
+
+/**
+ * How a game stands, in a sentence.
+ * @param {Game} game
+ */
+export function standing({ head, summary }) {
+  const rounds = `${head.rounds} ${head.rounds === 1 ? "round" : "rounds"}`;
+  if (head.status === "waiting") return "It has not started.";
+  if (isLive(head)) return `It is running: ${rounds} so far.`;
+  const reason = REASONS[summary?.result?.reason];
+  return reason ? `${reason}, after ${rounds}.` : `It ended after ${rounds}.`;
+}

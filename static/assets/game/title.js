@@ -1,0 +1,46 @@
+// The first lines of the page of a game: what it is and how it stands.
+import { html } from "../ui.js";
+import { route } from "../api.js";
+import { short } from "../parts/chart.js";
+import { isLive } from "../parts/game.js";
+import { Text, visible } from "../parts/text.js";
+import { standing } from "./marks.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
+
+/** @param {Game} game */
+export const titleOf = ({ head, summary }) => `${visible(head.task)} · ${visible(summary.model ?? "")}`;
+
+/** @param {{game: Game}} props */
+export function Title({ game }) {
+  const { head, summary } = game;
+  const seed = summary.config?.seed ?? summary.seed;
+  return html`<div class="title">
+    <h1>${head.task} <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
+    <p class="muted">
+      ${seed !== null && seed !== undefined && html`seed ${seed} · `}
+      ${game.kind === "imports" && html`<span class="badge">imported</span> `}
+      <span class=${isLive(head) ? "badge live" : "badge"}>${head.status}</span> ${standing(game)}
+    </p>
+    <p class="total number"><span class="unseen">Score </span>${short(head.score)}</p>
+  </div>`;
+}
+
+/** What somebody has to know before looking at a game. @param {{game: Game}} props */
+export function Notices({ game: { head, summary, isLost, kind } }) {
+  return html`
+    ${summary.void_reason &&
+    html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} /></p></div>`}
+    ${head.status === "waiting" &&
+    html`<div class="notice">
+      <p>
+        ${summary.config?.open_seats > 0
+          ? html`<strong>This game waits for players.</strong> It begins when every seat is taken. <a href=${route`/play/${head.id}`}>Take a seat</a>.`
+          : html`<strong>This game has not started.</strong> Its creator starts it. This page shows it from its first round on.`}
+      </p>
+    </div>`}
+    ${head.rounds === 0 && head.status !== "waiting" && !isLive(head) && html`<div class="notice"><p><strong>No round was played.</strong> The map shows how it would have begun.</p></div>`}
+    ${head.rounds === 0 && head.status === "running" && html`<div class="notice"><p><strong>The first round is being decided.</strong> It is shown here when all agents have answered.</p></div>`}
+    <p class="lost bad" role="status">${isLost && kind !== "file" && isLive(head) ? "The connection is lost. Trying again …" : ""}</p>
+  `;
+}

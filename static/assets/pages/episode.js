@@ -1,0 +1,53 @@
+// The page of one game, while it runs and after its end; of imported games too.
+import { html, useEffect, useState } from "../ui.js";
+import { route, withQuery } from "../api.js";
+import { isLive, openGame, useChanges } from "../parts/game.js";
+import { useLoaded } from "../parts/load.js";
+import { ProblemNote } from "../parts/problem.js";
+import { Actions, Facts, Seats, Verify } from "../game/about.js";
+import { copy } from "../game/save.js";
+import { Notices, Title, titleOf } from "../game/title.js";
+import { Viewer } from "../game/viewer.js";
+
+/** @typedef {import("../parts/game.js").Game} Game */
+
+/** @param {{id: string, embedded: boolean}} props */
+export function Page({ id, embedded }) {
+  const kind = location.pathname.startsWith("/imports/") ? "imports" : "episodes";
+  const { value: game, problem, reload } = useLoaded((signal) => openGame({ kind, id }, signal), [kind, id]);
+  if (game) return html`<${ServedGame} game=${game} embedded=${embedded} />`;
+  if (problem) return html`<h1>Game</h1><${ProblemNote} problem=${problem} retry=${reload} /><p><a href="/episodes">All games</a></p>`;
+  return html`<h1>Game</h1><p class="muted" role="status">Loading …</p>`;
+}
+
+/** @param {{game: Game, embedded: boolean}} props */
+function ServedGame({ game, embedded }) {
+  useChanges(game);
+  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const [link, setLink] = useState(/** @type {{moment: string, isCopied: boolean} | null} */ (null));
+  useEffect(() => {
+    document.title = `${titleOf(game)} · swarmbench`;
+    if (!isLive(game.head)) return;
+    const aborted = new AbortController();
+    game.follow(aborted.signal).catch((error) => aborted.signal.aborted || setProblem(error));
+    return () => aborted.abort();
+  }, [game]);
+
+  const saveLink = async (/** @type {string} */ moment) => setLink({ moment, isCopied: await copy(moment) });
+  const compare = (/** @type {number} */ round) => location.assign(`${withQuery("/compare", { a: game.head.id })}#r=${round}`);
+  return html`<div class="game">
+    <${Title} game=${game} />
+    <${Notices} game=${game} />
+    ${problem && html`<${ProblemNote} problem=${problem} what="This game" />`}
+    <${Viewer} game=${game} onLink=${embedded ? undefined : saveLink} onCompare=${embedded || game.kind === "imports" ? undefined : compare}>
+      ${embedded
+        ? html`<p><a href=${route`/episodes/${game.head.id}`} target="_blank" rel="noopener">The whole page of this game</a></p>`
+        : html`<${LinkNote} link=${link} /><${Actions} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} /><${Verify} game=${game} />`}
+    <//>
+  </div>`;
+}
+
+/** Whether the link was copied; the link itself where the browser does not allow it. @param {{link: {moment: string, isCopied: boolean} | null}} props */
+const LinkNote = ({ link }) => html`<div aria-live="polite">
+  ${link && (link.isCopied ? html`<p class="muted">Copied: <span class="mono">${link.moment}</span></p>` : html`<p><label>The link to this moment <input readonly size="60" value=${link.moment} onFocus=${(/** @type {any} */ event) => event.currentTarget.select()} /></label></p>`)}
+</div>`;
