@@ -49,6 +49,7 @@ for (const { name, address, needsKey } of PLACES) {
       }
       assert.equal(await tooWide(page, SLACK_PX), "", name);
     },
-    { asOrganizer: needsKey },
+    // axe-core measures with styles of its own, which the policy of the pages refuses.
+    { asOrganizer: needsKey, bypassCSP: true },
   );
 }
