@@ -10,25 +10,27 @@ const PAGES_MAX = 50;
 
 /**
  * A list and the function that shows more of it. With `everyMs` the first page is loaded again from time to time, until
- * somebody asks for more.
+ * somebody asks for more. `first` is the first page, with what else is in it.
  * @param {string} path
  * @param {number} [everyMs]
  * @param {string | null} [token] in the place of the tab's key
  */
 export function usePages(path, everyMs, token) {
   const [wanted, setWanted] = useState(1);
-  const kept = useRef({ path: "", pages: 0, items: /** @type {any[]} */ ([]), cursor: /** @type {string | null} */ (null) });
+  const kept = useRef({ path: "", pages: 0, items: /** @type {any[]} */ ([]), cursor: /** @type {string | null} */ (null), first: /** @type {any} */ (null) });
   const loaded = useLoaded(
     async (signal) => {
       const isMore = kept.current.path === path && kept.current.pages < wanted;
-      let { pages, items, cursor } = isMore ? kept.current : { pages: 0, items: [], cursor: null };
+      let { pages, items, cursor, first } = isMore ? kept.current : { pages: 0, items: [], cursor: null, first: null };
       while (pages === 0 || (pages < wanted && cursor)) {
         const options = token === undefined ? { signal } : { signal, token };
-        const answer = await request(withQuery(path, { limit: PAGE_ITEMS, cursor }), options);
+        const page = withQuery("", { limit: PAGE_ITEMS, cursor });
+        const answer = await request(path + (path.includes("?") ? page.replace("?", "&") : page), options);
         [items, cursor, pages] = [[...items, ...answer.items], answer.next_cursor, pages + 1];
+        first ??= answer;
       }
-      kept.current = { path, pages: wanted, items, cursor };
-      return { items, hasMore: cursor !== null, isFull: cursor !== null && wanted >= PAGES_MAX };
+      kept.current = { path, pages: wanted, items, cursor, first };
+      return { items, first, hasMore: cursor !== null, isFull: cursor !== null && wanted >= PAGES_MAX };
     },
     [path, wanted, token],
     wanted === 1 ? everyMs : undefined,
