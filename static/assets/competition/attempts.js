@@ -18,7 +18,7 @@ export function Attempts({ competition, list }) {
     setToken({ run, swarm_token: answer.swarm_token });
   };
   if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
-  const items = list.value?.items ?? [];
+  const items = list.items;
   return html`
     ${competition.phase === "open" &&
     html`<${Start}

@@ -1,4 +1,5 @@
 // Lines of a file, and the chain of their hashes.
+import { Problem } from "../api.js";
 
 /** Bytes of one line that are read; a longer one ends the check. */
 const LINE_BYTES_MAX = 128 * 1024 * 1024;
@@ -52,7 +53,7 @@ export async function* linesOf(stream, onBytes) {
   let openBytes = 0;
   try {
     for (;;) {
-      const { value, done } = await reader.read();
+      const { value, done } = await reader.read().catch(brokenOff);
       if (done) break;
       onBytes(value.length);
       let start = 0;
@@ -68,6 +69,11 @@ export async function* linesOf(stream, onBytes) {
   } finally {
     await reader.cancel().catch(() => undefined);
   }
+}
+
+/** @returns {never} */
+function brokenOff() {
+  throw new Problem(0, { detail: "The download broke off." });
 }
 
 /** A chain: every hash covers the one before it. */

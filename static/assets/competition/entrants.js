@@ -11,14 +11,14 @@ export function Entrants({ competition }) {
   const list = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
   if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
   if (!list.value) return html`<p class="muted" role="status">Loading …</p>`;
-  if (list.value.items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
+  if (list.items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
   return html`<div class="scroll" tabindex="0" role="region" aria-label="Table of entrants">
       <table>
         <thead>
           <tr><th scope="col">Name</th><th scope="col">Model, as declared</th><th scope="col">Sampling</th><th scope="col">Prompt</th><th scope="col">Entered</th></tr>
         </thead>
         <tbody>
-          ${list.value.items.map(
+          ${list.items.map(
             (one) => html`<tr key=${one.id} class=${one.status === "active" ? "" : "out"}>
               <th scope="row"><${Text} value=${one.name} />${one.status !== "active" && html` <span class="badge">${one.status}</span>`}</th>
               <td><${Text} value=${one.model} />${one.vouched && html` <span class="badge">vouched</span>`}</td>

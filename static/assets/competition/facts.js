@@ -1,6 +1,7 @@
 // How a competition is played, and its commitment.
 import { html } from "../ui.js";
 import { Copyable } from "../parts/copy.js";
+import { TASKS } from "../parts/tasks.js";
 import { Text } from "../parts/text.js";
 import { duration } from "../parts/time.js";
 
@@ -10,7 +11,6 @@ const BOARDS = {
   hidden: "The board is hidden.",
   frozen: "The board is public until it freezes.",
 };
-const TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
 
 /** @param {{competition: any}} props */
 export function Rules({ competition }) {

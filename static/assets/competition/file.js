@@ -1,8 +1,6 @@
 // Checks the file of a competition in the browser. Everything but the rounds themselves: they are not played again.
+import { TASKS } from "../parts/tasks.js";
 import { Chain, Mismatch, bytesOf, check, hex, linesOf, parsed, sha256 } from "./chain.js";
-
-/** The order in which a total is summed. */
-const TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
 
 /**
  * @typedef {object} Findings
@@ -29,8 +27,10 @@ export async function checkFile(stream, onProgress) {
   try {
     return await new File(lines, progress).check();
   } catch (error) {
-    if (error instanceof Mismatch) throw new Mismatch(`line ${progress.lines}: ${error.message}`);
-    throw error;
+    // A record that lacks a field.
+    const isOdd = error instanceof TypeError || error instanceof RangeError;
+    if (!isOdd && !(error instanceof Mismatch)) throw error;
+    throw new Mismatch(`line ${progress.lines}: ${isOdd ? "a record has other fields than it should" : error.message}`);
   } finally {
     await lines.return(undefined);
   }
@@ -162,7 +162,7 @@ async function seedOfRules(sealed) {
 }
 
 /**
- * The sum of the means of an attempt: a game that was not played counts as 0, one that was voided alone does not count.
+ * The sum of the means of an attempt, in the order of tasks on boards: a game that was not played counts as 0, one that was voided alone does not count.
  * @param {string[]} tasks
  * @param {{task: string, seed: number}[]} plan
  * @param {Map<number, number>} scores by slot

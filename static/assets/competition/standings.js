@@ -17,7 +17,7 @@ export function Standings({ competition }) {
   if (!list.value) {
     return list.problem ? html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />` : html`<p class="muted" role="status">Loading …</p>`;
   }
-  const { items, first } = list.value;
+  const { items, value: first } = list;
   if (first.shows === "nothing") return html`<p class="empty">The board is hidden until the end.</p>`;
   if (items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
   const hasAll = first.shows === "all";
@@ -43,7 +43,7 @@ export function Standings({ competition }) {
       </table>
     </div>
     <${More} list=${list} />
-    <p class="buttons small"><${Download} path=${`${path}?format=csv`} name="board.csv" label="This board as CSV" /></p>
+    <p class="buttons small"><${Download} href=${`${path}?format=csv`} name="board.csv">This board as CSV<//></p>
     <details class="small">
       <summary>What the columns mean</summary>
       <ul>

@@ -53,7 +53,7 @@ export function Verification({ competition }) {
       <p class="buttons">
         <button type="submit" class="primary" disabled=${Boolean(progress) || !globalThis.crypto?.subtle}>Verify</button>
         ${progress && html`<button type="button" onClick=${() => running.current?.abort()}>Stop</button>`}
-        <${Download} path=${path} name=${`${competition.id}.jsonl`} label="Download the file" />
+        <${Download} href=${path} name=${`${competition.id}.jsonl`}>Download the file<//>
       </p>
     </form>
     ${progress &&

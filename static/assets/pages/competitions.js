@@ -28,9 +28,9 @@ export function Page() {
     </p>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     ${!list.value && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
-    ${list.value?.items.length === 0 &&
+    ${list.value && list.items.length === 0 &&
     html`<p class="empty">There is no competition on this server. An organizer creates one at the <a href="/desk?view=create">desk</a>.</p>`}
-    ${PHASES.map((phase) => html`<${Phase} phase=${phase} items=${list.value?.items.filter((one) => phase.phases.includes(one.phase)) ?? []} />`)}
+    ${PHASES.map((phase) => html`<${Phase} phase=${phase} items=${list.items.filter((one) => phase.phases.includes(one.phase)) ?? []} />`)}
     <${More} list=${list} />
   `;
 }

@@ -32,13 +32,13 @@ export function Copyable({ value, label }) {
   </span>`;
 }
 
-/** Lines for a terminal, with one button for all. @param {{lines: string[], label: string}} props */
-export function Commands({ lines, label }) {
+/** Lines, of commands mostly, with one button for all. @param {{lines: string[], label: string, what?: string}} props */
+export function Commands({ lines, label, what = "the commands" }) {
   const { shown, copy, note } = useCopy();
   const text = lines.join("\n");
   return html`<pre tabindex="0" role="region" aria-label=${label} ref=${shown}>${visible(text, true)}</pre>
     <p class="buttons">
-      <button type="button" onClick=${() => copy(text)}>Copy the commands</button>
+      <button type="button" onClick=${() => copy(text)}>Copy ${what}</button>
       <span class="muted small" role="status">${note}</span>
     </p>`;
 }

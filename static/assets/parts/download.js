@@ -1,31 +1,29 @@
-// Files from the server. A link cannot send the key of the tab, so with a key the file is fetched first.
+// Files of the server, also for who needs a key to read them: a link cannot send one.
 import { html, useState } from "../ui.js";
 import { key, send } from "../api.js";
-import { Text } from "./text.js";
-
-/** @param {{path: string, name: string, label: string}} props name: that of the file */
-export function Download({ path, name, label }) {
-  const [state, setState] = useState({ isLoading: false, problem: "" });
-  if (!key()) return html`<a href=${path} download=${name}>${label}</a>`;
-  const fetched = async () => {
-    setState({ isLoading: true, problem: "" });
-    try {
-      save(await (await send(path)).blob(), name);
-      setState({ isLoading: false, problem: "" });
-    } catch (error) {
-      setState({ isLoading: false, problem: error instanceof Error ? error.message : "" });
-    }
-  };
-  return html`<button type="button" onClick=${fetched} disabled=${state.isLoading}>${state.isLoading ? "Downloading …" : label}</button>
-    ${state.problem && html` <span class="bad" role="alert"><${Text} value=${state.problem} /></span>`}`;
-}
 
 /** @param {Blob} blob @param {string} name */
-function save(blob, name) {
+export function save(blob, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
   link.download = name;
   link.click();
-  // The browser has begun to read it by then.
-  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** @param {{href: string, name: string, children?: unknown}} props */
+export function Download({ href, name, children }) {
+  const [problem, setProblem] = useState("");
+  /** @param {MouseEvent} event */
+  const clicked = async (event) => {
+    if (!key()) return;
+    event.preventDefault();
+    setProblem("");
+    try {
+      save(await (await send(href)).blob(), name);
+    } catch (error) {
+      setProblem(/** @type {Error} */ (error).message);
+    }
+  };
+  return html`<a href=${href} download=${name} onClick=${clicked}>${children}</a>${problem && html` <span class="bad" role="alert">${problem}</span>`}`;
 }

@@ -18,9 +18,9 @@ function bodyOf(fields, values) {
   /** @type {{field: string, problem: string}[]} */
   const problems = [];
   for (const field of flat(fields)) {
-    if (field.when && !field.when(values)) continue;
+    if (field.isLocal || (field.when && !field.when(values))) continue;
     try {
-      const value = KINDS[field.kind ?? "text"].read(values[field.name] ?? "");
+      const value = KINDS[field.kind ?? "text"].read(values[keyOf(field)] ?? "");
       if (value !== undefined) put(body, field.name.split("."), value);
     } catch (error) {
       problems.push({ field: field.name, problem: error instanceof Error ? error.message : "" });
@@ -36,11 +36,14 @@ function put(body, path, value) {
   else put(/** @type {any} */ (body[name] ??= {}), rest, value);
 }
 
+/** @param {Field} field */
+const keyOf = (field) => field.key ?? field.name;
+
 /** @param {(Field | Group)[]} fields @returns {Field[]} */
 const flat = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields : one));
 
 /** @param {(Field | Group)[]} fields */
-const initialValues = (fields) => Object.fromEntries(flat(fields).map((field) => [field.name, field.initial ?? ""]));
+const initialValues = (fields) => Object.fromEntries(flat(fields).map((field) => [keyOf(field), field.initial ?? ""]));
 
 /**
  * A form. `send` gets the body; after it the form is empty again.
@@ -82,10 +85,10 @@ export function Form({ fields, label, send, hasPreview }) {
   const entry = (field) =>
     (!field.when || field.when(values)) &&
     html`<${Entry}
-      key=${field.name}
+      key=${keyOf(field)}
       field=${field}
-      value=${values[field.name]}
-      set=${(/** @type {any} */ value) => setValues((values) => ({ ...values, [field.name]: value }))}
+      value=${values[keyOf(field)]}
+      set=${(/** @type {any} */ value) => setValues((values) => ({ ...values, [keyOf(field)]: value }))}
       problems=${problem?.fields.filter((one) => isOf(field, one.field)) ?? []}
     />`;
   return html`<form ref=${form} onSubmit=${submitted}>

@@ -5,6 +5,8 @@ import { Problem } from "../api.js";
 /**
  * @typedef {object} Field
  * @property {string} name its place in the body: `clocks.bank_s`
+ * @property {string} [key] its name among the values, where two fields have the same place
+ * @property {boolean} [isLocal] it only decides which other fields are asked for
  * @property {string} label
  * @property {string} [help]
  * @property {Kind} [kind] text where it is left out

@@ -1,52 +1,70 @@
-// Lists that come page by page.
-import { html, useCallback, useRef, useState } from "../ui.js";
+// Lists that the server sends in pages.
+import { html, useCallback, useEffect, useRef, useState } from "../ui.js";
 import { request, withQuery } from "../api.js";
 import { useLoaded } from "./load.js";
 
-const PAGE_ITEMS = 100;
+/** Items that are asked for at once. */
+export const PAGE_ITEMS = 100;
 
-/** Pages of a list that a tab shows; the API has the rest. */
-const PAGES_MAX = 50;
+/** Pages that are read to find one thing, or all of a run: at most 1,000 games. */
+const PAGES_MAX = 20;
 
 /**
- * A list and the function that shows more of it. With `everyMs` the first page is loaded again from time to time, until
- * somebody asks for more. `first` is the first page, with what else is in it.
+ * Reads a list to its end, or to `PAGES_MAX` pages.
  * @param {string} path
- * @param {number} [everyMs]
- * @param {string | null} [token] in the place of the tab's key
+ * @param {Record<string, string | number | boolean | null | undefined>} query
+ * @param {AbortSignal} signal
+ * @param {(page: any) => boolean | void} onPage true where no more are needed
  */
-export function usePages(path, everyMs, token) {
-  const [wanted, setWanted] = useState(1);
-  const kept = useRef({ path: "", pages: 0, items: /** @type {any[]} */ ([]), cursor: /** @type {string | null} */ (null), first: /** @type {any} */ (null) });
-  const loaded = useLoaded(
-    async (signal) => {
-      const isMore = kept.current.path === path && kept.current.pages < wanted;
-      let { pages, items, cursor, first } = isMore ? kept.current : { pages: 0, items: [], cursor: null, first: null };
-      while (pages === 0 || (pages < wanted && cursor)) {
-        const options = token === undefined ? { signal } : { signal, token };
-        const page = withQuery("", { limit: PAGE_ITEMS, cursor });
-        const answer = await request(path + (path.includes("?") ? page.replace("?", "&") : page), options);
-        [items, cursor, pages] = [[...items, ...answer.items], answer.next_cursor, pages + 1];
-        first ??= answer;
-      }
-      kept.current = { path, pages: wanted, items, cursor, first };
-      return { items, first, hasMore: cursor !== null, isFull: cursor !== null && wanted >= PAGES_MAX };
-    },
-    [path, wanted, token],
-    wanted === 1 ? everyMs : undefined,
-  );
-  const more = useCallback(() => setWanted((wanted) => wanted + 1), []);
-  return { ...loaded, more };
+export async function eachPage(path, query, signal, onPage) {
+  let cursor = null;
+  for (let pages = 0; pages < PAGES_MAX; pages++) {
+    const page = await request(withQuery(path, { limit: PAGE_ITEMS, ...query, cursor }), { signal });
+    cursor = page.next_cursor;
+    if (onPage(page) || !cursor) return;
+  }
 }
 
 /**
- * The button below a list that shows more of it.
- * @param {{list: ReturnType<typeof usePages>}} props
+ * A list whose first page is loaded again every `everyMs`, and to which further pages are added on request.
+ * @param {string} path with its query, but without a cursor
+ * @param {number} [everyMs]
  */
-export function More({ list }) {
-  if (!list.value?.hasMore) return null;
-  if (list.value.isFull) return html`<p class="muted">The list is longer. The API has all of it.</p>`;
-  return html`<p>
-    <button type="button" onClick=${list.more} disabled=${list.isLoading}>${list.isLoading ? "Loading …" : "More"}</button>
-  </p>`;
+export function usePages(path, everyMs) {
+  const first = useLoaded((signal) => request(path, { signal }), [path], everyMs);
+  const [more, setMore] = useState({ path, items: /** @type {any[]} */ ([]), next: /** @type {string | null} */ (null) });
+  const [state, setState] = useState({ isLoading: false, problem: /** @type {Error | null} */ (null) });
+  const latest = useRef(path);
+  latest.current = path;
+  useEffect(() => setMore({ path, items: [], next: null }), [path]);
+
+  const isMore = more.path === path && more.items.length > 0;
+  const next = isMore ? more.next : first.value?.next_cursor;
+  const loadMore = useCallback(async () => {
+    setState({ isLoading: true, problem: null });
+    try {
+      const page = await request(`${path}${path.includes("?") ? "&" : "?"}cursor=${encodeURIComponent(next)}`);
+      if (latest.current !== path) return;
+      setMore((more) => ({ path, items: [...(more.path === path ? more.items : []), ...page.items], next: page.next_cursor }));
+      setState({ isLoading: false, problem: null });
+    } catch (problem) {
+      setState({ isLoading: false, problem: /** @type {Error} */ (problem) });
+    }
+  }, [path, next]);
+
+  const items = [...(first.value?.items ?? []), ...(isMore ? more.items : [])];
+  // What changed may be on a further page.
+  const reload = () => {
+    setMore({ path, items: [], next: null });
+    first.reload();
+  };
+  return { ...first, reload, items, hasMore: Boolean(next), loadMore, isLoadingMore: state.isLoading, moreProblem: state.problem };
 }
+
+/** @param {{list: ReturnType<typeof usePages>}} props */
+export const More = ({ list }) =>
+  list.hasMore &&
+  html`<p>
+    <button type="button" onClick=${list.loadMore} disabled=${list.isLoadingMore}>More</button>
+    ${list.moreProblem && html` <span class="bad" role="alert">That did not work. Try again.</span>`}
+  </p>`;
