@@ -104,7 +104,7 @@ const newName = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (pa
 const HowToPlay = ({ run, token }) => html`<div role="status">
   <${Secret} value=${token} label="The token of this attempt">
     <p>
-      It plays all agents of all its games: look with <code>GET /swarm/obs</code>, act with <code>POST /swarm/act</code>
+      It plays all agents of all its games: look with <code>GET /swarm/obs</code>, act with <code>POST /swarm/act</code>${" "}
       (<a href="/docs">API</a>). To see it work, a built-in player plays with these lines. Put the token in the place of the dots.
     </p>
     <${Commands}

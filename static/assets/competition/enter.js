@@ -23,7 +23,7 @@ const fieldsOf = ({ entry, hasKey }) => [
   },
 ];
 
-/** @param {{competition: any, entered: () => void}} props */
+/** @param {{competition: any, entered?: () => void}} props */
 export function Enter({ competition, entered }) {
   const [made, setMade] = useState(/** @type {any} */ (null));
   const hasKey = Boolean(key());
@@ -31,7 +31,7 @@ export function Enter({ competition, entered }) {
   const send = async ({ own_key, ...body }) => {
     const token = own_key ? null : key();
     setMade(await request(route`/api/v1/competitions/${competition.id}/entrants`, { method: "POST", body, token }));
-    entered();
+    entered?.();
   };
   return html`${made && html`<${Entered} made=${made} />`}
     <details open=${!hasKey && !made}>

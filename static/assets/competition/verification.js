@@ -1,17 +1,15 @@
 // Checks the published file of a competition while it is downloaded, and says what was checked.
 import { html, useEffect, useRef, useState } from "../ui.js";
-import { request, route, send, withQuery } from "../api.js";
+import { route, send } from "../api.js";
 import { Commands, Copyable } from "../parts/copy.js";
 import { Download } from "../parts/download.js";
+import { eachPage } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Mismatch } from "./chain.js";
 import { checkFile } from "./file.js";
 
 const SHOW_EVERY_MS = 200;
-
-/** Rows of the board that are compared with the file. */
-const ROWS_MAX = 1000;
 
 /** @param {{competition: any}} props */
 export function Verification({ competition }) {
@@ -35,12 +33,12 @@ export function Verification({ competition }) {
       const { signal } = aborted;
       const response = await send(path, { signal });
       const findings = await checkFile(/** @type {any} */ (response.body), onProgress);
-      setState({ findings, differs: await differences(competition, findings, signal) });
+      setState({ findings, board: await compare(competition, findings, signal) });
     } catch (problem) {
       setState(aborted.signal.aborted ? {} : { problem });
     }
   };
-  const { progress, findings, problem, differs } = state;
+  const { progress, findings, problem, board } = state;
   return html`
     <p>This page downloads the published file, and checks its hashes, seeds and totals in your browser. It does not ask the server whether they are right.</p>
     ${!globalThis.crypto?.subtle && html`<p class="bad">Browsers compute hashes on pages over https alone. Use the commands below.</p>`}
@@ -65,7 +63,7 @@ export function Verification({ competition }) {
       <p>Load it again. If it fails again, tell the organizer: the file was changed, or it broke off.</p>
     </div>`}
     ${problem && !(problem instanceof Mismatch) && html`<${ProblemNote} problem=${problem} retry=${verify} />`}
-    ${findings && html`<${Result} findings=${findings} differs=${differs} competition=${competition} given=${given} />`}
+    ${findings && html`<${Result} findings=${findings} board=${board} competition=${competition} given=${given} />`}
     <h3>What this page cannot check</h3>
     <p>
       That the rounds of each game follow from the answers, and that it has the settings and times that it should: for that every
@@ -82,24 +80,27 @@ const Given = ({ label, value, set }) => html`<label class="field">
 </label>`;
 
 /**
- * How many rows of the board on this page differ from the file.
+ * Compares the board on this page with that of the file.
  * @param {any} competition @param {import("./file.js").Findings} findings @param {AbortSignal} signal
  */
-async function differences(competition, findings, signal) {
-  const path = withQuery(route`/api/v1/competitions/${competition.id}/board`, { limit: ROWS_MAX });
-  const { items } = await request(path, { signal });
+async function compare(competition, findings, signal) {
   const inFile = new Map(findings.rows.map((row) => [row.entrant, row]));
-  return items.filter(({ entrant, rank, total }) => {
-    const row = inFile.get(entrant.id);
-    return !row || row.rank !== rank || row.total !== total;
-  }).length;
+  const compared = { rows: 0, differ: 0 };
+  await eachPage(route`/api/v1/competitions/${competition.id}/board`, {}, signal, ({ items }) => {
+    for (const { entrant, rank, total } of items) {
+      const row = inFile.get(entrant.id);
+      compared.rows += 1;
+      if (!row || row.rank !== rank || row.total !== total) compared.differ += 1;
+    }
+  });
+  return compared;
 }
 
-/** @param {{findings: import("./file.js").Findings, differs: number, competition: any, given: {commitment: string, head: string}}} props */
-function Result({ findings, differs, competition, given }) {
+/** @param {{findings: import("./file.js").Findings, board: {rows: number, differ: number}, competition: any, given: {commitment: string, head: string}}} props */
+function Result({ findings, board, competition, given }) {
   const compared = [
     [findings.commitment === competition.commitment, "The commitment of the file is the one on this page."],
-    [differs === 0, "Ranks and totals of the file are those on this page."],
+    [board.differ === 0, `Ranks and totals of ${board.rows} entrants are those on this page.`],
     given.commitment && [findings.commitment === given.commitment, "The commitment is the one that you entered."],
     given.head && [findings.head === given.head, "The head of the file is the one that you entered."],
   ].filter(Boolean);

@@ -1,5 +1,7 @@
 // What organizers did.
 import { html, useState } from "../ui.js";
+import { request } from "../api.js";
+import { useLoaded } from "../parts/load.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
@@ -12,6 +14,8 @@ const PAGES = [["cmp_", "/competitions/"], ["run_", "/runs/"], ["ep_", "/episode
 
 export function Audit() {
   const list = usePages("/api/v1/audit", REFRESH_MS);
+  const keys = useLoaded((signal) => request("/api/v1/keys?limit=100", { signal }), []);
+  const names = new Map((keys.value?.items ?? []).map((one) => [one.id, one.name]));
   const [action, setAction] = useState("");
   const [text, setText] = useState("");
   const items = list.items;
@@ -31,13 +35,13 @@ export function Audit() {
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     <div class="scroll" tabindex="0" role="region" aria-label="Table of audit entries">
       <table>
-        <thead><tr><th scope="col">When</th><th scope="col">Action</th><th scope="col">By the key</th><th scope="col">Concerns</th><th scope="col">Detail</th></tr></thead>
+        <thead><tr><th scope="col">When</th><th scope="col">Action</th><th scope="col">By</th><th scope="col">Concerns</th><th scope="col">Detail</th></tr></thead>
         <tbody>
           ${shown.map(
             (one) => html`<tr>
               <td><${Time} value=${one.at} /></td>
-              <th scope="row"><code><${Text} value=${one.action} /></code></th>
-              <td><code class="id"><${Text} value=${one.who} /></code></td>
+              <th scope="row"><code class="nowrap"><${Text} value=${one.action} /></code></th>
+              <td><${Text} value=${names.get(one.who) ?? (one.who === "local" ? "on the server's machine" : one.who)} title=${one.who} /></td>
               <td><${Subject} id=${one.subject} /></td>
               <td class="small"><${Detail} detail=${one.detail} /></td>
             </tr>`,
@@ -58,4 +62,4 @@ function Subject({ id }) {
 
 /** @param {{detail: any}} props */
 const Detail = ({ detail }) =>
-  Object.entries(detail ?? {}).map(([name, value]) => html`<div><span class="muted">${name}</span> <${Text} value=${typeof value === "string" ? value : JSON.stringify(value)} /></div>`);
+  Object.entries(detail ?? {}).filter(([, value]) => value !== null).map(([name, value]) => html`<div><span class="muted">${name}</span> <${Text} value=${typeof value === "string" ? value : JSON.stringify(value)} /></div>`);

@@ -37,13 +37,12 @@ export function Keys() {
     list.reload();
   };
   return html`
-    <h2>New key</h2>
+    <h2>Keys</h2>
     ${made &&
     html`<div role="status"><${Secret} value=${made.secret} label=${`Key of ${visible(made.name)} (${made.role})`}>
       <p>Give it to its holder by a way that nobody else reads. It cannot be shown again.</p>
     <//></div>`}
-    <${Form} fields=${FIELDS} label="Create a key" send=${create} />
-    <h2>Keys</h2>
+    <details><summary>New key</summary><${Form} fields=${FIELDS} label="Create a key" send=${create} /></details>
     <p><label><input type="checkbox" checked=${showsAll} onChange=${(/** @type {any} */ event) => setShowsAll(event.target.checked)} /> Show expired and revoked ones</label></p>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     <div class="scroll" tabindex="0" role="region" aria-label="Table of keys">

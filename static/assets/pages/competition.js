@@ -19,6 +19,7 @@ const REFRESH_MS = 20_000;
 /** @param {{id: string}} props */
 export function Page({ id }) {
   const { value, problem, reload } = useLoaded((signal) => load(id, signal), [id], REFRESH_MS);
+  const [entries, setEntries] = useState(0);
   const name = value?.competition.name;
   useEffect(() => {
     document.title = name ? `${visible(name)} · Competition` : "Competition";
@@ -34,10 +35,10 @@ export function Page({ id }) {
     ${problem && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
     <${Phases} competition=${competition} aheadMs=${aheadMs} />
     <p class="foreign prose">${visible(competition.description.trim(), true)}</p>
-    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${competition.phase} /></section>
-    ${competition.phase !== "closed" && html`<${TakePart} competition=${competition} />`}
+    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${entries}`} /></section>
+    ${competition.phase !== "closed" && html`<${TakePart} competition=${competition} entered=${() => setEntries(entries + 1)} />`}
     <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
-    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} competition=${competition} /></section>
+    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} competition=${competition} key=${entries} /></section>
     <section aria-labelledby="commitment"><h2 id="commitment">Commitment</h2><${Commitment} competition=${competition} /></section>
     ${competition.phase === "closed" &&
     html`${key() && html`<${TakePart} competition=${competition} />`}
@@ -53,8 +54,8 @@ async function load(id, signal) {
   return { competition, aheadMs: Number.isNaN(at) ? 0 : Date.now() - at };
 }
 
-/** Entering and playing, with or without a key. @param {{competition: any}} props */
-function TakePart({ competition }) {
+/** Entering and playing, with or without a key. @param {{competition: any, entered?: () => void}} props */
+function TakePart({ competition, entered }) {
   const [ownKey, setOwnKey] = useState(key());
   useEffect(() => onRemembered(() => setOwnKey(key())), []);
   const isClosed = competition.phase === "closed" || competition.phase === "closing";
@@ -63,7 +64,7 @@ function TakePart({ competition }) {
     ${ownKey
       ? html`<${Own} key=${ownKey} competition=${competition} />`
       : html`<p>If you have entered already, <button type="button" onClick=${openKeyDialog}>enter your key</button> to see your attempts.</p>`}
-    ${!isClosed && html`<${Enter} competition=${competition} entered=${() => undefined} />`}
+    ${!isClosed && html`<${Enter} competition=${competition} entered=${entered} />`}
   </section>`;
 }
 

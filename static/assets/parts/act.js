@@ -14,13 +14,15 @@ const REASON_CHARS_MAX = 500;
  */
 export function ActButton({ label, of, title, act, done, reason, isDangerous = true, children }) {
   const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  const near = useRef(/** @type {HTMLElement | null} */ (null));
   const id = useId();
   const [text, setText] = useState("");
   const [problem, setProblem] = useState(/** @type {any} */ (null));
   const [isSending, setIsSending] = useState(false);
   const [isOpen, setIsOpen] = useState(false);
 
-  const open = () => {
+  const open = (/** @type {any} */ event) => {
+    near.current = event.currentTarget.closest("[tabindex]");
     setProblem(null);
     setText("");
     setIsOpen(true);
@@ -29,6 +31,8 @@ export function ActButton({ label, of, title, act, done, reason, isDangerous = t
   useEffect(() => {
     if (isOpen) dialog.current?.showModal();
   }, [isOpen]);
+  // An act may take its button away: the keyboard stays near it.
+  useEffect(() => () => void (document.activeElement === document.body && near.current?.focus()), []);
   /** @param {Event} event */
   const confirmed = async (event) => {
     event.preventDefault();
