@@ -111,9 +111,15 @@ function App() {
     const found = find(location.pathname);
     const page = found?.route.page ?? "missing";
     const loaded = Promise.all([import(`./pages/${page}.js`), found?.route.style && style(page)]);
+    const show = (/** @type {any} */ Page) => {
+      if (!isCurrent) return;
+      // Before the page is shown, which may say it better.
+      document.title = found?.route.title ?? "No such page";
+      setShown({ address, found, Page });
+    };
     loaded.then(
-      ([module]) => isCurrent && setShown({ address, found, Page: module.Page }),
-      () => isCurrent && setShown({ address, found, Page: Outdated }),
+      ([module]) => show(module.Page),
+      () => show(Outdated),
     );
     return () => {
       isCurrent = false;
@@ -123,7 +129,6 @@ function App() {
   useEffect(() => {
     if (!shown) return;
     resetError();
-    document.title = shown.found?.route.title ?? "No such page";
     // Who reads by ear learns that the page is another one.
     if (!isFirst.current) main.current?.focus();
     isFirst.current = false;

@@ -1,0 +1,180 @@
+// Checks the file of a competition in the browser. Everything but the rounds themselves: they are not played again.
+import { TASKS } from "../parts/tasks.js";
+import { Chain, Mismatch, bytesOf, check, hex, linesOf, parsed, sha256 } from "./chain.js";
+
+/**
+ * @typedef {object} Findings
+ * @property {string} commitment
+ * @property {string} head the hash after the last record
+ * @property {number} lines
+ * @property {number} games
+ * @property {number} entrants
+ * @property {any[]} rows the board of the file
+ */
+
+/**
+ * Reads a file to its end. Throws a Mismatch where something in it does not fit.
+ * @param {ReadableStream<Uint8Array<ArrayBuffer>>} stream
+ * @param {(progress: {bytes: number, lines: number, games: number}) => void} onProgress
+ * @returns {Promise<Findings>}
+ */
+export async function checkFile(stream, onProgress) {
+  const progress = { bytes: 0, lines: 0, games: 0 };
+  const lines = linesOf(stream, (bytes) => {
+    progress.bytes += bytes;
+    onProgress(progress);
+  });
+  try {
+    return await new File(lines, progress).check();
+  } catch (error) {
+    // A record that lacks a field.
+    const isOdd = error instanceof TypeError || error instanceof RangeError;
+    if (!isOdd && !(error instanceof Mismatch)) throw error;
+    throw new Mismatch(`line ${progress.lines}: ${isOdd ? "a record has other fields than it should" : error.message}`);
+  } finally {
+    await lines.return(undefined);
+  }
+}
+
+class File {
+  /**
+   * @param {AsyncGenerator<Uint8Array<ArrayBuffer>>} lines
+   * @param {{bytes: number, lines: number, games: number}} progress
+   */
+  constructor(lines, progress) {
+    this.lines = lines;
+    this.progress = progress;
+    this.chain = new Chain();
+    /** @type {Map<string, number | null>} */
+    this.totals = new Map();
+  }
+
+  async line() {
+    const { value, done } = await this.lines.next();
+    check(!done, "the file ends too early");
+    this.progress.lines += 1;
+    return /** @type {Uint8Array<ArrayBuffer>} */ (value);
+  }
+
+  async record() {
+    return parsed(await this.chain.next(await this.line()));
+  }
+
+  async check() {
+    const competition = await this.record();
+    check(competition.kind === "competition" && competition.format === 1, "this is not the file of a competition, in format 1");
+    const seeds = await seedsOf(competition);
+    const entrants = new Set();
+    let record = await this.record();
+    for (; record.kind === "entrant"; record = await this.record()) {
+      check(!entrants.has(record.id), "an entrant is there twice");
+      entrants.add(record.id);
+    }
+    for (; record.kind === "attempt"; record = await this.record()) {
+      check(entrants.has(record.entrant), "an attempt has no entrant");
+      const own = seeds[record.attempt - 1];
+      check(own !== undefined && !this.totals.has(record.run), "an attempt has no place");
+      this.totals.set(record.run, await this.attempt(record, competition.definition, own));
+    }
+    check(record.kind === "board", "a record is out of place");
+    const { rows } = record;
+    this.checkBoard(rows, entrants);
+    const end = await this.record();
+    check(end.kind === "end" && end.episodes === this.progress.games, "it does not have as many games as it says");
+    check(Boolean((await this.lines.next()).done), "there is something after the end");
+    const { lines, games } = this.progress;
+    return { commitment: competition.commitment, head: hex(this.chain.head), lines, games, entrants: entrants.size, rows };
+  }
+
+  /**
+   * Checks the games of an attempt; returns its total.
+   * @param {any} attempt @param {any} definition @param {number[]} seeds
+   */
+  async attempt(attempt, definition, seeds) {
+    const plan = definition.tasks.flatMap((task) => seeds.map((seed) => ({ task, seed })));
+    /** @type {Map<number, number>} */
+    const scores = new Map();
+    const voided = new Set();
+    for (const game of attempt.games) {
+      const place = plan[game.slot];
+      check(place !== undefined, "a game has no place in the plan");
+      if (game.voided !== undefined) {
+        voided.add(game.slot);
+        continue;
+      }
+      check(!scores.has(game.slot), "a game was played twice");
+      scores.set(game.slot, await this.game(game, place, attempt.run));
+    }
+    return totalOf(definition.tasks, plan, scores, voided);
+  }
+
+  /**
+   * Checks the journal of a game; returns its score.
+   * @param {any} game @param {{task: string, seed: number}} place @param {string} run
+   */
+  async game(game, place, run) {
+    const header = await this.record();
+    const isHeader = header.kind === "episode" && header.episode === game.episode && header.slot === game.slot;
+    check(isHeader && header.lines >= 2, "a journal is out of place");
+    const chain = new Chain();
+    const opening = parsed(await chain.next(await this.line()));
+    const isOwn = opening.kind === "opening" && opening.episode === game.episode && opening.run === run;
+    check(isOwn, "a journal belongs to another game");
+    const { task, seed } = opening.config;
+    check(task === place.task && seed === place.seed, "a game was not played on its sealed seed");
+    for (let line = 2; line < header.lines; line += 1) await chain.next(await this.line());
+    const end = parsed(await chain.next(await this.line()));
+    check(end.kind === "end" && typeof end.score === "number", "a journal has no end");
+    check(hex(chain.head) === header.head, "a journal ends with another hash than the file says");
+    this.progress.games += 1;
+    return end.score;
+  }
+
+  /** @param {any[]} rows @param {Set<string>} entrants */
+  checkBoard(rows, entrants) {
+    check(rows.length === entrants.size, "the board does not have a row for each entrant");
+    for (const row of rows) {
+      check(entrants.delete(row.entrant), "the board has a row without an entrant");
+      if (row.run !== null) check(this.totals.get(row.run) === row.total, "a total does not follow from the scores");
+      entrants.add(row.entrant);
+    }
+    const totals = rows.filter((row) => row.rank !== null).map((row) => row.total);
+    check(totals.every((total, index) => index === 0 || total <= totals[index - 1] + 1e-9), "the ranks are not in the order of the totals");
+  }
+}
+
+/**
+ * The seeds of the rules, attempt by attempt, after the commitment was checked.
+ * @param {any} competition
+ */
+async function seedsOf({ salt, seeds, commitment, definition }) {
+  const sealed = seeds.map(bytesOf);
+  check(seeds.length === definition.seeds * definition.attempts.length, "it has another number of seeds than it says");
+  check(hex(await sha256(bytesOf(salt), ...sealed)) === commitment, "salt and seeds do not fit the commitment");
+  const ofRules = await Promise.all(sealed.map(seedOfRules));
+  return definition.attempts.map((_, index) => ofRules.slice(index * definition.seeds, (index + 1) * definition.seeds));
+}
+
+/** The first 8 bytes of the hash of a sealed seed, without the last 11 bits. @param {Uint8Array<ArrayBuffer>} sealed */
+async function seedOfRules(sealed) {
+  const hash = await sha256(sealed);
+  return Number(new DataView(hash.buffer).getBigUint64(0) >> 11n);
+}
+
+/**
+ * The sum of the means of an attempt, in the order of tasks on boards: a game that was not played counts as 0, one that was voided alone does not count.
+ * @param {string[]} tasks
+ * @param {{task: string, seed: number}[]} plan
+ * @param {Map<number, number>} scores by slot
+ * @param {Set<number>} voided slots
+ */
+function totalOf(tasks, plan, scores, voided) {
+  let total = 0;
+  for (const task of TASKS.filter((name) => tasks.includes(name))) {
+    const slots = plan.map((place, slot) => ({ ...place, slot })).filter((place) => place.task === task);
+    const counting = slots.filter(({ slot }) => scores.has(slot) || !voided.has(slot)).sort((a, b) => a.seed - b.seed);
+    if (counting.length === 0) return null;
+    total += counting.reduce((sum, { slot }) => sum + (scores.get(slot) ?? 0), 0) / counting.length;
+  }
+  return total;
+}

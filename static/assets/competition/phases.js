@@ -1,0 +1,61 @@
+// When a competition opens, freezes, closes and is revealed.
+import { html } from "../ui.js";
+import { Countdown, Time, duration } from "../parts/time.js";
+
+/** What a phase means for who reads the page. */
+const MEANING = {
+  announced: "Nobody can play yet. One can enter.",
+  open: "Attempts can be started and played.",
+  closing: "No round begins any more. The last ones have their whole clock, then everything is revealed.",
+  closed: "Seeds, games and the board are public. Anybody can check them.",
+};
+
+/** Beyond this difference the clock of a computer misleads. */
+const CLOCK_DIFFERENCE_MS = 5000;
+
+/** @param {{competition: any, aheadMs: number}} props aheadMs: by how much this computer's clock is ahead of the server's */
+export function Phases({ competition, aheadMs }) {
+  const { phase } = competition;
+  const next = phase === "announced" ? ["Opens", competition.opens_at] : phase === "open" ? ["Closes", competition.closes_at] : null;
+  return html`
+    <p class="phase">
+      <strong>${phase[0].toUpperCase() + phase.slice(1)}.</strong> ${MEANING[phase]}
+      ${next && html`<br />${next[0]} <span class="large"><${Countdown} value=${next[1]} /></span>`}
+    </p>
+    ${Math.abs(aheadMs) > CLOCK_DIFFERENCE_MS &&
+    html`<p class="bad">
+      The clock of this computer is ${duration(Math.abs(aheadMs))} ${aheadMs > 0 ? "ahead of" : "behind"} the server's. The server's counts.
+    </p>`}
+    <ol class="moments">
+      ${momentsOf(competition).map(
+        ({ name, at, isPast, isNext }) => html`<li class=${isPast ? "past" : ""} aria-current=${isNext ? "step" : undefined}>
+          <span>${name}${isPast && html`<span class="unseen"> (past)</span>`}</span>
+          <span>${at ? html`<${Time} value=${at} both />` : "when the last game has ended"}</span>
+        </li>`,
+      )}
+    </ol>
+  `;
+}
+
+/** @param {any} competition */
+function momentsOf(competition) {
+  const { attempts, opens_at, closes_at } = competition;
+  const hasWindows = attempts.some((window) => window.opens_at !== opens_at || window.closes_at !== closes_at);
+  const moments = [
+    { name: "Announced, with the commitment", at: competition.created_at },
+    { name: "Opens", at: opens_at },
+    ...(hasWindows ? attempts.flatMap((window, index) => windowMoments(window, index + 1)) : []),
+    ...(competition.board_freezes_at ? [{ name: "Board freezes", at: competition.board_freezes_at }] : []),
+    { name: "Closes: no round begins any more", at: closes_at },
+  ].sort((a, b) => a.at.localeCompare(b.at));
+  const all = [...moments, { name: "Revealed", at: competition.revealed_at }];
+  const now = new Date().toISOString();
+  const next = all.findIndex(({ at }) => !at || at > now);
+  return all.map((moment, index) => ({ ...moment, isPast: next < 0 || index < next, isNext: index === next }));
+}
+
+/** @param {{opens_at: string, closes_at: string}} window @param {number} number */
+const windowMoments = (window, number) => [
+  { name: `Attempt ${number} opens`, at: window.opens_at },
+  { name: `Attempt ${number} closes`, at: window.closes_at },
+];

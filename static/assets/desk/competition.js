@@ -1,0 +1,53 @@
+// One competition, to be managed: codes, entrants, attempts, the file.
+import { html } from "../ui.js";
+import { request, route } from "../api.js";
+import { Copyable } from "../parts/copy.js";
+import { Download } from "../parts/download.js";
+import { useLoaded } from "../parts/load.js";
+import { usePages } from "../parts/pages.js";
+import { ProblemNote } from "../parts/problem.js";
+import { Text } from "../parts/text.js";
+import { Countdown } from "../parts/time.js";
+import { Attempts } from "./attempts.js";
+import { Codes } from "./codes.js";
+import { Entrants } from "./entrants.js";
+
+const REFRESH_MS = 10_000;
+
+/** @param {{id: string}} props */
+export function Competition({ id }) {
+  const { value, problem, reload } = useLoaded((signal) => request(route`/api/v1/competitions/${id}`, { signal }), [id], REFRESH_MS);
+  const entrants = usePages(route`/api/v1/competitions/${id}/entrants`);
+  if (!value) {
+    return problem
+      ? html`<${ProblemNote} problem=${problem} retry=${reload} what="This competition" />`
+      : html`<p class="muted" role="status">Loading …</p>`;
+  }
+  const next = value.phase === "announced" ? ["opens", value.opens_at] : value.phase === "open" ? ["closes", value.closes_at] : null;
+  return html`
+    <h2><${Text} value=${value.name} /></h2>
+    <p>
+      <span class="badge">${value.phase}</span> ${next && html`${next[0]} <${Countdown} value=${next[1]} />. `}
+      <a href=${`/competitions/${encodeURIComponent(id)}`}>Its page, as others see it</a>
+    </p>
+    <p>
+      Publish the commitment where you cannot change it unnoticed: <${Copyable} value=${value.commitment} label="the commitment" />
+    </p>
+    ${value.entry === "codes" && value.phase !== "closed" && html`<${Codes} id=${id} />`}
+    <h3>Entrants</h3>
+    <${Entrants} id=${id} list=${entrants} />
+    <h3>Attempts</h3>
+    <${Attempts} id=${id} entrants=${entrants.items} />
+    <h3>The file</h3>
+    <p>
+      ${value.phase === "closed"
+        ? "It is public: it has all seeds, journals and the board, and anybody can check it."
+        : "It has the sealed seeds: keep it to yourself until everything is revealed. This download is written to the audit log."}${" "}
+      Everything is revealed by itself when the last game has ended. Nobody can do that earlier.
+    </p>
+    <p class="buttons">
+      <${Download} href=${route`/api/v1/exports/competitions/${id}`} name=${`${id}.jsonl`}>Download the file<//>
+      <${Download} href=${`${route`/api/v1/competitions/${id}/board`}?format=csv`} name=${`${id}.csv`}>Board as CSV<//>
+    </p>
+  `;
+}

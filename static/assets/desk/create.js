@@ -1,0 +1,73 @@
+// Creating a competition.
+import { html } from "../ui.js";
+import { request } from "../api.js";
+import { visit } from "../app.js";
+import { Form } from "../parts/form.js";
+import { localTime } from "../parts/inputs.js";
+import { TASKS } from "../parts/tasks.js";
+import { RULES, TASK_OPTIONS, clockFields, settingsFields } from "./fields.js";
+
+const DAY_MS = 86_400_000;
+
+/** @returns {import("../parts/form.js").Group[]} */
+const groupsOf = () => [
+  {
+    legend: "What it is",
+    fields: [
+      { name: "name", label: "Name", isRequired: true, max: 100 },
+      { name: "description", label: "What entrants should know", kind: "long", max: 10_000, help: "Plain text; line breaks stay." },
+    ],
+  },
+  {
+    legend: "When",
+    fields: [
+      { name: "opens_at", label: "Opens", kind: "time", isRequired: true, initial: localTime(new Date(Date.now() + DAY_MS)), help: "From then on attempts can be started. One can enter before." },
+      { name: "closes_at", label: "Closes", kind: "time", isRequired: true, initial: localTime(new Date(Date.now() + 8 * DAY_MS)), help: "From then on no round begins. Rounds that are open have their whole clock." },
+    ],
+  },
+  {
+    legend: "Who, and how often",
+    fields: [
+      { name: "entry", label: "Entry", kind: "choice", initial: "anybody", options: [["anybody", "anybody: one person can enter under many names"], ["codes", "codes: with an invitation code, valid for one entrant"]] },
+      { name: "entries_per_key", label: "Entrants of one key", kind: "number", min: 1, max: 100, placeholder: "1" },
+      { name: "windows", label: "Attempts", kind: "choice", initial: "", options: [["", "a number, all open for the whole time"], ["own", "each has a window of its own"]], isLocal: true, help: "Each attempt has seeds of its own, the same for all entrants. With windows nobody knows attempt 2 while others play attempt 1." },
+      { name: "attempts", label: "Number of attempts", kind: "number", min: 1, max: 100, placeholder: "1", when: ({ windows }) => !windows },
+      { name: "attempts", key: "attempt_windows", label: "Windows", kind: "windows", initial: [{ opens_at: "", closes_at: "" }], when: ({ windows }) => Boolean(windows), help: "A time that is left empty is that of the competition." },
+      { name: "parallel", label: "Games of an attempt that are open at a time", kind: "number", min: 1, max: 100, placeholder: "5" },
+    ],
+  },
+  {
+    legend: "Results",
+    fields: [
+      { name: "counts", label: "Which attempt counts", kind: "choice", initial: "best", options: [["best", "the best"], ["last", "the last"], ["first", "the first"]] },
+      { name: "board", label: "Board before the end", kind: "choice", initial: "public", options: [["public", "public: ranks and totals"], ["hidden", "hidden"], ["frozen", "frozen from a time on"]], help: "It must be hidden where an attempt has one game only." },
+      { name: "board_freezes_at", label: "Freezes", kind: "time", isRequired: true, when: ({ board }) => board === "frozen" },
+    ],
+  },
+  {
+    legend: "What is played",
+    fields: [
+      { name: "suite.tasks", label: "Tasks", kind: "checks", options: TASK_OPTIONS, initial: TASKS },
+      { name: "suite.seeds", label: "Sealed seeds of each attempt", kind: "number", min: 1, max: 100, placeholder: "5", help: "Every task is played once on each." },
+      { name: "suite.rules", label: "Rules", kind: "choice", initial: "paper", options: RULES },
+      ...clockFields("clocks.", true),
+    ],
+  },
+  { legend: "Settings of all games", isFolded: true, fields: settingsFields("suite.settings.") },
+];
+
+export function Create() {
+  /** @param {any} body */
+  const send = async (body) => {
+    const made = await request("/api/v1/competitions", { method: "POST", body });
+    visit(`/desk?view=competition&id=${encodeURIComponent(made.id)}`);
+  };
+  return html`
+    <h2>New competition</h2>
+    <p>
+      The server draws the sealed seeds now, and publishes a commitment to them. Nothing of a competition can be changed later:
+      rehearse with one that closes after a few minutes.
+    </p>
+    <${Form} fields=${groupsOf()} label="Create the competition" send=${send} hasPreview />
+  `;
+}

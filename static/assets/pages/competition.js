@@ -1,0 +1,78 @@
+// A competition: its phases, standings, rules and entrants; entering it, playing it, and checking it after its end.
+import { html, useEffect, useState } from "../ui.js";
+import { key, onRemembered, route, send } from "../api.js";
+import { Attempts } from "../competition/attempts.js";
+import { Enter } from "../competition/enter.js";
+import { Entrants } from "../competition/entrants.js";
+import { Commitment, Rules } from "../competition/facts.js";
+import { Phases } from "../competition/phases.js";
+import { Standings } from "../competition/standings.js";
+import { Verification } from "../competition/verification.js";
+import { openKeyDialog } from "../parts/header.js";
+import { useLoaded } from "../parts/load.js";
+import { usePages } from "../parts/pages.js";
+import { ProblemNote } from "../parts/problem.js";
+import { Text, visible } from "../parts/text.js";
+
+const REFRESH_MS = 20_000;
+
+/** @param {{id: string}} props */
+export function Page({ id }) {
+  const { value, problem, reload } = useLoaded((signal) => load(id, signal), [id], REFRESH_MS);
+  const [entries, setEntries] = useState(0);
+  const name = value?.competition.name;
+  useEffect(() => {
+    document.title = name ? `${visible(name)} · Competition` : "Competition";
+  }, [name]);
+  if (!value) {
+    return problem
+      ? html`<h1>Competition</h1><${ProblemNote} problem=${problem} retry=${reload} what="This competition" />`
+      : html`<p class="muted" role="status">Loading …</p>`;
+  }
+  const { competition, aheadMs } = value;
+  return html`
+    <h1><${Text} value=${competition.name} /></h1>
+    ${problem && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
+    <${Phases} competition=${competition} aheadMs=${aheadMs} />
+    <p class="foreign prose">${visible(competition.description.trim(), true)}</p>
+    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${entries}`} /></section>
+    ${competition.phase !== "closed" && html`<${TakePart} competition=${competition} entered=${() => setEntries(entries + 1)} />`}
+    <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
+    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} competition=${competition} key=${entries} /></section>
+    <section aria-labelledby="commitment"><h2 id="commitment">Commitment</h2><${Commitment} competition=${competition} /></section>
+    ${competition.phase === "closed" &&
+    html`${key() && html`<${TakePart} competition=${competition} />`}
+      <section aria-labelledby="verify"><h2 id="verify">Check the results</h2><${Verification} competition=${competition} /></section>`}
+  `;
+}
+
+/** @param {string} id @param {AbortSignal} signal */
+async function load(id, signal) {
+  const response = await send(route`/api/v1/competitions/${id}`, { signal });
+  const at = Date.parse(response.headers.get("date") ?? "");
+  const competition = await response.json();
+  return { competition, aheadMs: Number.isNaN(at) ? 0 : Date.now() - at };
+}
+
+/** Entering and playing, with or without a key. @param {{competition: any, entered?: () => void}} props */
+function TakePart({ competition, entered }) {
+  const [ownKey, setOwnKey] = useState(key());
+  useEffect(() => onRemembered(() => setOwnKey(key())), []);
+  const isClosed = competition.phase === "closed" || competition.phase === "closing";
+  return html`<section aria-labelledby="part">
+    <h2 id="part">${isClosed ? "My attempts" : "Take part"}</h2>
+    ${ownKey
+      ? html`<${Own} key=${ownKey} competition=${competition} />`
+      : html`<p>If you have entered already, <button type="button" onClick=${openKeyDialog}>enter your key</button> to see your attempts.</p>`}
+    ${!isClosed && html`<${Enter} competition=${competition} entered=${entered} />`}
+  </section>`;
+}
+
+const ATTEMPTS_REFRESH_MS = 5000;
+
+/** @param {{competition: any}} props */
+function Own({ competition }) {
+  const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
+  return html`<${Attempts} competition=${competition} list=${list} />
+    <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
+}

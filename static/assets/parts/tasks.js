@@ -1,0 +1,2 @@
+/** The tasks in the order of boards. */
+export const TASKS = ["Transport", "Pursuit", "Synchronization", "Foraging", "Flocking"];
