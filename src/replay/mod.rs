@@ -14,7 +14,7 @@ use swarmbench_engine::{Action, Direction, Pos};
 use swarmbench_protocol::replay::{ReplayMark, ReplayMessage, ReplayState};
 
 pub use knowledge::{agent_round, inbox, shown_act};
-pub use page::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, PageMaker, ROUNDS_MAX, rounds_of_page};
+pub use page::{AGENT_ROUNDS_MAX, PAGE_BYTES_MAX, PageMaker, ROUNDS_MAX, rounded, rounds_of_page};
 use talk::{Talk, heard};
 pub use world::{block_cells, ground};
 

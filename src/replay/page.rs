@@ -71,6 +71,7 @@ impl PageMaker {
 }
 
 /// A value with four decimals.
-fn rounded(value: f64) -> f64 {
+#[must_use]
+pub fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

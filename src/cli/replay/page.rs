@@ -9,12 +9,14 @@ use swarmbench_engine::{AgentId, World};
 use swarmbench_journal::record::ActRecord;
 use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
-use swarmbench_protocol::replay::{AgentRound, ReplayHead, ReplayState};
+use swarmbench_protocol::replay::{AgentRound, Replay, ReplayHead, ReplayPage, ReplayState};
 use swarmbench_protocol::status::Status;
 
 use super::super::journals::Outline;
 use crate::pages::single_page;
-use crate::replay::{Reel, Round, Scene, agent_round, block_cells, ground, inbox, shown_act};
+use crate::replay::{
+    Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
+};
 
 /// The most bytes of a game in a page: browsers open more only slowly.
 const PAGE_GAME_BYTES_MAX: usize = 64 << 20;
@@ -25,8 +27,9 @@ pub(super) struct GamePage {
     wanted: RangeInclusive<u32>,
     with_prompts: bool,
     begun: Option<Begun>,
+    /// What belongs to all of the wanted states.
+    page: ReplayPage,
     states: Vec<ReplayState>,
-    metrics: BTreeMap<String, Vec<Option<f64>>>,
     /// What agents knew and did, by round and agent.
     acts: BTreeMap<String, Value>,
     bytes: usize,
@@ -43,13 +46,14 @@ struct Begun {
 
 impl GamePage {
     pub(super) fn new(outline: Outline, wanted: RangeInclusive<u32>, with_prompts: bool) -> Self {
+        let page = ReplayPage { from: *wanted.start(), ..ReplayPage::default() };
         Self {
             outline,
             wanted,
             with_prompts,
             begun: None,
+            page,
             states: Vec::new(),
-            metrics: BTreeMap::new(),
             acts: BTreeMap::new(),
             bytes: 0,
         }
@@ -85,9 +89,11 @@ impl GamePage {
             return;
         }
         for (metric, value) in reel.metrics().iter().zip(values) {
-            self.metrics.entry(metric.name().to_owned()).or_default().push(value);
+            let series = self.page.metrics.entry(metric.name().to_owned()).or_default();
+            series.push(value.map(rounded));
         }
         self.bytes += state.approximate_bytes();
+        self.page.length += 1;
         self.states.push(state);
     }
 
@@ -120,7 +126,7 @@ impl GamePage {
 
     /// The page.
     pub(super) fn finish(self) -> anyhow::Result<String> {
-        let Self { outline, wanted, states, metrics, acts, begun, .. } = self;
+        let Self { outline, wanted, page, states, acts, begun, .. } = self;
         let last = begun.ok_or_else(|| anyhow!("the journal has no layout"))?.before;
         let config = &outline.opening.config;
         let end = outline.end.as_ref();
@@ -161,10 +167,8 @@ impl GamePage {
         Ok(single_page(
             &title,
             &json!({
-                "head": head,
-                "from": wanted.start(),
+                "head": Replay { head, page },
                 "states": states,
-                "metrics": metrics,
                 "acts": acts,
                 "scores": { "every": 1, "scores": scores },
                 "summary": summary,
