@@ -155,6 +155,8 @@ def test_a_run_its_events_and_the_boards(checked: Checked) -> None:
     assert checked.runs(suite=suite["name"])["items"][0]["id"] == run["id"]
     measured = checked.run_metrics(run["id"], definition="paper", limit=1)
     assert [game["episode"] for game in measured["items"]] == [checked.run(run["id"])["games"][0]["episode"]]
+    scores = checked.run_scores(run["id"], points=1, limit=1)
+    assert (scores["items"][0]["rounds"], len(scores["items"][0]["scores"])) == (2, 2)
     board = checked.leaderboard(suite=suite["name"], pick="last", reference=False)
     assert [row["run"] for row in board["items"]] == [run["id"]]
     assert checked.leaderboard_csv(suite=suite["name"]).count("\n") == 2
@@ -188,6 +190,12 @@ def test_events_of_an_episode(checked: Checked) -> None:
     assert not differences(events[0].data, wire.RoundEvent)
     assert not differences(events[-1].data, wire.EpisodeResult)
     assert checked.metrics(created["id"], series=True)["rounds"] == 2
+    replay = checked.replay(created["id"], from_=1, rounds=1, ground=False)
+    assert [state["round"] for state in replay["states"]] == [1, 2]
+    act = checked.agent_round(created["id"], 1, "Agent_0")
+    assert (act["act"]["source"], act["observation"]["round"]) == ("player", 1)
+    assert checked.scores(created["id"], points=2)["every"] == 1
+    assert checked.verification(created["id"])["ok"]
     later = checked.all_of(checked.client.events(created["id"], after=1))
     assert [event.id for event in later] == ["2", None]
 

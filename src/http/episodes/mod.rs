@@ -100,11 +100,7 @@ impl App {
     }
 
     /// What is stored of an episode of which the caller may read the journal.
-    async fn journaled(
-        &self,
-        caller: &Caller,
-        id: String,
-    ) -> Result<(StoredEpisode, Spec), ApiError> {
+    async fn journaled(&self, caller: &Caller, id: String) -> Result<StoredEpisode, ApiError> {
         let (stored, spec) = self.known(caller, id).await?;
         if !self.may_read_journal(caller, &stored) {
             let detail = if spec.is_mixed() {
@@ -115,7 +111,7 @@ impl App {
             return Err(ApiError::new(Code::Forbidden, detail));
         }
         self.audit_sealed_read(caller, &stored, spec.visibility).await?;
-        Ok((stored, spec))
+        Ok(stored)
     }
 
     /// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several

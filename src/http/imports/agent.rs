@@ -9,8 +9,9 @@ use swarmbench_engine::AgentId;
 use super::super::extract::AgentPlace;
 use super::super::prelude::*;
 use super::broken;
-use crate::dataset::format::{AgentRow, GameRow};
+use crate::dataset::format::{AgentAt, AgentRow};
 use crate::dataset::imported::{agent_rows, game_row};
+use crate::store::entries::ImportedRound;
 use swarmbench_clock::millis;
 use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::replay::{AgentRound, ShownAct};
@@ -46,10 +47,9 @@ pub(in super::super) async fn show_import_agent_round(
         return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
     }
     let state = app.imported_state(&stored, round).await?;
-    let row = game_row(&stored.task, &state).map_err(broken)?;
-    let agent = name(&row, &agent).ok_or_else(|| ApiError::not_found("the agent"))?;
-    let rows = state.acts.as_deref().map_or(Ok(Vec::new()), agent_rows).map_err(broken)?;
-    let act = rows.into_iter().find(|row| row.agent_id == agent);
+    let task = stored.task.clone();
+    let found = app.heavy.render(move || act_of(&task, &state, &agent)).await?.map_err(broken)?;
+    let (agent, act) = found.ok_or_else(|| ApiError::not_found("the agent"))?;
     let prompt = act.as_ref().and_then(|act| act.prompt.clone());
     Ok(Json(AgentRound {
         episode: stored.id,
@@ -63,11 +63,19 @@ pub(in super::super) async fn show_import_agent_round(
     }))
 }
 
-/// The name in the files that is meant.
-fn name(row: &GameRow, agent: &str) -> Option<String> {
-    let by_name = row.agents.iter().find(|known| known.id == agent);
-    let by_place = || row.agents.get(AgentId::parse(agent)?.index());
-    by_name.or_else(by_place).map(|known| known.id.clone())
+/// The name of an agent in the files, and its act in a state; `None` where there is no such agent.
+fn act_of(
+    task: &str,
+    state: &ImportedRound,
+    agent: &str,
+) -> Result<Option<(String, Option<AgentRow>)>, String> {
+    let agents = game_row(task, state)?.agents;
+    let by_name = agents.iter().find(|known| known.id == agent);
+    let by_place = || agents.get(AgentId::parse(agent)?.index());
+    let Some(AgentAt { id, .. }) = by_name.or_else(by_place) else { return Ok(None) };
+    let rows = state.acts.as_deref().map_or(Ok(Vec::new()), agent_rows)?;
+    let act = rows.into_iter().find(|row| row.agent_id == *id);
+    Ok(Some((id.clone(), act)))
 }
 
 fn shown(row: AgentRow) -> ShownAct {

@@ -40,9 +40,13 @@ pub(in super::super) async fn show_import_replay(
     let (from, to) = params.range(stored.rounds, stored.settings.num_agents)?;
     let to = to.min(from.saturating_add(rounds_of_import_page(&stored)));
     let layout = app.imported_state(&stored, 0).await?;
-    let head = head(&stored, &layout, &params)?;
-    let page = ImportPage::new(&stored, &layout, from).map_err(broken)?;
-    let head = ReplayHead { block_cells: page.block_cells(), ..head };
+    let wants_ground = params.wants_ground();
+    let of = stored.clone();
+    let begin = app.heavy.render(move || {
+        let page = ImportPage::new(&of, &layout, from)?;
+        Ok((head(&of, &layout, wants_ground, &page)?, page))
+    });
+    let (head, page) = begin.await?.map_err(broken)?;
     let key = PageKey { game: Game::Import(stored.key), from, to, has_decisions: stored.acts > 0 };
     let page = app.replay_pages.page(key, app.write_import_page(&stored, key, page)).await?;
     let next = (page.last < stored.rounds).then_some(page.last);
@@ -52,10 +56,10 @@ pub(in super::super) async fn show_import_replay(
 fn head(
     stored: &StoredImport,
     layout: &ImportedRound,
-    params: &ReplayParams,
-) -> Result<ReplayHead, ApiError> {
+    wants_ground: bool,
+    page: &ImportPage,
+) -> Result<ReplayHead, String> {
     let settings = &stored.settings;
-    let ground = params.wants_ground().then(|| ground(&stored.task, layout)).transpose();
     Ok(ReplayHead {
         episode: stored.id.clone(),
         task: stored.task.clone(),
@@ -69,8 +73,8 @@ fn head(
         height: settings.height,
         num_agents: settings.num_agents,
         view_size: Some(settings.view_size),
-        ground: ground.map_err(broken)?,
-        block_cells: None,
+        ground: wants_ground.then(|| ground(&stored.task, layout)).transpose()?,
+        block_cells: page.block_cells(),
         next: None,
     })
 }

@@ -176,6 +176,28 @@ class Operations:
         query = {"definition": definition, "series": series, "from": from_, "states": states}
         return call("GET", EPISODE + "/metrics", id, query=query)
 
+    @Operation
+    def replay(
+        self, id: str, *, from_: int | None = None, rounds: int | None = None, ground: bool | None = None
+    ) -> Call[wire.Replay]:
+        """A page of the states of an episode, with what was decided: up to 100 rounds from state `from_` on."""
+        return call("GET", EPISODE + "/replay", id, query={"from": from_, "rounds": rounds, "ground": ground})
+
+    @Operation
+    def agent_round(self, id: str, round: int, agent: str) -> Call[wire.AgentRound]:
+        """What an agent knew in a round, and what it did."""
+        return call("GET", EPISODE + "/rounds/{}/agents/{}", id, str(round), agent)
+
+    @Operation
+    def scores(self, id: str, *, points: int | None = None) -> Call[wire.Scores]:
+        """The score of an episode in equal steps of rounds."""
+        return call("GET", EPISODE + "/scores", id, query={"points": points})
+
+    @Operation
+    def verification(self, id: str) -> Call[wire.Verification]:
+        """What the server found when it played the journal again."""
+        return call("GET", EPISODE + "/verification", id)
+
     # Runs and suites.
 
     @Operation
@@ -232,6 +254,13 @@ class Operations:
     ) -> Call[wire.RunMetrics]:
         """The metrics of the games of a run that have ended, and their means by task."""
         return call("GET", RUN + "/metrics", id, query={"definition": definition, "limit": limit, "cursor": cursor})
+
+    @Operation
+    def run_scores(
+        self, id: str, *, points: int | None = None, limit: int | None = None, cursor: str | None = None
+    ) -> Call[wire.RunScores]:
+        """The scores of the games of a run, running ones too, in equal steps of rounds."""
+        return call("GET", RUN + "/scores", id, query={"points": points, "limit": limit, "cursor": cursor})
 
     @Operation
     def leaderboard(self, **query: Unpack[wire.LeaderboardQuery]) -> Call[wire.Leaderboard]:

@@ -79,8 +79,8 @@ class EpisodeResult(TypedDict):
     journal_head: str
 
 
-class Observation(TypedDict):
-    """All that one agent may know at the moment."""
+class Sight(TypedDict):
+    """What an agent may know while a round is open, without its clock."""
 
     episode: str
     agent: str
@@ -105,6 +105,11 @@ class Observation(TypedDict):
     past_views: list[PastView]
     result: NotRequired[EpisodeResult | None]
     """Once the episode has ended."""
+
+
+class Observation(Sight):
+    """All that one agent may know at the moment."""
+
     acted: bool
     """Whether this seat has answered this round."""
     deadline: str | None
@@ -380,6 +385,129 @@ class RoundEvent(TypedDict):
     round: int
     score: float
     agents: list[StateAgent]
+
+
+# One of its names is a word of Python. A message, by the number of its sender; `to` is a commander's only receiver.
+ReplayMessage = TypedDict("ReplayMessage", {"from": int, "text": str, "to": NotRequired[int | None]})
+
+# A message as the agents in `by` read it; `sent` and `text` where they differ from what was said in the round.
+ReplayHeard = TypedDict(
+    "ReplayHeard", {"from": int, "by": list[int], "sent": NotRequired[int | None], "text": NotRequired[str | None]}
+)
+
+
+class ReplayState(TypedDict):
+    """A state, and what was decided in the round that led to it. Agents are numbers; empty lists are left out."""
+
+    round: int
+    score: float
+    at: list[int]
+    gone: NotRequired[list[int]]
+    lit: NotRequired[list[int]]
+    loaded: NotRequired[list[int]]
+    prey: NotRequired[list[int] | None]
+    block: NotRequired[list[int] | None]
+    distance: NotRequired[float | None]
+    actions: NotRequired[str | None]
+    blocked: NotRequired[list[int]]
+    pushed: NotRequired[list[int]]
+    invalid: NotRequired[list[int]]
+    timeouts: NotRequired[list[int]]
+    said: NotRequired[list[ReplayMessage]]
+    heard: NotRequired[list[ReplayHeard]]
+    marks: NotRequired[list[str]]
+
+
+# A page of the states of a game; the next one begins with the state `next`.
+Replay = TypedDict(
+    "Replay",
+    {
+        "episode": str,
+        "task": TaskName,
+        "rules": NotRequired[str | None],
+        "control": NotRequired[str | None],
+        "status": str,
+        "rounds": int,
+        "max_round": NotRequired[int | None],
+        "score": float,
+        "width": int,
+        "height": int,
+        "num_agents": int,
+        "view_size": NotRequired[int | None],
+        "ground": NotRequired[list[str] | None],
+        "block_cells": NotRequired[list[list[int]] | None],
+        "next": int | None,
+        "from": int,
+        "length": int,
+        "metrics": dict[str, list[float | None]],
+        "states": list[ReplayState],
+    },
+)
+
+# A message that an agent read; `original` where noise changed it.
+InboxMessage = TypedDict(
+    "InboxMessage", {"from": str, "sent": int, "text": str, "original": NotRequired[str | None]}
+)
+
+
+class ShownAct(TypedDict):
+    """An act as it was recorded."""
+
+    source: NotRequired[str | None]
+    action: NotRequired[str | None]
+    message: NotRequired[str | None]
+    to: NotRequired[str | None]
+    valid: NotRequired[bool | None]
+    response: NotRequired[str | None]
+    reasoning: NotRequired[str | None]
+    usage: NotRequired[Usage | None]
+    bank_spent_ms: NotRequired[int | None]
+    at: NotRequired[str | None]
+
+
+class AgentRound(TypedDict):
+    """What an agent knew in a round, and what it did. The observation has no fields of the clock."""
+
+    episode: str
+    round: int
+    agent: str
+    observation: NotRequired[Sight | None]
+    inbox: NotRequired[list[InboxMessage] | None]
+    prompt: NotRequired[str | None]
+    prompt_problem: NotRequired[str | None]
+    act: NotRequired[ShownAct | None]
+
+
+class Scores(TypedDict):
+    """The score of a game after 0, `every`, twice `every` … rounds, and the newest."""
+
+    episode: str
+    rounds: int
+    every: int
+    scores: list[float]
+
+
+class RunScores(TypedDict):
+    """The scores of the games of a run, or a page of them."""
+
+    run: str
+    items: list[Scores]
+    next_cursor: str | None
+
+
+class Verification(TypedDict):
+    """What was found when a journal was played again."""
+
+    episode: str
+    ok: bool
+    problem: NotRequired[str | None]
+    rounds: int
+    score: float
+    journal_head: str
+    layout_digest: NotRequired[str | None]
+    final_digest: NotRequired[str | None]
+    rules_revision: int
+    version: str
 
 
 # Runs and suites.
