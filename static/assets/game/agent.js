@@ -108,12 +108,12 @@ function WindowPanel({ game, state, next, agent, read, isGone }) {
       ${isMap ? html`<p class="muted">It sees the whole map.</p>` : html`<${AgentWindow} cells=${cells} agent=${agent} isMarked=${isMarked} label=${`Window of agent ${agent}`} />`}
       ${!isMap && html`<figcaption class="small muted">${cells.length}×${cells[0]?.length ?? 0}, ${source}</figcaption>`}
     </figure>
-    <${Decision} state=${state} next=${next} agent=${agent} read=${read} />
+    <${Decision} live=${isLive(head)} state=${state} next=${next} agent=${agent} read=${read} />
   </div>`;
 }
 
 /** What an agent read, chose and said, and what it cost. @param {any} props */
-function Decision({ state, next, agent, read }) {
+function Decision({ live, state, next, agent, read }) {
   const action = actionOf(next, agent);
   const result = resultOf(next, agent);
   const said = next?.said?.find((/** @type {any} */ one) => one.from === agent);
@@ -123,7 +123,7 @@ function Decision({ state, next, agent, read }) {
   return html`<dl class="facts decision">
     <dt>Chose</dt>
     <dd>
-      ${next ? html`<strong>${action ? action.name : "nothing"}</strong>${result && html`, <span class="bad">${result}</span>`}` : html`<span class="muted">not decided yet</span>`}
+      ${next ? html`<strong>${action ? action.name : "nothing"}</strong>${result && html`, <span class="bad">${result}</span>`}` : html`<span class="muted">${live ? "not decided yet" : "nothing more: the game has ended"}</span>`}
     </dd>
     <dt>At</dt>
     <dd class="number">row ${state.at[2 * agent]}, column ${state.at[2 * agent + 1]}${own && `, ${own}`}</dd>

@@ -26,7 +26,7 @@ function Shown({ items, wrap }) {
 
 /** What was said in the round, and who reads it. @param {Props} props */
 export function Messages({ state, next, onChoose }) {
-  if (!next) return html`<p class="muted">This is the newest state: nothing was said after it.</p>`;
+  if (!next) return html`<p class="muted">This is the newest round: nothing has been said in it.</p>`;
   const said = next.said ?? [];
   if (said.length === 0) return html`<p class="muted">Nobody said anything in round ${state.round}.</p>`;
   /** @param {{from: number, text: string, to?: number}} one */

@@ -22,7 +22,7 @@ export function Title({ game }) {
       ${game.kind === "imports" && html`<span class="badge">imported</span> `}
       <span class=${isLive(head) ? "badge live" : "badge"}>${head.status}</span> ${standing(game)}
     </p>
-    <p class="total number"><span class="unseen">Score </span>${short(head.score)}</p>
+    <p class="total number"><span class="small muted">score </span>${short(head.score)}</p>
   </div>`;
 }
 
