@@ -1,7 +1,7 @@
 // The board of a suite: who scored what, and how sure the order is.
 import { html, useMemo } from "../ui.js";
 import { withQuery } from "../api.js";
-import { Command } from "../parts/command.js";
+import { Commands } from "../parts/copy.js";
 import { usePages, More, PAGE_ITEMS } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, visible } from "../parts/text.js";
@@ -10,7 +10,7 @@ import { Download } from "../parts/download.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { useQuery, useTitle } from "../parts/query.js";
 import { KINDS, Legend, isShown, kindsOf, withKind } from "../parts/rows.js";
-import { Rows } from "./board/rows.js";
+import { Rows } from "../board/rows.js";
 
 /** The server shows at most 16. */
 const METRICS_MAX = 16;
@@ -138,7 +138,7 @@ const Choice = ({ label, value, options, set }) =>
 const Empty = ({ isAll, suite }) =>
   isAll
     ? html`<p class="empty">Nobody has ended a run of this suite yet.</p>
-        ${["quick", "standard"].includes(suite) && html`<p>This plays it with built-in players:</p><${Command} lines=${[`swarmbench play --suite ${suite} --server ${location.origin}`]} />`}`
+        ${["quick", "standard"].includes(suite) && html`<p>This plays it with built-in players:</p><${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite ${suite} --server ${location.origin}`]} />`}`
     : html`<p class="empty">All rows are hidden. Choose above what to show.</p>`;
 
 /** @param {{rows: any[], pick: string, method?: any}} props */

@@ -10,8 +10,8 @@ import { useRun, useScores } from "../parts/runs.js";
 import { useTitle } from "../parts/query.js";
 import { Status, percent, runStatusText } from "../parts/status.js";
 import { Metrics } from "../parts/runmetrics.js";
-import { Failures, Games } from "./run/games.js";
-import { Actions } from "./run/actions.js";
+import { Failures, Games } from "../run/games.js";
+import { Actions } from "../run/actions.js";
 
 /** @param {{id: string}} props */
 export function Page({ id }) {

@@ -53,7 +53,12 @@ export function usePages(path, everyMs) {
   }, [path, next]);
 
   const items = [...(first.value?.items ?? []), ...(isMore ? more.items : [])];
-  return { ...first, items, hasMore: Boolean(next), loadMore, isLoadingMore: state.isLoading, moreProblem: state.problem };
+  // What changed may be on a further page.
+  const reload = () => {
+    setMore({ path, items: [], next: null });
+    first.reload();
+  };
+  return { ...first, reload, items, hasMore: Boolean(next), loadMore, isLoadingMore: state.isLoading, moreProblem: state.problem };
 }
 
 /** @param {{list: ReturnType<typeof usePages>}} props */

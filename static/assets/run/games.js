@@ -1,11 +1,11 @@
 // The games of a run as a list: what failed and why, journals, and their verification.
-import { html, useEffect, useState } from "../../ui.js";
-import { Problem, request, route } from "../../api.js";
-import { Text } from "../../parts/text.js";
-import { short } from "../../parts/chart.js";
-import { Status, percent, roundsText } from "../../parts/status.js";
-import { Download } from "../../parts/download.js";
-import { failed, whyOf } from "../../parts/grid.js";
+import { html, useEffect, useState } from "../ui.js";
+import { Problem, request, route } from "../api.js";
+import { Text } from "../parts/text.js";
+import { short } from "../parts/chart.js";
+import { Status, percent, roundsText } from "../parts/status.js";
+import { Download } from "../parts/download.js";
+import { failed, whyOf } from "../parts/grid.js";
 
 /** @param {any} game */
 const nameOf = (game) => (game.seed === null ? `${game.task}, game ${game.slot + 1}` : `${game.task}, seed ${game.seed}`);

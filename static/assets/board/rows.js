@@ -1,11 +1,11 @@
 // The table of a board.
-import { html } from "../../ui.js";
-import { Text } from "../../parts/text.js";
-import { short } from "../../parts/chart.js";
-import { interval } from "../../parts/statistics.js";
-import { METRICS, metricName } from "../../parts/metrics.js";
-import { percent } from "../../parts/status.js";
-import { Marks, Score, Settings, isTied, samples, scale } from "../../parts/rows.js";
+import { html } from "../ui.js";
+import { Text } from "../parts/text.js";
+import { short } from "../parts/chart.js";
+import { interval } from "../parts/statistics.js";
+import { METRICS, metricName } from "../parts/metrics.js";
+import { percent } from "../parts/status.js";
+import { Marks, Score, Settings, isTied, samples, scale } from "../parts/rows.js";
 
 /**
  * @typedef {object} Column
