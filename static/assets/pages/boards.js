@@ -5,7 +5,7 @@ import { PAGE_ITEMS, usePages } from "../parts/pages.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
-import { Command } from "../parts/command.js";
+import { Commands } from "../parts/copy.js";
 import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
 import { Time } from "../parts/time.js";
 
@@ -33,7 +33,7 @@ export function Page() {
     </p>`}
     <h2>A board of your own</h2>
     <p>A run of any suite makes its board. A suite is a name, tasks, seeds and settings:</p>
-    <${Command} lines=${[`swarmbench eval --task Pursuit --seeds 0..5 --player all --server ${location.origin}`]} />
+    <${Commands} label="Command" what="the command" lines=${[`swarmbench eval --task Pursuit --seeds 0..5 --player all --server ${location.origin}`]} />
   `;
 }
 

@@ -6,7 +6,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Countdown, Time } from "../parts/time.js";
 import { short } from "../parts/chart.js";
-import { Command } from "../parts/command.js";
+import { Commands } from "../parts/copy.js";
 import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
 
 const RUNNING_MS = 5000;
@@ -66,9 +66,10 @@ export function Page() {
 const Join = ({ isEmpty }) => html`
   <h2>${isEmpty ? "No game has been played here yet. Start one:" : "Join"}</h2>
   ${isEmpty &&
-  html`<${Command} lines=${[`curl ${location.origin}/api/v1/episodes -H 'Content-Type: application/json' -d '{"task": "Pursuit", "player": "default"}'`]} />
+  html`<${Commands} label="The first game" what="the command" lines=${[`curl ${location.origin}/api/v1/episodes -H 'Content-Type: application/json' -d '{"task": "Pursuit", "player": "default"}'`]} />
     <p class="muted">Or <a href="/play">play yourself</a>, or let models play:</p>`}
-  <${Command}
+  <${Commands}
+    label="How to join"
     lines=${[
       `export SWARMBENCH_SERVER=${location.origin}`,
       "swarmbench play --suite quick                 # built-in players",
@@ -85,7 +86,7 @@ const Join = ({ isEmpty }) => html`
 function Picture({ game, isEmpty }) {
   const [Moving, setMoving] = useState(/** @type {any} */ (null));
   useEffect(() => {
-    import("./front/picture.js").then((module) => setMoving(() => module.Moving), console.error);
+    import("../front/picture.js").then((module) => setMoving(() => module.Moving), console.error);
   }, []);
   if (isEmpty) return null;
   return html`<div class="picture">${Moving && game && html`<${Moving} key=${game.id} game=${game} />`}</div>`;

@@ -1,7 +1,7 @@
 // All runs, newest first.
 import { html } from "../ui.js";
 import { route, withQuery } from "../api.js";
-import { Command } from "../parts/command.js";
+import { Commands } from "../parts/copy.js";
 import { PAGE_ITEMS, More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
@@ -50,7 +50,7 @@ function Runs({ list, isFiltered }) {
     return isFiltered
       ? html`<p class="empty">No run fits. Names must be complete, and in the same letters.</p>`
       : html`<p class="empty">There are no runs yet. This starts one with built-in players:</p>
-          <${Command} lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
+          <${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
   }
   return html`<div class="scroll" tabindex="0" role="region" aria-label="Runs">
     <table>

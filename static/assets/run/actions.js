@@ -1,8 +1,8 @@
 // What the creator of a run can do with it.
-import { html, useState } from "../../ui.js";
-import { request, route } from "../../api.js";
-import { Command } from "../../parts/command.js";
-import { ProblemNote } from "../../parts/problem.js";
+import { html, useState } from "../ui.js";
+import { request, route } from "../api.js";
+import { Commands, Secret } from "../parts/copy.js";
+import { ProblemNote } from "../parts/problem.js";
 
 /** @param {{run: any, changed: () => void}} props */
 export function Actions({ run, changed }) {
@@ -42,12 +42,10 @@ export function Actions({ run, changed }) {
     ${asked === "abort" &&
     html`<${Sure} yes="Abort it" no=${() => setAsked("")} onYes=${abort}>The run and its open games end. Games that were never played count as 0. This cannot be undone.</${Sure}>`}
     ${token &&
-    html`<div role="status">
-      <p>The new token, shown only this once. The earlier one is revoked.</p>
-      <${Command} lines=${[token]} />
-      <p class="muted">Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
-      <${Command} lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />
-    </div>`}
+    html`<${Secret} value=${token} label="New token of the run">
+      <p>The earlier one is revoked. Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
+      <${Commands} label="Resume the run" what="the command" lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />
+    </${Secret}>`}
     ${problem && html`<${ProblemNote} problem=${problem} />`}
   `;
 }
