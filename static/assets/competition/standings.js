@@ -33,8 +33,8 @@ export function Standings({ competition }) {
     </p>
     ${hasAll &&
     html`<p>
-      <label>
-        Metric of each task${" "}
+      <label class="metric">
+        Metric of each task
         <select value=${metric} onChange=${(/** @type {any} */ event) => setMetric(event.target.value)}>
           <option value="">none</option>
           ${Object.entries(METRICS).map(([name, what]) => html`<option value=${name}>${metricName(name)}: ${what}</option>`)}
@@ -47,8 +47,8 @@ export function Standings({ competition }) {
           <tr>
             <th scope="col" class="number">Rank</th><th scope="col">Entrant</th><th scope="col">Model</th>
             <th scope="col" class="number">Total</th>
-            ${tasks.map((task) => html`<th scope="col" class="number"><${Text} value=${task} /></th>`)}
-            ${metric && tasks.map((task) => html`<th scope="col" class="number">${metricName(metric)}, <${Text} value=${task} /></th>`)}
+            ${tasks.map((task) => html`<th scope="col" class="number">${task}</th>`)}
+            ${metric && tasks.map((task) => html`<th scope="col" class="number">${metricName(metric)}, ${task}</th>`)}
             ${hasAll && html`<th scope="col">Below the row above, 95 %</th>`}
             <th scope="col" class="number">Invalid</th><th scope="col" class="number">Timeouts</th><th scope="col" class="number">Attempts</th>
           </tr>

@@ -48,7 +48,7 @@ export function Commands({ lines, label, what = "the commands" }) {
  * @param {{value: string, label: string, children?: any}} props children: what to do with it
  */
 export function Secret({ value, label, children }) {
-  return html`<div class="secret" role="group" aria-label=${label}>
+  return html`<div class="inset" role="group" aria-label=${label}>
     <p><strong>${label}</strong> <span class="badge">shown once</span></p>
     <p><${Copyable} value=${value} label=${label} /></p>
     ${children}
