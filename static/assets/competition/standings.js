@@ -1,8 +1,9 @@
 // The board of a competition, as far as the server shows it.
-import { html } from "../ui.js";
-import { route } from "../api.js";
+import { html, useState } from "../ui.js";
+import { route, withQuery } from "../api.js";
 import { Interval, short } from "../parts/chart.js";
 import { Download } from "../parts/download.js";
+import { METRICS, metricName } from "../parts/metrics.js";
 import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
@@ -12,12 +13,14 @@ const REFRESH_MS = 15_000;
 
 /** @param {{competition: any}} props */
 export function Standings({ competition }) {
-  const path = route`/api/v1/competitions/${competition.id}/board`;
+  const [metric, setMetric] = useState("");
+  const path = withQuery(route`/api/v1/competitions/${competition.id}/board`, { metrics: metric });
   const list = usePages(path, competition.phase === "closed" ? undefined : REFRESH_MS);
   if (!list.value) {
     return list.problem ? html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />` : html`<p class="muted" role="status">Loading …</p>`;
   }
   const { items, value: first } = list;
+  const csv = withQuery(route`/api/v1/competitions/${competition.id}/board`, { format: "csv", metrics: metric });
   if (first.shows === "nothing") return html`<p class="empty">The board is hidden until the end.</p>`;
   if (items.length === 0) return html`<p class="empty">Nobody has entered.</p>`;
   const hasAll = first.shows === "all";
@@ -28,22 +31,33 @@ export function Standings({ competition }) {
       ${!hasAll && "Totals only, until the seeds are revealed. A rank without a total: too few games count to show one."}
       ${hasAll && competition.phase !== "closed" && "Only organizers see this board before the end."}
     </p>
+    ${hasAll &&
+    html`<p>
+      <label class="metric">
+        Metric of each task
+        <select value=${metric} onChange=${(/** @type {any} */ event) => setMetric(event.target.value)}>
+          <option value="">none</option>
+          ${Object.entries(METRICS).map(([name, what]) => html`<option value=${name}>${metricName(name)}: ${what}</option>`)}
+        </select>
+      </label>
+    </p>`}
     <div class="scroll" tabindex="0" role="region" aria-label="Table of standings">
       <table class="standings">
         <thead>
           <tr>
             <th scope="col" class="number">Rank</th><th scope="col">Entrant</th><th scope="col">Model</th>
             <th scope="col" class="number">Total</th>
-            ${tasks.map((task) => html`<th scope="col" class="number"><${Text} value=${task} /></th>`)}
+            ${tasks.map((task) => html`<th scope="col" class="number">${task}</th>`)}
+            ${metric && tasks.map((task) => html`<th scope="col" class="number">${metricName(metric)}, ${task}</th>`)}
             ${hasAll && html`<th scope="col">Below the row above, 95 %</th>`}
             <th scope="col" class="number">Invalid</th><th scope="col" class="number">Timeouts</th><th scope="col" class="number">Attempts</th>
           </tr>
         </thead>
-        <tbody>${items.map((row) => html`<${Row} key=${row.entrant.id} row=${row} tasks=${tasks} hasAll=${hasAll} scale=${scaleOf(items)} />`)}</tbody>
+        <tbody>${items.map((row) => html`<${Row} key=${row.entrant.id} row=${row} tasks=${tasks} metric=${metric} hasAll=${hasAll} scale=${scaleOf(items)} />`)}</tbody>
       </table>
     </div>
     <${More} list=${list} />
-    <p class="buttons small"><${Download} href=${`${path}?format=csv`} name="board.csv">This board as CSV<//></p>
+    <p class="buttons small"><${Download} href=${csv} name="board.csv">This board as CSV<//></p>
     <details class="small">
       <summary>What the columns mean</summary>
       <ul>
@@ -77,8 +91,8 @@ function Below({ difference, scale }) {
   return html`<${Interval} mean=${mean} low=${low} high=${high} range=${scale} label=${label} />${low < 0 && html` <span class="badge">tie</span>`}`;
 }
 
-/** @param {{row: any, tasks: string[], hasAll: boolean, scale: [number, number]}} props */
-function Row({ row, tasks, hasAll, scale }) {
+/** @param {{row: any, tasks: string[], metric: string, hasAll: boolean, scale: [number, number]}} props */
+function Row({ row, tasks, metric, hasAll, scale }) {
   const { entrant, difference } = row;
   const isOut = entrant.status !== "active";
   const meanOf = (/** @type {string} */ name) => row.tasks.find(({ task }) => task === name)?.mean;
@@ -91,6 +105,7 @@ function Row({ row, tasks, hasAll, scale }) {
     <td><${Text} value=${entrant.model} /></td>
     <td class="number">${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}</td>
     ${tasks.map((task) => html`<td class="number">${short(meanOf(task))}</td>`)}
+    ${metric && tasks.map((task) => html`<td class="number">${short(row.metrics?.[task]?.[metric])}</td>`)}
     ${hasAll &&
     html`<td><${Below} difference=${difference} scale=${scale} /></td>`}
     <td class="number">${percent(row.run ? row.invalid_share : null)}</td>

@@ -19,7 +19,7 @@ export function Codes({ id }) {
   };
   return html`<h3>Invitation codes</h3>
     ${made.length > 0 &&
-    html`<div class="secret" role="status">
+    html`<div class="inset" role="status">
       <p><strong>New codes</strong> <span class="badge">shown once</span></p>
       <${Commands} lines=${made.map(({ label, code }) => `${label}\t${code}`)} label="New codes" what="all codes" />
     </div>`}

@@ -44,8 +44,8 @@ export function Health({ mayConfirm }) {
   const faults = FAULTS.filter(([name]) => total(samples, name) > 0);
   return html`
     <h2>Health</h2>
-    <p role="status" class=${ready === "" ? "good" : "bad"}>
-      <strong>${problem ? "The server does not answer" : ready === "" ? "Ready" : "Not ready"}</strong> ${!problem && html`<${Text} value=${ready} />`}
+    <p role="status" class=${ready === "" && !problem ? "good" : "bad"}>
+      <strong>${problem ? "Unknown" : ready === "" ? "Ready" : "Not ready"}</strong> <${Text} value=${problem ? `${problem.message} What is shown may be out of date.` : ready} />
     </p>
     ${faults.length > 0 &&
     html`<ul>${faults.map(([name, advice]) => html`<li class="bad">${advice} <span class="muted">(<code>${name}</code> ${total(samples, name)})</span></li>`)}</ul>`}
@@ -85,6 +85,7 @@ function Load({ samples, kept }) {
   const of = (/** @type {string} */ name) => total(samples, name);
   const acts = ratesOf(kept, RATES.acts);
   const now = (/** @type {string} */ name) => ratesOf(kept, name).at(-1) ?? null;
+  const cpu = now(RATES.cpu);
   const commits = now(RATES.commits);
   const commitMs = commits ? ((now(RATES.commitSeconds) ?? 0) / commits) * 1000 : null;
   const facts = [
@@ -95,7 +96,7 @@ function Load({ samples, kept }) {
     ["Queue of the disk", `${short(of("swarmbench_backlog_jobs"))} jobs, ${bytes(of("swarmbench_backlog_bytes"))}${commitMs === null ? "" : `; a commit takes ${short(commitMs)} ms`}`],
     ["Heavy work", `${short(of("swarmbench_heavy_running"))} jobs run, ${short(of("swarmbench_heavy_waiting"))} wait`],
     ["Memory", `${bytes(of("process_resident_memory_bytes"))}; ${bytes(of("swarmbench_memory_reserved_bytes"))} for worlds and answers`],
-    ["Processor", `${short((now(RATES.cpu) ?? 0) * 100)} % of one core`],
+    ["Processor", `${cpu === null ? "–" : short(cpu * 100)} % of one core`],
     ["Disk", `${short(of("swarmbench_disk_free_percent"))} % free`],
     ["Refused", `${short(of("swarmbench_rate_limited_total"))} requests over a rate, ${short(of("swarmbench_connections_refused_total"))} connections over a limit, since the start`],
     ["Running for", duration(Date.now() - of("process_start_time_seconds") * 1000)],

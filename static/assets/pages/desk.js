@@ -83,7 +83,7 @@ function View({ asked, view, query, isOrganizer }) {
 }
 
 /** @param {{role: Role, isNote: boolean}} props isNote: the view shows what everybody may see */
-const NeedsKey = ({ role, isNote }) => html`<section class="problem">
+const NeedsKey = ({ role, isNote }) => html`<section class="inset">
   <h2>${isNote ? "More with an organizer's key" : "This view needs an organizer's key"}</h2>
   <p>
     ${role === "none"
