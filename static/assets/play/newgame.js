@@ -2,8 +2,7 @@
 import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
-import { HUMAN, NameField, onceKey, playerName } from "./player.js";
-import { ProblemNote } from "../parts/problem.js";
+import { HUMAN, NameField, Refused, onceKey, playerName } from "./player.js";
 import { claimSeat } from "./take.js";
 
 /** @type {[string, string][]} */
@@ -148,7 +147,7 @@ export function NewGame({ query }) {
     </details>
     <${NameField} />
     <p><button type="submit" class="primary" aria-disabled=${isBusy}>${isBusy ? "Starting …" : "Play"}</button></p>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The game" />`}
+    ${problem && html`<${Refused} problem=${problem} what="The game" />`}
   </form>`;
 }
 
@@ -222,5 +221,5 @@ export function NewRun() {
       You can stop and come back in the same tab. The result is on the board <a href="/board/quick">quick</a>, marked as human.
     </p>
     <p><button type="button" aria-disabled=${isBusy} onClick=${() => start(() => createRun("quick"))}>Play the suite quick</button></p>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The run" />`}`;
+    ${problem && html`<${Refused} problem=${problem} what="The run" />`}`;
 }
