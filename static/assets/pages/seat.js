@@ -102,13 +102,17 @@ function About({ obs, control, id, leave }) {
 function Abort({ id }) {
   const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
   const [asked, setAsked] = useState(false);
+  const [isEnding, setEnding] = useState(false);
   const token = remembered(`creator:${id}`);
   if (!token) return null;
   const abort = () => {
+    setAsked(false);
+    setEnding(true);
     const path = id.startsWith("run_") ? route`/api/v1/runs/${id}` : route`/api/v1/episodes/${id}`;
     request(path, { method: "DELETE", token }).catch(setProblem);
   };
   if (problem) return html`<${ProblemNote} problem=${problem} />`;
+  if (isEnding) return html`<span role="status">The game is being ended …</span>`;
   return asked
     ? html`<span>End it for everybody?</span> <button type="button" class="danger" onClick=${abort}>End the game</button>
         <button type="button" onClick=${() => setAsked(false)}>Play on</button>`

@@ -31,16 +31,6 @@ function settingsOf(query) {
   return { ...FIRST, ...Object.fromEntries(given.map((name) => [name, name === "watch" ? query.get(name) === "true" : query.get(name)])) };
 }
 
-/** The settings of a game as a query of this page, to play the like again. @param {any} config */
-export const againQuery = (config) => ({
-  task: config.task,
-  num_agents: config.num_agents,
-  side: config.width,
-  max_round: config.max_round,
-  clock: config.round_deadline_s,
-  control: config.control,
-});
-
 /** @param {any} form */
 const gameOf = (form) => ({
   task: form.task,

@@ -16,6 +16,16 @@ export const HUMAN = { kind: "human" };
 /** Text that nobody guesses, so that a request can be repeated without doing its work twice. */
 export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 
+/** The settings of a game as a query of the page `/play`, to play the like again. @param {any} config */
+export const againQuery = (config) => ({
+  task: config.task,
+  num_agents: config.num_agents,
+  side: config.width,
+  max_round: config.max_round,
+  clock: config.round_deadline_s,
+  control: config.control,
+});
+
 /**
  * Why a game or a seat could not be had; most often a key is missing.
  * @param {{problem: Error, what: string}} props
