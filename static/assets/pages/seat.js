@@ -4,7 +4,7 @@ import { Problem, remember, remembered, request, route } from "../api.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { hasManySeats, useSeat } from "../play/seat.js";
-import { outcome } from "../play/sight.js";
+import { meaningOfMark, outcome } from "../play/sight.js";
 import { Clock, Turn, spoken } from "../play/turn.js";
 import { EnterCode, TakeSeat } from "../play/take.js";
 import { Lobby } from "../play/lobby.js";
@@ -43,7 +43,7 @@ function Play({ id, token, leave }) {
   return html`
     <${Top} seat=${seat} many=${hasManySeats(token)} config=${summary?.config} />
     <${Turn} seat=${seat} config=${summary?.config} onAct=${seat.act} />
-    <${About} obs=${obs} id=${id} leave=${leave} />
+    <${About} obs=${obs} control=${summary?.config.control} id=${id} leave=${leave} />
     <p class="unseen" role="status">${phase === "choose" ? spoken(obs, summary?.config) : ""}</p>
   `;
 }
@@ -74,14 +74,20 @@ function Top({ seat, many, config }) {
   </div>`;
 }
 
-/** @param {{obs: any, id: string, leave: () => void}} props */
-function About({ obs, id, leave }) {
+/** @param {{obs: any, control?: string, id: string, leave: () => void}} props */
+function About({ obs, control, id, leave }) {
   return html`<details class="about" open=${obs.round === 0}>
     <summary>The task, and what the signs mean</summary>
     <p>${obs.task.description}</p>
+    ${control === "centralized" &&
+    html`<p>
+      ${obs.agent === "Agent_0"
+        ? "You are the commander: you hear all agents, and your message goes to one of them or to all."
+        : "Only the commander, agent 0, hears you, and you hear only the commander."}
+    </p>`}
     <p>
-      <b>me</b> is your agent, a number another one. A dashed ring around a number is the mark ($) of the text above. Crossed lines
-      are outside of the map, grey is wall. Rows count downwards, columns to the right.
+      <b>me</b> is your agent, a number another one. Crossed lines are outside of the map, grey is wall. Rows count downwards, columns
+      to the right.${meaningOfMark(obs.task.name) && " A dashed ring around a number is the mark ($) of the text above."}
     </p>
     <p>Keys: arrows and <kbd>S</kbd> choose, <kbd>Enter</kbd> sends, <kbd>M</kbd> goes to the message, <kbd>Esc</kbd> leaves it.</p>
     <p class="buttons">
@@ -96,13 +102,17 @@ function About({ obs, id, leave }) {
 function Abort({ id }) {
   const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
   const [asked, setAsked] = useState(false);
+  const [isEnding, setEnding] = useState(false);
   const token = remembered(`creator:${id}`);
   if (!token) return null;
   const abort = () => {
+    setAsked(false);
+    setEnding(true);
     const path = id.startsWith("run_") ? route`/api/v1/runs/${id}` : route`/api/v1/episodes/${id}`;
     request(path, { method: "DELETE", token }).catch(setProblem);
   };
   if (problem) return html`<${ProblemNote} problem=${problem} />`;
+  if (isEnding) return html`<span role="status">The game is being ended …</span>`;
   return asked
     ? html`<span>End it for everybody?</span> <button type="button" class="danger" onClick=${abort}>End the game</button>
         <button type="button" onClick=${() => setAsked(false)}>Play on</button>`

@@ -5,7 +5,7 @@ import { standing } from "../game/marks.js";
 import { openGame, useChanges, useMoment } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { GameMap } from "../parts/map.js";
-import { againQuery } from "./newgame.js";
+import { againQuery } from "./player.js";
 import { OwnRounds } from "./ownrounds.js";
 import { ProblemNote } from "../parts/problem.js";
 import { numberOf } from "./sight.js";

@@ -2,8 +2,7 @@
 import { html, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
-import { HUMAN, NameField, onceKey, playerName } from "./player.js";
-import { ProblemNote } from "../parts/problem.js";
+import { HUMAN, NameField, Refused, onceKey, playerName } from "./player.js";
 import { claimSeat } from "./take.js";
 
 /** @type {[string, string][]} */
@@ -31,16 +30,6 @@ function settingsOf(query) {
   const given = Object.keys(FIRST).filter((name) => query.has(name));
   return { ...FIRST, ...Object.fromEntries(given.map((name) => [name, name === "watch" ? query.get(name) === "true" : query.get(name)])) };
 }
-
-/** The settings of a game as a query of this page, to play the like again. @param {any} config */
-export const againQuery = (config) => ({
-  task: config.task,
-  num_agents: config.num_agents,
-  side: config.width,
-  max_round: config.max_round,
-  clock: config.round_deadline_s,
-  control: config.control,
-});
 
 /** @param {any} form */
 const gameOf = (form) => ({
@@ -148,7 +137,7 @@ export function NewGame({ query }) {
     </details>
     <${NameField} />
     <p><button type="submit" class="primary" aria-disabled=${isBusy}>${isBusy ? "Starting …" : "Play"}</button></p>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The game" />`}
+    ${problem && html`<${Refused} problem=${problem} what="The game" />`}
   </form>`;
 }
 
@@ -222,5 +211,5 @@ export function NewRun() {
       You can stop and come back in the same tab. The result is on the board <a href="/board/quick">quick</a>, marked as human.
     </p>
     <p><button type="button" aria-disabled=${isBusy} onClick=${() => start(() => createRun("quick"))}>Play the suite quick</button></p>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The run" />`}`;
+    ${problem && html`<${Refused} problem=${problem} what="The run" />`}`;
 }

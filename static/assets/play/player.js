@@ -1,6 +1,8 @@
 // Who plays: the name of a person on boards, and what a game says about them.
 import { html, useState } from "../ui.js";
-import { remember, remembered } from "../api.js";
+import { Problem, key, remember, remembered } from "../api.js";
+import { openKeyDialog } from "../parts/header.js";
+import { ProblemNote } from "../parts/problem.js";
 import { visible } from "../parts/text.js";
 
 const NAME_CHARS_MAX = 200;
@@ -13,6 +15,29 @@ export const HUMAN = { kind: "human" };
 
 /** Text that nobody guesses, so that a request can be repeated without doing its work twice. */
 export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+
+/** The settings of a game as a query of the page `/play`, to play the like again. @param {any} config */
+export const againQuery = (config) => ({
+  task: config.task,
+  num_agents: config.num_agents,
+  side: config.width,
+  max_round: config.max_round,
+  clock: config.round_deadline_s,
+  control: config.control,
+});
+
+/**
+ * Why a game or a seat could not be had; most often a key is missing.
+ * @param {{problem: Error, what: string}} props
+ */
+export function Refused({ problem, what }) {
+  if (!(problem instanceof Problem) || problem.status !== 401 || key()) return html`<${ProblemNote} problem=${problem} what=${what} />`;
+  return html`<div class="problem" role="alert">
+    <h2>This server needs a key for that</h2>
+    <p>Its organizers give keys to people who start games and take seats. With a code of a seat you need none.</p>
+    <p><button type="button" onClick=${openKeyDialog}>Enter a key</button></p>
+  </div>`;
+}
 
 export function NameField() {
   const [name, setName] = useState(playerName());

@@ -9,6 +9,8 @@ const WAIT_S = 25;
 const START_MS = 2000;
 const FIRST_PAUSE_MS = 500;
 const LONGEST_PAUSE_MS = 8000;
+/** How often it is looked whether a game was ended by others, while a person decides for one of several seats. */
+const LOOK_MS = 5000;
 /** After the end of a clock the server needs a moment to open the next round. */
 const CLOCK_GRACE_MS = 300;
 
@@ -120,13 +122,13 @@ class Session {
     await this.acted(obs);
   }
 
-  /** Until this seat has acted, or its clock is over. @param {any} obs */
+  /** Until this seat has acted, its clock is over, or it is time to see whether the game was ended. @param {any} obs */
   async acted(obs) {
     const over = new AbortController();
     const stop = () => over.abort();
     this.resume = stop;
     this.signal.addEventListener("abort", stop);
-    await sleep(obs.remaining_ms === null ? 2 ** 31 - 1 : obs.remaining_ms + CLOCK_GRACE_MS, over.signal);
+    await sleep(Math.min(LOOK_MS, (obs.remaining_ms ?? LOOK_MS) + CLOCK_GRACE_MS), over.signal);
     this.signal.removeEventListener("abort", stop);
   }
 

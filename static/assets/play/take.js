@@ -3,7 +3,7 @@ import { html, useRef, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route, tokenOf } from "../api.js";
 import { useLoaded } from "../parts/load.js";
-import { HUMAN, NameField, onceKey, playerName } from "./player.js";
+import { HUMAN, NameField, Refused, onceKey, playerName } from "./player.js";
 import { ProblemNote } from "../parts/problem.js";
 import { SeatTable } from "./seats.js";
 import { Text } from "../parts/text.js";
@@ -80,7 +80,7 @@ function Claim({ id, claims, onToken, onRefused }) {
         <button type="submit" class="primary" aria-disabled=${isBusy}>Take ${claims.open === 1 ? "the open seat" : "any open seat"}</button>
       </p>
     </form>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The seat" />`}
+    ${problem && html`<${Refused} problem=${problem} what="The seat" />`}
     <details>
       <summary>${claims.open} of ${claims.seats.length} seats ${claims.open === 1 ? "is" : "are"} open: choose one</summary>
       <${SeatTable} seats=${claims.seats} onTake=${(/** @type {string} */ agent) => !isBusy && claim(agent)} />
