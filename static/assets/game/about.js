@@ -12,7 +12,7 @@ import { copy, download, savePicture } from "./save.js";
 
 /** @param {{game: Game}} props */
 export function Facts({ game: { head, summary, kind } }) {
-  const config = summary.config ?? summary;
+  const config = summary.config ?? summary.settings ?? summary;
   /** @type {[string, unknown][]} */
   const facts = [
     ["Task", head.task],

@@ -84,7 +84,7 @@ export function AgentPanel({ game, state, next, agent, panel, isResting, onPanel
     <div class="panel-content">
       ${panel === "window"
         ? html`<${WindowPanel} game=${game} state=${state} next=${next} agent=${agent} read=${read} isGone=${isGone} />`
-        : html`<${ReadPanel} game=${game} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
+        : html`<${ReadPanel} game=${game} heard=${heardBy(state, agent)} panel=${panel} read=${read} problem=${problem} isResting=${isResting} />`}
     </div>
   </section>`;
 }
@@ -108,12 +108,12 @@ function WindowPanel({ game, state, next, agent, read, isGone }) {
       ${isMap ? html`<p class="muted">It sees the whole map.</p>` : html`<${AgentWindow} cells=${cells} agent=${agent} isMarked=${isMarked} label=${`Window of agent ${agent}`} />`}
       ${!isMap && html`<figcaption class="small muted">${cells.length}×${cells[0]?.length ?? 0}, ${source}</figcaption>`}
     </figure>
-    <${Decision} state=${state} next=${next} agent=${agent} read=${read} />
+    <${Decision} live=${isLive(head)} state=${state} next=${next} agent=${agent} read=${read} />
   </div>`;
 }
 
 /** What an agent read, chose and said, and what it cost. @param {any} props */
-function Decision({ state, next, agent, read }) {
+function Decision({ live, state, next, agent, read }) {
   const action = actionOf(next, agent);
   const result = resultOf(next, agent);
   const said = next?.said?.find((/** @type {any} */ one) => one.from === agent);
@@ -123,7 +123,7 @@ function Decision({ state, next, agent, read }) {
   return html`<dl class="facts decision">
     <dt>Chose</dt>
     <dd>
-      ${next ? html`<strong>${action ? action.name : "nothing"}</strong>${result && html`, <span class="bad">${result}</span>`}` : html`<span class="muted">not decided yet</span>`}
+      ${next ? html`<strong>${action ? action.name : "nothing"}</strong>${result && html`, <span class="bad">${result}</span>`}` : html`<span class="muted">${live ? "not decided yet" : "nothing more: the game has ended"}</span>`}
     </dd>
     <dt>At</dt>
     <dd class="number">row ${state.at[2 * agent]}, column ${state.at[2 * agent + 1]}${own && `, ${own}`}</dd>
@@ -151,13 +151,13 @@ function costOf({ prompt_tokens: read, completion_tokens: written, latency_ms: t
   return parts.join(", ");
 }
 
-/** @param {{game: Game, panel: string, read: any, problem?: Error, isResting: boolean}} props */
-function ReadPanel({ game, panel, read, problem, isResting }) {
+/** @param {{game: Game, heard: any[], panel: string, read: any, problem?: Error, isResting: boolean}} props */
+function ReadPanel({ game, heard, panel, read, problem, isResting }) {
   if (isSecret(game)) return html`<p class="muted">What agents read and answer can be seen by the creator of the game, and by everybody after its end.</p>`;
   if (problem) return html`<${ProblemNote} problem=${problem} what="This act" />`;
   if (!read) return html`<p class="muted" role="status">${isResting ? "Loading …" : "Pause to read it."}</p>`;
   if (read.isMissing) return html`<p class="muted">What this agent read and answered is not in this file.</p>`;
-  if (panel === "inbox") return html`<${Inbox} inbox=${read.inbox ?? []} />`;
+  if (panel === "inbox") return html`<${Inbox} inbox=${read.inbox ?? heard} />`;
   if (panel === "prompt") return html`<${Prompt} read=${read} />`;
   const text = panel === "answer" ? read.act?.response : read.act?.reasoning;
   if (text) return html`<${LongText} value=${text} label=${NAMES[panel]} />`;
@@ -179,7 +179,7 @@ const Inbox = ({ inbox }) =>
     : html`<ul class="plain inbox">
         ${inbox.map(
           ({ from, sent, text, original }) => html`<li>
-            <span class="muted">agent ${String(from).replace("Agent_", "")}, said in round ${sent}</span><br />“<${Text} value=${text} />”
+            <span class="muted">agent ${String(from).replace("Agent_", "")}${sent !== undefined && `, said in round ${sent}`}</span><br />“<${Text} value=${text} />”
             ${original !== undefined && original !== null && html`<br /><span class="bad">changed by noise; sent was</span> “<${Text} value=${original} />”`}
           </li>`,
         )}

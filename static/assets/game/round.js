@@ -25,10 +25,12 @@ function Shown({ items, wrap }) {
 }
 
 /** What was said in the round, and who reads it. @param {Props} props */
-export function Messages({ state, next, onChoose }) {
-  if (!next) return html`<p class="muted">This is the newest state: nothing was said after it.</p>`;
+export function Messages({ head, state, next, onChoose }) {
+  if (!next) return html`<p class="muted">This is the newest round: nothing has been said in it.</p>`;
   const said = next.said ?? [];
   if (said.length === 0) return html`<p class="muted">Nobody said anything in round ${state.round}.</p>`;
+  // Files of others may not say who heard what.
+  const isUnknown = head.status === "imported" && !next.heard;
   /** @param {{from: number, text: string, to?: number}} one */
   const row = ({ from, text, to }) => {
     const heard = (next.heard ?? []).filter((one) => one.from === from && one.sent === undefined);
@@ -36,7 +38,7 @@ export function Messages({ state, next, onChoose }) {
     const changed = heard.filter((one) => one.text !== undefined);
     return html`<li>
       <${AgentLink} agent=${from} onChoose=${onChoose} /> “<${Text} value=${text} />”
-      <span class="muted">${to !== undefined && ` to agent ${to},`} ${by.length ? `heard by ${by.join(", ")}` : "heard by nobody"}</span>
+      <span class="muted">${to !== undefined && ` to agent ${to},`} ${by.length ? `heard by ${by.join(", ")}` : !isUnknown && "heard by nobody"}</span>
       ${changed.map((one) => html`<br /><span class="bad small">noise: agent ${one.by.join(", ")} reads</span> “<${Text} value=${one.text} />”`)}
     </li>`;
   };

@@ -19,10 +19,9 @@ export function Title({ game }) {
     <h1>${head.task} <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
     <p class="muted">
       ${seed !== null && seed !== undefined && html`seed ${seed} · `}
-      ${game.kind === "imports" && html`<span class="badge">imported</span> `}
       <span class=${isLive(head) ? "badge live" : "badge"}>${head.status}</span> ${standing(game)}
     </p>
-    <p class="total number"><span class="unseen">Score </span>${short(head.score)}</p>
+    <p class="total number"><span class="small muted">score </span>${short(head.score)}</p>
   </div>`;
 }
 

@@ -85,7 +85,7 @@ export function Viewer({ game, onLink, onCompare, children }) {
   const summary = sentence(state, next);
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}
-    <div class=${shows.large ? "stage large" : "stage"}>
+    <div class=${shows.large ? "stage large" : "stage"} aria-busy=${state.round !== round}>
       <div class="map-side">
         <${GameMap} ...${common} messages=${shows.messages} label=${`Map. ${summary}`} />
       </div>

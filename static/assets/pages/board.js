@@ -9,7 +9,7 @@ import { Time } from "../parts/time.js";
 import { Download } from "../parts/download.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { useQuery, useTitle } from "../parts/query.js";
-import { KINDS, Legend, isShown, kindsOf } from "../parts/rows.js";
+import { KINDS, Legend, isShown, kindsOf, withKind } from "../parts/rows.js";
 import { Rows } from "./board/rows.js";
 
 /** The server shows at most 16. */
@@ -36,7 +36,7 @@ export function Page({ suite }) {
     <h1>Board <${Text} value=${board?.suite ?? suite} /></h1>
     <p class="muted">
       ${board
-        ? html`Rules <strong>${board.rules}</strong>, ${board.tasks.length} ${board.tasks.length === 1 ? "task" : "tasks"}, ${board.rows} ${board.rows === 1 ? "row" : "rows"}. Newest run: <${Time} value=${newest(list.items)} />. <span class="mono small">${board.digest}</span>`
+        ? html`Rules <strong>${board.rules}</strong>, ${board.tasks.length} ${board.tasks.length === 1 ? "task" : "tasks"}, ${board.rows} ${board.rows === 1 ? "row" : "rows"}.${" "}${newest(list.items) && html`Newest run: <${Time} value=${newest(list.items)} />. `}<span class="mono small">${board.digest}</span>`
         : "Loading …"}
     </p>
     <${Choices} wanted=${wanted} tasks=${board?.tasks ?? []} change=${change} csv=${csv} name=${suite} />
@@ -89,11 +89,6 @@ const newest = (rows) => rows.map((row) => row.started_at).filter(Boolean).sort(
 function Choices({ wanted, tasks, change, csv, name }) {
   const all = useMemo(() => new Set(tasks), []);
   for (const task of tasks) all.add(task);
-  /** @param {string} kind @param {boolean} isOn */
-  const toggle = (kind, isOn) => {
-    const kinds = KINDS.map((one) => one.name).filter((one) => (one === kind ? isOn : wanted.kinds.has(one)));
-    change({ kind: kinds.join(",") || "none" });
-  };
   /** @param {string} metric @param {boolean} isOn */
   const measure = (metric, isOn) =>
     change({ metrics: [...wanted.metrics.filter((one) => one !== metric), ...(isOn ? [metric] : [])].join(",") });
@@ -108,7 +103,7 @@ function Choices({ wanted, tasks, change, csv, name }) {
       <legend class="unseen">Rows</legend>
       ${KINDS.map(
         (kind) => html`<label
-          ><input type="checkbox" checked=${wanted.kinds.has(kind.name)} onChange=${(e) => toggle(kind.name, e.currentTarget.checked)} />
+          ><input type="checkbox" checked=${wanted.kinds.has(kind.name)} onChange=${(e) => change({ kind: withKind(wanted.kinds, kind.name, e.currentTarget.checked) })} />
           ${kind.label}</label
         >`,
       )}
@@ -153,9 +148,9 @@ const Explained = ({ rows, pick, method }) => html`
     <dt>6.60 ± 1.36</dt>
     <dd>Mean and standard deviation of the scores over the seeds. The total is the sum of the means. Games that were not played count as 0.</dd>
     <dt>├─●─┤</dt>
-    <dd>The mean with its interval of 95 %, by Student's t. All intervals of a column have one scale, from 0.</dd>
+    <dd>The mean with its interval of 95 %, by Student's t. All intervals of a column have one scale. The grey band is the interval of the leader: who overlaps with it may be as good.</dd>
     <dt>≈</dt>
-    <dd>The order of this row and the nearest one above it that was played here is not sure: the interval of their difference on the same seeds contains 0.</dd>
+    <dd>The order of this row and the nearest one above it that was played here is not sure: the interval of their difference on the same seeds contains 0. Such rows, and rows of one rank, have a bar beside them.</dd>
     <${Legend} rows=${rows} />
   </dl>
   <p class="muted small">

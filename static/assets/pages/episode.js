@@ -42,7 +42,7 @@ function ServedGame({ game, embedded }) {
     <${Viewer} game=${game} onLink=${embedded ? undefined : saveLink} onCompare=${embedded || game.kind === "imports" ? undefined : compare}>
       ${embedded
         ? html`<p><a href=${route`/episodes/${game.head.id}`} target="_blank" rel="noopener">The whole page of this game</a></p>`
-        : html`<${LinkNote} link=${link} /><${Actions} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} /><${Verify} game=${game} />`}
+        : html`<${LinkNote} link=${link} /><${Actions} game=${game} /><${Verify} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} />`}
     <//>
   </div>`;
 }

@@ -37,13 +37,14 @@ export function Page({ suite, row: id, query }) {
   return html`
     <h1><${Text} value=${row.model} /></h1>
     <p>
-      ${row.rank === null ? "Not ranked" : `Rank ${row.rank}`} of ${board.rows} rows on the board ${" "}
+      ${row.rank === null ? "Not ranked, one" : `Rank ${row.rank}`} of ${board.rows} rows on the board ${" "}
       <a href=${back}><${Text} value=${board.suite} /></a>, rules ${board.rules}.${total && html` Total <strong class="number">${short(total.mean)}</strong>${total.low !== null && ` (95 % interval ${short(total.low)} to ${short(total.high)})`}.`}
       ${" "}<${Marks} row=${row} />
     </p>
     ${isTied(row) && html`<p>≈ The order of this row and the one above it is not sure: it is ${short(row.difference.mean)} lower, with a 95 % interval from ${short(row.difference.low)} to ${short(row.difference.high)} over ${row.difference.pairs} common seeds.</p>`}
     ${(!row.run || board.pick === "mean" || row.converted.length > 0) && html`<${Scores} board=${board} row=${row} />`}
-    ${row.run ? html`<${Played} row=${row} board=${board} />` : html`<p class="empty">${row.imported ? "These games were read from files." : "These numbers were not measured on this server, so there are no games to look at."} ${row.note && html`<${Text} value=${row.note} />`}</p>`}
+    ${row.run ? html`<${Played} row=${row} board=${board} />` : html`<p class="empty">${row.imported ? "These games were read from files." : "These numbers were not measured on this server, so there are no games to look at."} </p>
+      ${row.note && html`<p class="muted">Source: <${Text} value=${row.note} /></p>`}`}
     <h2>What the marks say</h2>
     <dl class="facts small"><${Legend} rows=${[row]} /></dl>
   `;

@@ -77,7 +77,7 @@ function About({ run }) {
     ["Sampling", `temperature ${run.temperature ?? "not declared"}, top p ${run.top_p ?? "not declared"}`],
     ["Prompt", run.template_digest ? html`own template <code>${run.template_digest}</code>` : "built-in template"],
     ["Who plays", run.player ? html`the server, built-in player <${Text} value=${run.player} />` : "a client, with the token of the run"],
-    ["Acts", `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out`],
+    ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
     ["Visible to", run.visibility],
     ["Id", html`<code>${run.id}</code> (<a href=${`/api/v1/runs/${encodeURIComponent(run.id)}`}>JSON</a>)`],

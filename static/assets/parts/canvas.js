@@ -40,6 +40,7 @@ export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = 
 
   return html`<canvas
     class="map"
+    style=${{ "--aspect": head.width / head.height }}
     ref=${canvas}
     width=${head.width * cell}
     height=${head.height * cell}

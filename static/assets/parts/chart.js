@@ -53,12 +53,14 @@ export function Sparkline({ values, label, range, width = 96, height = 24 }) {
 }
 
 /**
- * An interval as a bar with its mean, on a scale that all rows of a table share.
- * @param {{mean: number, low: number, high: number, range: [number, number], label: string, width?: number}} props
+ * An interval as a bar with its mean, on a scale that all rows of a table share; `band` is another one to compare it with.
+ * @param {{mean: number, low: number, high: number, range: [number, number], label: string, width?: number,
+ *   band?: [number, number] | null}} props
  */
-export function Interval({ mean, low, high, range, label, width = 140 }) {
+export function Interval({ mean, low, high, range, label, width = 140, band = null }) {
   const x = (/** @type {number} */ value) => 4 + ((value - range[0]) / (range[1] - range[0])) * (width - 8);
   return html`<svg class="interval" viewBox=${`0 0 ${width} 16`} width=${width} height="16" role="img" aria-label=${label}>
+    ${band && html`<rect x=${x(band[0])} width=${Math.max(x(band[1]) - x(band[0]), 1)} y="0" height="16" class="band" />`}
     <line x1="0" x2=${width} y1="8" y2="8" class="axis" />
     <line x1=${x(low)} x2=${x(high)} y1="8" y2="8" class="bar" />
     <line x1=${x(low)} x2=${x(low)} y1="4" y2="12" class="bar-end" />

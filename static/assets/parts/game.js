@@ -326,7 +326,8 @@ export function useChanges(game) {
 }
 
 /**
- * A state that is shown, and the one after it, which says what was decided. The state shown before stays until it is read.
+ * A state that is shown, and the one after it, which says what was decided. Until it is read, the state shown
+ * before stays, or the first one: the round of the state says which it is.
  * @param {Game | null} game
  * @param {number} round
  * @returns {{state: State | null, next: State | null, problem: Error | null}}
@@ -354,6 +355,6 @@ export function useMoment(game, round) {
       clearTimeout(timer);
     };
   }, [game, round, count]);
-  const state = game?.peek(round) ?? shown;
+  const state = game?.peek(round) ?? shown ?? game?.peek(game.first) ?? null;
   return { state, next: state ? (game?.peek(state.round + 1) ?? null) : null, problem };
 }

@@ -3,7 +3,7 @@ import { html } from "../ui.js";
 import { Sparkline, extent, short } from "./chart.js";
 import { Score, scale } from "./rows.js";
 import { interval } from "./statistics.js";
-import { reasonText } from "./status.js";
+import { reasonText, roundsText } from "./status.js";
 
 /**
  * Games by task and seed. Of a game that was voided and played again the newest one is shown.
@@ -60,18 +60,18 @@ export function GameGrid({ games, tasks: results, scores, caption }) {
 function Mean({ result }) {
   if (!result) return null;
   const of = interval([{ ...result, games: result.planned }]);
-  return html`<${Score} of=${of} deviation=${result.deviation} range=${scale([of])} name=${result.task} />
-    ${result.played < result.planned && html`<span class="muted small">${result.played} of ${result.planned} played</span>`}`;
+  return html`${of && html`<${Score} of=${of} deviation=${result.deviation} range=${scale([of])} name=${result.task} />`}
+    ${result.played < result.planned && html`<div class="muted small">${result.played} of ${result.planned} played</div>`}`;
 }
 
 /** @param {{games: any[], seed: string, scores: import("./runs.js").Scores, range: [number, number]}} props */
 function Game({ games, seed, scores, range }) {
   const game = games.at(-1);
   if (!game) return null;
-  if (!game.episode) return html`<span class="muted small">planned</span>`;
+  if (!game.episode) return html`<span class="game muted small">planned</span>`;
   const series = scores.get(game.episode)?.scores;
   const note = noteOf(game, games.length);
-  const label = `${game.task}, ${seed}: score ${short(game.score)}, ${game.status} after ${game.round} rounds${note && `, ${note}`}`;
+  const label = `${game.task}, ${seed}: score ${short(game.score)}, ${game.status} after ${roundsText(game.round)}${note && `, ${note}`}`;
   return html`<a class="game" href=${`/episodes/${encodeURIComponent(game.episode)}`} aria-label=${label} title=${label}>
     <span class="number">${short(game.score)}</span>
     ${series && series.length > 1 && html`<span aria-hidden="true"><${Sparkline} values=${series} range=${range} label="" width=${64} height=${20} /></span>`}
@@ -86,9 +86,12 @@ function noteOf(game, tries) {
   return tries > 1 ? "played again" : "";
 }
 
-/** Games that did not end as planned, with the reason. @param {any[]} games */
-export const failed = (games) =>
-  games.filter((game) => game.void_reason !== null || ["aborted", "abandoned"].includes(game.status));
+/** Games of a run that did not end as planned. @param {any} run */
+export const failed = (run) =>
+  run.games.filter(
+    (/** @type {any} */ game) =>
+      game.void_reason !== null || ["aborted", "abandoned"].includes(game.status) || (!game.episode && run.status !== "running"),
+  );
 
 /** Why a game ended, or was voided. @param {any} game */
 export const whyOf = (game) => reasonText(game.reason) || game.status;

@@ -42,6 +42,7 @@ function SvgMap({ head, state, next, agent = null, onChoose, arrows = true, mess
   const numbers = Array.from({ length: head.num_agents }, (_, n) => n).filter((n) => !state.gone?.includes(n));
   return html`<svg
     class="map cells"
+    style=${{ "--aspect": head.width / head.height }}
     viewBox=${`0 0 ${w} ${h}`}
     role="img"
     aria-label=${label}

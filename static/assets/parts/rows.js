@@ -18,9 +18,16 @@ export const KINDS = [
   { name: "imported", label: "Imported games", has: (row) => row.imported, isOffAtFirst: true },
 ];
 
+const AT_FIRST = KINDS.filter((kind) => !kind.isOffAtFirst).map((kind) => kind.name).join();
+
 /** The kinds that an address asks for. @param {string | null} text */
-export const kindsOf = (text) =>
-  new Set(text ? text.split(",") : KINDS.filter((kind) => !kind.isOffAtFirst).map((kind) => kind.name));
+export const kindsOf = (text) => new Set((text || AT_FIRST).split(","));
+
+/** The same as `kinds`, with one shown or hidden, for the address. @param {Set<string>} kinds @param {string} name @param {boolean} isOn */
+export function withKind(kinds, name, isOn) {
+  const shown = KINDS.map((kind) => kind.name).filter((kind) => (kind === name ? isOn : kinds.has(kind)));
+  return shown.join() === AT_FIRST ? null : shown.join() || "none";
+}
 
 /** Whether none of the kinds of a row is hidden. @param {Row} row @param {Set<string>} kinds */
 export const isShown = (row, kinds) => KINDS.every((kind) => kinds.has(kind.name) || !kind.has(row));
@@ -142,13 +149,19 @@ export function scale(intervals) {
   return low === high ? [low, low + 1] : [low, high];
 }
 
-/** A score, its deviation, and its interval. @param {{of: ReturnType<typeof interval>, deviation?: number | null, range: [number, number], name: string}} props */
-export function Score({ of, deviation, range, name }) {
+/**
+ * A score, its deviation, and its interval, over that of the leader.
+ * @param {{of: ReturnType<typeof interval>, deviation?: number | null, range: [number, number], name: string,
+ *   leader?: ReturnType<typeof interval>}} props
+ */
+export function Score({ of, deviation, range, name, leader = null }) {
   if (!of) return html`<span class="muted">–</span>`;
-  const has = of.low !== null && of.high !== null;
-  const label = has ? `${name}: 95 % interval ${short(of.low)} to ${short(of.high)}` : `${name}: no interval`;
+  /** @type {[number, number] | null} */
+  const band = leader?.low != null && leader.high != null ? [leader.low, leader.high] : null;
+  const overlaps = band && leader !== of && of.high !== null && of.high >= band[0];
+  const label = `${name}: ${of.low === null ? "no interval" : `95 % interval ${short(of.low)} to ${short(of.high)}`}${overlaps ? ", overlaps with that of the leader" : ""}`;
   return html`<span class="score" title=${label}>
     <span class="number">${of.mean.toFixed(2)}</span>${typeof deviation === "number" && html`<span class="number muted small"> ± ${deviation.toFixed(2)}</span>`}
-    <${Interval} mean=${of.mean} low=${of.low ?? of.mean} high=${of.high ?? of.mean} range=${range} label=${label} width=${104} />
+    <${Interval} mean=${of.mean} low=${of.low ?? of.mean} high=${of.high ?? of.mean} range=${range} band=${band} label=${label} width=${104} />
   </span>`;
 }

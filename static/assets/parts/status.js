@@ -44,6 +44,9 @@ export const Status = ({ status, of = "game" }) =>
     >${status}</span
   >`;
 
+/** @param {number} count */
+export const roundsText = (count) => (count === 1 ? "1 round" : `${count} rounds`);
+
 /** @param {number | null | undefined} share 0 to 1 */
 export function percent(share) {
   if (share === null || share === undefined) return "–";

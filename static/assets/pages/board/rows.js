@@ -33,7 +33,7 @@ export function Rows({ rows, board, wanted, sortBy }) {
       </thead>
       <tbody>
         ${sorted.map(
-          (row) => html`<tr key=${row.id} class=${isByServer && isTied(row) ? "tied" : ""}>
+          (row, index) => html`<tr key=${row.id} class=${isByServer && (isTied(row) || isSame(row, sorted[index - 1])) ? "tied" : ""}>
             <td class="number"><${Rank} row=${row} /></td>
             <th scope="row" class="player"><${Player} row=${row} board=${board} /></th>
             ${columns.map((column) => html`<td class="number">${column.cell(row)}</td>`)}
@@ -43,6 +43,9 @@ export function Rows({ rows, board, wanted, sortBy }) {
     </table>
   </div>`;
 }
+
+/** Whether two rows share a rank. @param {any} row @param {any} before */
+const isSame = (row, before) => row.rank !== null && row.rank === before?.rank;
 
 /** @type {Column} */
 const PLAYER = { key: "player", name: "Player", isUp: true, value: (row) => row.model.toLowerCase(), cell: () => null };
@@ -64,16 +67,21 @@ const Head = ({ column, sort, sortBy, isNumber }) => {
 
 /** @param {any[]} rows @param {any} board @returns {Column[]} */
 function scores(rows, board) {
-  const groups = board.tasks.length > 1 ? [["total", "Total", board.tasks]] : [];
-  for (const task of board.tasks) groups.push([task, task, [task]]);
-  return groups.map(([key, name, tasks]) => {
-    const of = (/** @type {any} */ row) => interval(samples(row, tasks));
-    const range = scale(rows.map(of));
+  /** @type {string[]} */
+  const tasks = board.tasks;
+  const each = tasks.map((task) => ({ key: task, name: task, tasks: [task] }));
+  // Of one task alone the total is its mean.
+  const groups = tasks.length === 1 ? [{ ...each[0], key: "total" }] : [{ key: "total", name: "Total", tasks }, ...each];
+  return groups.map(({ key, name, tasks }) => {
+    const intervals = new Map(rows.map((row) => [row, interval(samples(row, tasks))]));
+    const of = (/** @type {any} */ row) => intervals.get(row) ?? null;
+    const range = scale([...intervals.values()]);
+    const leader = key === board.sort && rows[0]?.rank ? of(rows[0]) : null;
     return {
       key,
       name,
       value: (row) => of(row)?.mean ?? null,
-      cell: (row) => html`<${Score} of=${of(row)} deviation=${key === "total" ? null : row.tasks[key]?.deviation} range=${range} name=${name} />`,
+      cell: (row) => html`<${Score} of=${of(row)} deviation=${tasks.length === 1 ? row.tasks[name]?.deviation : null} range=${range} name=${name} leader=${leader} />`,
     };
   });
 }

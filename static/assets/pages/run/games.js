@@ -1,9 +1,9 @@
 // The games of a run as a list: what failed and why, journals, and their verification.
-import { html, useState } from "../../ui.js";
+import { html, useEffect, useState } from "../../ui.js";
 import { Problem, request, route } from "../../api.js";
 import { Text } from "../../parts/text.js";
 import { short } from "../../parts/chart.js";
-import { Status, percent } from "../../parts/status.js";
+import { Status, percent, roundsText } from "../../parts/status.js";
 import { Download } from "../../parts/download.js";
 import { failed, whyOf } from "../../parts/grid.js";
 
@@ -15,7 +15,7 @@ const LISTED = 50;
 
 /** What did not go as planned. @param {{run: any}} props */
 export function Failures({ run }) {
-  const games = failed(run.games);
+  const games = failed(run);
   const { acts } = run;
   if (games.length === 0 && acts.invalid === 0 && acts.timeouts === 0) return null;
   return html`
@@ -24,10 +24,10 @@ export function Failures({ run }) {
       ${acts.invalid > 0 && html`<li>${short(acts.invalid)} of ${short(acts.sent)} answers could not be read (${percent(acts.invalid_share)}): their agents did nothing. A game's page shows each.</li>`}
       ${acts.timeouts > 0 && html`<li>${short(acts.timeouts)} times a clock expired (${percent(acts.timeout_share)} of all moves).</li>`}
       ${games.slice(0, LISTED).map(
-        (game) => html`<li>
-          <a href=${route`/episodes/${game.episode}`}>${nameOf(game)}</a>: ${whyOf(game)}, after ${game.round} rounds with score ${short(game.score)}${game.void_reason !== null &&
+        (/** @type {any} */ game) => game.episode ? html`<li>
+          <a href=${route`/episodes/${game.episode}`}>${nameOf(game)}</a>: ${whyOf(game)}, after ${roundsText(game.round)} with score ${short(game.score)}${game.void_reason !== null &&
           html`. Voided: <${Text} value=${game.void_reason} />`}
-        </li>`,
+        </li>` : html`<li>${nameOf(game)}: never played, counts as 0</li>`,
       )}
       ${games.length > LISTED && html`<li>${games.length - LISTED} more, in the list below</li>`}
     </ul>
@@ -82,6 +82,7 @@ const Line = ({ game, result }) => html`<tr>
 function useVerified(games) {
   const [results, setResults] = useState(/** @type {Map<string, {ok: boolean, text: string}>} */ (new Map()));
   const [running, setRunning] = useState(/** @type {AbortController | null} */ (null));
+  useEffect(() => () => running?.abort(), [running]);
   const ended = games.filter((game) => game.episode && game.status !== "running" && game.status !== "waiting");
 
   async function start() {
