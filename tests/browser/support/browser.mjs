@@ -41,7 +41,7 @@ export async function visitor(browser, program, { key, ...options } = {}) {
   context.setDefaultTimeout(PATIENCE_MS);
   const watch = await Watch.over(context, program.url);
   const page = await context.newPage();
-  if (key) await enterKey(page, key);
+  if (key) await watch.without(() => enterKey(page, key));
   const done = async () => {
     await watch.leavings(context);
     await context.close();
