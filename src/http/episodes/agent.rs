@@ -67,9 +67,10 @@ pub(in super::super) async fn show_agent_round(
         }
     };
     let inbox = app.inbox(&handle, &world, agent).await?;
-    let act = match round < newest {
-        true => app.store.timed_act(handle.key, round, agent).await?.map(shown),
-        false => None,
+    let act = if round < newest {
+        app.store.timed_act(handle.key, round, agent).await?.map(shown)
+    } else {
+        None
     };
     let (id, description) = (handle.id.to_string(), tasks::description(&handle.spec.config));
     let write = move || {
