@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
+use serde_json::json;
+use utoipa::openapi::extensions::Extensions;
 use utoipa::openapi::path::{Operation, ParameterIn};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, PathItem, Ref, RefOr, ResponseBuilder};
+use utoipa::openapi::{Components, ContentBuilder, PathItem, Ref, RefOr, ResponseBuilder, Schema};
 use utoipa::{Modify, OpenApi};
 
 use super::error::Code;
@@ -35,6 +37,7 @@ use super::limits::Limits;
         swarmbench_protocol::problem::Problem,
         swarmbench_protocol::run::RunGame,
     )),
+    servers((url = "/", description = "The server that gives this document.")),
     modifiers(&Rest)
 )]
 pub(super) struct Document;
@@ -62,7 +65,18 @@ impl Modify for Rest {
             scheme.description = Some(description.to_owned());
             components.add_security_scheme(name, SecurityScheme::Http(scheme));
         }
+        describe_events(components);
     }
+}
+
+/// Says what the JSON in the data of an event is.
+fn describe_events(components: &mut Components) {
+    let event = components.schemas.get_mut("StreamedEvent");
+    let Some(RefOr::T(Schema::Object(event))) = event else { return };
+    let Some(RefOr::T(Schema::Object(data))) = event.properties.get_mut("data") else { return };
+    "application/json".clone_into(&mut data.content_media_type);
+    let schemas = ["RoundEvent", "EpisodeResult"].map(|name| json!(Ref::from_schema_name(name)));
+    data.extensions = Some(Extensions::from_iter([("contentSchema", json!({ "oneOf": schemas }))]));
 }
 
 /// All errors and all limits, in Markdown.
@@ -97,6 +111,8 @@ pub(super) fn add_errors(document: &mut utoipa::openapi::OpenApi) {
                 response.content.insert("application/problem+json".to_owned(), body.clone());
             }
         }
+        // A route that says nothing about tokens needs none.
+        operation.security.get_or_insert_with(|| vec![SecurityRequirement::default()]);
     }
 }
 

@@ -1,6 +1,6 @@
 //! `GET /api/v1/episodes/{id}/replay`.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use serde::Deserialize;
@@ -175,5 +175,5 @@ impl App {
 /// The page with the states alone.
 fn without_decisions(page: ReplayPage) -> ReplayPage {
     let states = page.states.into_iter().map(ReplayState::without_decisions).collect();
-    ReplayPage { metrics: Default::default(), states, ..page }
+    ReplayPage { metrics: BTreeMap::new(), states, ..page }
 }

@@ -98,6 +98,12 @@ impl File {
     }
 }
 
+/// The bytes of a file; this type only describes them.
+#[derive(utoipa::ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "a file is streamed, not made of this type")]
+struct Binary(Vec<u8>);
+
 /// Export episodes that have ended.
 ///
 /// `dataset.zip` has the files of the public toolkit: `meta_log.json`, `game_log_<run_id>.json` and
@@ -117,8 +123,8 @@ impl File {
     responses(
         (status = 200, description = "The file", content(
             (String = "application/x-ndjson"),
-            (Vec<u8> = "application/zip"),
-            (Vec<u8> = "application/vnd.apache.parquet"),
+            (Binary = "application/zip"),
+            (Binary = "application/vnd.apache.parquet"),
         )),
     )
 )]
