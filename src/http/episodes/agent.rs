@@ -69,14 +69,10 @@ pub(in super::super) async fn show_agent_round(
     };
     let inbox = app.inbox(&handle, &world, agent).await?;
     let act = if round < newest {
-<<<<<<< HEAD
         app.store
             .timed_act(handle.key, round, agent)
             .await?
             .map(|TimedAct { record, at }| shown_act(record, Some(at.into())))
-=======
-        app.store.timed_act(handle.key, round, agent).await?.map(shown)
->>>>>>> w-r1
     } else {
         None
     };
