@@ -64,7 +64,7 @@ const REST_MS = 80;
 
 const RUNNING = ["waiting", "running"];
 
-/** Whether more rounds may come. @param {Head} head */
+/** Whether more rounds may come. @param {{status: string}} head */
 export const isLive = (head) => RUNNING.includes(head.status);
 
 /**

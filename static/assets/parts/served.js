@@ -28,6 +28,15 @@ const WAITING_MS = 5000;
 /** After a reading of a running game that failed. */
 const RETRY_MS = 2000;
 
+/** A game of which the reader may know who plays it, but not what happens in it. */
+export class HiddenGame extends Error {
+  /** @param {any} summary */
+  constructor(summary) {
+    super("what happens in this game can be read after its end");
+    this.summary = summary;
+  }
+}
+
 /** @implements {Game} */
 export class ServedGame {
   /**
@@ -65,7 +74,12 @@ export class ServedGame {
 
   /** @param {AbortSignal} signal */
   async open(signal) {
-    const [summary, page] = await Promise.all([this.get("", signal), this.get(this.#address(0, true), signal)]);
+    const [summary, page] = await Promise.all([
+      this.get("", signal),
+      this.get(this.#address(0, true), signal).catch((error) => error),
+    ]);
+    if (page instanceof Problem && page.status === 403) throw new HiddenGame(summary);
+    if (page instanceof Error) throw page;
     this.summary = summary;
     this.#setHead(page);
     this.#add(page);
