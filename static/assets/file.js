@@ -5,9 +5,7 @@ import { Facts } from "./game/about.js";
 import { Notices, Title, titleOf } from "./game/title.js";
 import { Viewer } from "./game/viewer.js";
 
-/** @typedef {import("./parts/game.js").Game} Game */
-/** @typedef {import("./parts/game.js").Scores} Scores */
-/** @typedef {import("./parts/game.js").State} State */
+/** @import { Game, Scores, State } from "./parts/game.js" */
 
 /**
  * @typedef {object} Content

@@ -8,7 +8,8 @@ import { Text } from "../parts/text.js";
 import { Time, duration } from "../parts/time.js";
 import { copy, download, savePicture } from "./save.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
+/** @import { Shown } from "./title.js" */
 
 /** @param {{game: Game}} props */
 export function Facts({ game: { head, summary, kind } }) {
@@ -40,7 +41,7 @@ export function Facts({ game: { head, summary, kind } }) {
     </dl>`;
 }
 
-/** Who holds which seat, where several may. @param {{game: import("./title.js").Shown}} props */
+/** Who holds which seat, where several may. @param {{game: Shown}} props */
 export function Seats({ game }) {
   const isMixed = game.kind === "episodes" && game.summary.config?.open_seats > 0;
   const { value, problem, reload } = useLoaded(

@@ -2,7 +2,7 @@
 import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 /** @type {Record<string, {sign: string, name: string, kind: "good" | "bad" | "talk"}>} */
 export const MARKS = {

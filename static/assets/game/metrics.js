@@ -3,7 +3,7 @@ import { html, useMemo, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { extent, linePath, short } from "../parts/chart.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 /** Curves that are shown at once. */
 const CURVES = 3;

@@ -1,7 +1,7 @@
 // Playing a game: one round after the other.
 import { useEffect, useState } from "../ui.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 /** Multiples of two rounds a second. */
 export const SPEEDS = [0.5, 1, 2, 4, 10];

@@ -5,8 +5,7 @@ import { color } from "../parts/colors.js";
 import { Text } from "../parts/text.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
 
-/** @typedef {import("../parts/game.js").Head} Head */
-/** @typedef {import("../parts/game.js").State} State */
+/** @import { Head, State } from "../parts/game.js" */
 
 /** @typedef {{head: Head, state: State, next: State | null, agent: number | null, onChoose: (agent: number) => void}} Props */
 

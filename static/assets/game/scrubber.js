@@ -5,7 +5,7 @@ import { useLoaded } from "../parts/load.js";
 import { isLive } from "../parts/game.js";
 import { MARKS, inWords, isShort } from "./marks.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 const [WIDTH, HEIGHT] = [1000, 60];
 

@@ -6,7 +6,8 @@ import { isLive } from "../parts/game.js";
 import { Text, visible } from "../parts/text.js";
 import { standing } from "./marks.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
+
 /** @typedef {{kind: Game["kind"], summary: any, head: Pick<Game["head"], "id" | "task" | "status" | "rounds"> & {score?: number}}} Shown */
 
 /** @param {Shown} game */

@@ -14,8 +14,7 @@ import { SPEEDS, usePlayback } from "./playback.js";
 import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
-/** @typedef {import("../parts/game.js").State} State */
+/** @import { Game, State } from "../parts/game.js" */
 
 /** After how long a round is announced: not each of many that pass by. */
 const ANNOUNCE_MS = 500;

@@ -10,7 +10,8 @@ import { copy } from "../game/save.js";
 import { Notices, Title, titleOf } from "../game/title.js";
 import { Viewer } from "../game/viewer.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Shown } from "../game/title.js" */
+/** @import { Game } from "../parts/game.js" */
 
 /** @param {{id: string, embedded: boolean}} props */
 export function Page({ id, embedded }) {
@@ -32,7 +33,7 @@ function Hidden({ summary, reload }) {
     return () => clearInterval(timer);
   }, []);
   const { id, task, status, round: rounds } = summary;
-  /** @type {import("../game/title.js").Shown} */
+  /** @type {Shown} */
   const game = { kind: "episodes", summary, head: { id, task, status, rounds } };
   useEffect(() => void (document.title = `${titleOf(game)} · swarmbench`), []);
   return html`<div class="game">

@@ -6,8 +6,7 @@ import { color } from "./colors.js";
 import { choose } from "./pick.js";
 import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
-/** @typedef {import("./game.js").Head} Head */
-/** @typedef {import("./game.js").State} State */
+/** @import { Head, State } from "./game.js" */
 
 /** Cells and agents up to which a map is made of elements; beyond, it is a canvas. */
 const CELLS_MAX = 1600;

@@ -1,7 +1,6 @@
 // States of a game in pages, and what is collected from them.
 
-/** @typedef {import("./game.js").State} State */
-/** @typedef {import("./game.js").Piece} Piece */
+/** @import { Piece, State } from "./game.js" */
 
 /**
  * Marks of a state, by the round that led to it.

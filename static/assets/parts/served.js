@@ -2,10 +2,7 @@
 import { Problem, request, route, sleep, stream, tokenOf, withQuery } from "../api.js";
 import { collectMarks, join } from "./pieces.js";
 
-/** @typedef {import("./game.js").Head} Head */
-/** @typedef {import("./game.js").State} State */
-/** @typedef {import("./game.js").Piece} Piece */
-/** @typedef {import("./game.js").Game} Game */
+/** @import { Game, Head, Piece, State } from "./game.js" */
 
 /** Rounds that are asked for at once. The server sends fewer of large games. */
 const PAGE_ROUNDS = 100;
