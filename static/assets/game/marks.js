@@ -78,7 +78,9 @@ const REASONS = {
  * @param {{head: {status: string, rounds: number}, summary: any}} game
  */
 export function standing({ head, summary }) {
-  const rounds = `${head.rounds} ${head.rounds === 1 ? "round" : "rounds"}`;
+  // A file may have a part of the rounds.
+  const count = summary?.result?.rounds ?? head.rounds;
+  const rounds = `${count} ${count === 1 ? "round" : "rounds"}`;
   if (head.status === "waiting") return "It has not started.";
   if (isLive(head)) return `It is running: ${rounds} so far.`;
   const reason = REASONS[summary?.result?.reason];

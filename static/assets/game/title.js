@@ -28,8 +28,10 @@ export function Title({ game }) {
 }
 
 /** What somebody has to know before looking at a game. @param {{game: Game}} props */
-export function Notices({ game: { head, summary, isLost, kind } }) {
+export function Notices({ game: { head, summary, isLost, kind, first, last } }) {
+  const isPart = kind === "file" && (first > 0 || last < (summary.result?.rounds ?? head.rounds));
   return html`
+    ${isPart && html`<div class="notice"><p>This file has the rounds ${first} to ${last} of the game.</p></div>`}
     ${summary.void_reason &&
     html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} /></p></div>`}
     ${head.status === "waiting" &&
