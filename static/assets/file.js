@@ -1,13 +1,11 @@
 // The entry of a page that is one file: a game that opens without a server. All of it is in the document.
 import { html, render, useEffect } from "./ui.js";
-import { collectMarks } from "./parts/game.js";
+import { collectMarks } from "./parts/pieces.js";
 import { Facts } from "./game/about.js";
 import { Notices, Title, titleOf } from "./game/title.js";
 import { Viewer } from "./game/viewer.js";
 
-/** @typedef {import("./parts/game.js").Game} Game */
-/** @typedef {import("./parts/game.js").Scores} Scores */
-/** @typedef {import("./parts/game.js").State} State */
+/** @import { Game, Scores, State } from "./parts/game.js" */
 
 /**
  * @typedef {object} Content

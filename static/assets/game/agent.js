@@ -9,9 +9,7 @@ import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
 import { PANELS } from "./place.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
-/** @typedef {import("../parts/game.js").Head} Head */
-/** @typedef {import("../parts/game.js").State} State */
+/** @import { Game, Head, State } from "../parts/game.js" */
 
 /** For how long one has to stay at a round until the act is read: scrubbing asks for none. */
 const REST_MS = 180;

@@ -2,7 +2,7 @@
 import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 /** @type {Record<string, {sign: string, name: string, kind: "good" | "bad" | "talk"}>} */
 export const MARKS = {
@@ -75,10 +75,12 @@ const REASONS = {
 
 /**
  * How a game stands, in a sentence.
- * @param {Game} game
+ * @param {{head: {status: string, rounds: number}, summary: any}} game
  */
 export function standing({ head, summary }) {
-  const rounds = `${head.rounds} ${head.rounds === 1 ? "round" : "rounds"}`;
+  // A file may have a part of the rounds.
+  const count = summary?.result?.rounds ?? head.rounds;
+  const rounds = `${count} ${count === 1 ? "round" : "rounds"}`;
   if (head.status === "waiting") return "It has not started.";
   if (isLive(head)) return `It is running: ${rounds} so far.`;
   const reason = REASONS[summary?.result?.reason];

@@ -1,7 +1,7 @@
 // Playing a game: one round after the other.
 import { useEffect, useState } from "../ui.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
 /** Multiples of two rounds a second. */
 export const SPEEDS = [0.5, 1, 2, 4, 10];
@@ -36,6 +36,7 @@ export function usePlayback(game, round, go) {
   /** @param {number} steps */
   const changeSpeed = (steps) => setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(speed) + steps, 0), SPEEDS.length - 1)]);
   const toggle = () => {
+    if (game.first === game.last) return;
     if (!isPlaying && isAtEnd) go(game.first);
     setPlaying(!isPlaying);
   };

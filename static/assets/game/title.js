@@ -6,28 +6,32 @@ import { isLive } from "../parts/game.js";
 import { Text, visible } from "../parts/text.js";
 import { standing } from "./marks.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
+/** @import { Game } from "../parts/game.js" */
 
-/** @param {Game} game */
+/** @typedef {{kind: Game["kind"], summary: any, head: Pick<Game["head"], "id" | "task" | "status" | "rounds"> & {score?: number}}} Shown */
+
+/** @param {Shown} game */
 export const titleOf = ({ head, summary }) => `${visible(head.task)} · ${visible(summary.model ?? "")}`;
 
-/** @param {{game: Game}} props */
+/** @param {{game: Shown}} props */
 export function Title({ game }) {
   const { head, summary } = game;
   const seed = summary.config?.seed ?? summary.seed;
   return html`<div class="title">
-    <h1>${head.task} <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
+    <h1><${Text} value=${head.task} /> <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
     <p class="muted">
       ${seed !== null && seed !== undefined && html`seed ${seed} · `}
       <span class=${isLive(head) ? "badge live" : "badge"}>${head.status}</span> ${standing(game)}
     </p>
-    <p class="total number"><span class="small muted">score </span>${short(head.score)}</p>
+    ${head.score !== undefined && html`<p class="total number"><span class="small muted">score </span>${short(head.score)}</p>`}
   </div>`;
 }
 
 /** What somebody has to know before looking at a game. @param {{game: Game}} props */
-export function Notices({ game: { head, summary, isLost, kind } }) {
+export function Notices({ game: { head, summary, isLost, kind, first, last } }) {
+  const isPart = kind === "file" && (first > 0 || last < (summary.result?.rounds ?? head.rounds));
   return html`
+    ${isPart && html`<div class="notice"><p>This file has the rounds ${first} to ${last} of the game.</p></div>`}
     ${summary.void_reason &&
     html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} /></p></div>`}
     ${head.status === "waiting" &&

@@ -14,8 +14,7 @@ import { SPEEDS, usePlayback } from "./playback.js";
 import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
-/** @typedef {import("../parts/game.js").State} State */
+/** @import { Game, State } from "../parts/game.js" */
 
 /** After how long a round is announced: not each of many that pass by. */
 const ANNOUNCE_MS = 500;
@@ -132,9 +131,9 @@ function Controls({ game, round, state, next, playback, isFollowing, onGo, onMar
   const marks = inWords(next?.marks);
   return html`<div class="controls">
     <div class="buttons" role="group" aria-label="Rounds">
-      <button type="button" onClick=${() => onGo(round - 1)} disabled=${round <= game.first}>← Back</button>
-      <button type="button" class="primary" onClick=${playback.toggle} disabled=${game.first === game.last}>${playback.isPlaying ? "Pause" : "Play"}</button>
-      <button type="button" onClick=${() => onGo(round + 1)} disabled=${round >= game.last}>Next →</button>
+      <button type="button" onClick=${() => onGo(round - 1)} aria-disabled=${round <= game.first}>← Back</button>
+      <button type="button" class="primary" onClick=${playback.toggle} aria-disabled=${game.first === game.last}>${playback.isPlaying ? "Pause" : "Play"}</button>
+      <button type="button" onClick=${() => onGo(round + 1)} aria-disabled=${round >= game.last}>Next →</button>
       <label>Speed <select onChange=${(/** @type {any} */ event) => playback.setSpeed(Number(event.currentTarget.value))}>
         ${SPEEDS.map((speed) => html`<option value=${speed} selected=${speed === playback.speed}>${speed}×</option>`)}
       </select></label>

@@ -1,6 +1,6 @@
 // Actions in words, and what became of them.
 
-/** @typedef {import("./game.js").State} State */
+/** @import { State } from "./game.js" */
 
 /** By the characters of a replay. @type {Record<string, {name: string, arrow: string, by?: [number, number]}>} */
 export const ACTIONS = {

@@ -4,9 +4,8 @@ import { actionOf } from "./actions.js";
 import { canvasColor, cssValue } from "./colors.js";
 import { choose } from "./pick.js";
 
-/** @typedef {import("./game.js").Head} Head */
-/** @typedef {import("./game.js").State} State */
-/** @typedef {import("./map.js").MapProps} MapProps */
+/** @import { Head, State } from "./game.js" */
+/** @import { MapProps } from "./map.js" */
 
 /** Pixels along the longer side, which the page scales. */
 const SIDE_PX = 1280;

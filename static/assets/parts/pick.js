@@ -1,7 +1,6 @@
 // Which agent of a map is clicked.
 
-/** @typedef {import("./game.js").Head} Head */
-/** @typedef {import("./game.js").State} State */
+/** @import { Head, State } from "./game.js" */
 
 /** How far from its centre an agent can be clicked, in cells. */
 const REACH = 1.5;

@@ -2,8 +2,7 @@
 import { html } from "../ui.js";
 import { AgentShape, CELL, shapeAt } from "./shapes.js";
 
-/** @typedef {import("./game.js").Head} Head */
-/** @typedef {import("./game.js").State} State */
+/** @import { Head, State } from "./game.js" */
 
 /** Cells along a side up to which a window is drawn; a larger one is text. */
 const DRAWN_MAX = 41;
