@@ -58,14 +58,14 @@ const Boards = ({ boards }) => html`<div class="scroll" tabindex="0" role="regio
 
 /** @param {{suite: any, newest: string | null}} props */
 function Board({ suite, newest }) {
-  const value = useLeaders(suite, LEADERS);
+  const leaders = useLeaders(suite, LEADERS);
   const seeds = suite.seeds?.length ?? 0;
   return html`<tr>
     <th scope="row"><a href=${boardHref(suite)}><${Text} value=${suite.name} /></a></th>
     <td>${suite.rules}</td>
     <td>${suite.tasks.length === 1 ? suite.tasks[0] : `${suite.tasks.length} tasks`} × ${seeds === 1 ? "1 seed" : `${seeds} seeds`}</td>
-    <td class="number">${value?.rows ?? "…"}</td>
-    <td><${Leaders} rows=${value?.items} /></td>
+    <td class="number">${leaders.value?.rows ?? "…"}</td>
+    <td><${Leaders} of=${leaders} /></td>
     <td><${Time} value=${newest} /></td>
   </tr>`;
 }

@@ -60,7 +60,7 @@ const Progress = ({ run }) => html`
     <${Status} status=${run.status} of="run" /> ${" "}
     <span role="status">${run.played} of ${run.planned} games played${run.voided > 0 && `, ${run.voided} voided`}</span>
     ${run.status === "running" && html` <progress value=${run.played} max=${Math.max(run.planned, 1)} aria-label="Games played" />`}
-    ${run.total !== null && html` · total <strong class="number">${short(run.total)}</strong>`}
+    ${run.total !== null && html` · total${run.status === "running" && " so far"} <strong class="number">${short(run.total)}</strong>`}
     <span class="muted"> · ${runStatusText(run.status)}.</span>
   </p>
   ${run.void_reason !== null && html`<p class="bad">This attempt was voided: <${Text} value=${run.void_reason} />. It is on no board.</p>`}
