@@ -124,7 +124,7 @@ function Played({ board, row }) {
     ${run.value &&
     html`
       <h2>Games of <a href=${route`/runs/${id}`}>this run</a></h2>
-      <${GameGrid} games=${run.value.games} tasks=${run.value.tasks} scores=${scores} caption="Score of each game by task and seed" />
+      <${GameGrid} run=${run.value} scores=${scores} />
       <h2>Score curves</h2>
       <${Curves} games=${run.value.games} scores=${scores} />
       <h2>Metrics</h2>

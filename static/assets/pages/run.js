@@ -29,7 +29,7 @@ export function Page({ id }) {
     ${(loaded.isLost || loaded.problem) && html`<p class="bad" role="status">The connection is lost. This page tries again by itself.</p>`}
     ${run.waits_for && html`<p role="status">It waits for a limit of the server before it opens more games: <code><${Text} value=${run.waits_for.name ?? run.waits_for} /></code>.</p>`}
     <h2>Games</h2>
-    <${GameGrid} games=${run.games} tasks=${run.tasks} scores=${scores} caption="Score of each game by task and seed" />
+    <${GameGrid} run=${run} scores=${scores} />
     <${Failures} run=${run} />
     <h2>Metrics</h2>
     <${Metrics} id=${run.id} version=${run.played} />
