@@ -1,0 +1,78 @@
+// What changes something for others: it is confirmed in a dialog that says what will happen.
+import { html, useEffect, useId, useRef, useState } from "../ui.js";
+import { Text } from "./text.js";
+import { FieldProblems } from "./problem.js";
+
+/** As in the API: `reason_chars_max`. */
+const REASON_CHARS_MAX = 500;
+
+/**
+ * A button, and the dialog in which its act is confirmed.
+ * @param {{label: string, of?: string, title: any, act: (reason: string) => Promise<unknown>, done?: () => void,
+ *   reason?: "required" | "optional", isDangerous?: boolean, children: any}} props
+ *   of: what the act concerns, for those who hear the button; children: what will happen
+ */
+export function ActButton({ label, of, title, act, done, reason, isDangerous = true, children }) {
+  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  const near = useRef(/** @type {HTMLElement | null} */ (null));
+  const id = useId();
+  const [text, setText] = useState("");
+  const [problem, setProblem] = useState(/** @type {any} */ (null));
+  const [isSending, setIsSending] = useState(false);
+  const [isOpen, setIsOpen] = useState(false);
+
+  const open = (/** @type {any} */ event) => {
+    near.current = event.currentTarget.closest("[tabindex]");
+    setProblem(null);
+    setText("");
+    setIsOpen(true);
+  };
+  // Only now the dialog has what is to be focused.
+  useEffect(() => {
+    if (isOpen) dialog.current?.showModal();
+  }, [isOpen]);
+  // An act may take its button away: the keyboard stays near it.
+  useEffect(() => () => void (document.activeElement === document.body && near.current?.focus()), []);
+  /** @param {Event} event */
+  const confirmed = async (event) => {
+    event.preventDefault();
+    setIsSending(true);
+    setProblem(null);
+    try {
+      await act(text.trim());
+      dialog.current?.close();
+      done?.();
+    } catch (error) {
+      setProblem(error);
+    } finally {
+      setIsSending(false);
+    }
+  };
+  return html`<button type="button" class=${isDangerous ? "danger" : ""} onClick=${open} aria-label=${of && `${label} ${of}`}>
+      ${label}
+    </button>
+    <dialog ref=${dialog} aria-labelledby=${`${id}-title`} onClose=${() => setIsOpen(false)}>
+      ${isOpen &&
+      html`<form onSubmit=${confirmed}>
+        <h2 id=${`${id}-title`}>${title}</h2>
+        ${children}
+        ${reason &&
+        html`<label class="field"
+          >Reason${reason === "optional" && " (may be left out)"}; everybody may read it
+          <input
+            required=${reason === "required"}
+            maxlength=${REASON_CHARS_MAX}
+            value=${text}
+            onInput=${(/** @type {any} */ event) => setText(event.target.value)}
+          />
+        </label>`}
+        ${problem &&
+        html`<div role="alert" class="bad"><p><${Text} value=${problem.message} /></p>
+          ${problem.fields && html`<${FieldProblems} problem=${problem} />`}</div>`}
+        <p class="buttons">
+          <button type="submit" class=${isDangerous ? "danger" : "primary"} disabled=${isSending}>${label}</button>
+          <button type="button" onClick=${() => dialog.current?.close()}>Cancel</button>
+        </p>
+      </form>`}
+    </dialog>`;
+}
