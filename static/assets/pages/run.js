@@ -80,6 +80,7 @@ function About({ run }) {
     ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
     ["Visible to", run.visibility],
+    ...(run.attempt === null ? [] : [["Competition", `attempt ${run.attempt}`]]),
     ["Id", html`<code>${run.id}</code> (<a href=${`/api/v1/runs/${encodeURIComponent(run.id)}`}>JSON</a>)`],
   ];
   const meta = Object.keys(run.agent_meta).length > 0;

@@ -37,7 +37,7 @@ export const useLeaders = (suite, limit) =>
 export const Leaders = ({ of: { value, problem } }) => {
   if (!value) return html`<span class="muted">${problem instanceof Problem && problem.status === 401 ? "only with a key" : "…"}</span>`;
   const ranked = value.items.filter((/** @type {any} */ row) => row.rank !== null);
-  if (ranked.length === 0) return html`<span class="muted">nobody has played every task</span>`;
+  if (ranked.length === 0) return html`<span class="muted">${value.rows === 0 ? "no rows yet" : "nobody has played every task"}</span>`;
   return html`<ol class="plain">
     ${ranked.map(
       (/** @type {any} */ row) => html`<li>
