@@ -1,5 +1,5 @@
 // The front page: what this is, what is played now, and how to join.
-import { html, useEffect, useState } from "../ui.js";
+import { html, useEffect, useRef, useState } from "../ui.js";
 import { Problem, request, route, withQuery } from "../api.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
@@ -17,6 +17,9 @@ const GAMES = 4;
 const BOARDS = 4;
 const LEADERS = 1;
 
+/** Agents of the game in the picture: larger ones take long to load. */
+const PICTURE_AGENTS_MAX = 40;
+
 /** Newest runs whose boards are shown. */
 const RUNS = 20;
 
@@ -32,7 +35,8 @@ export function Page() {
   const isPrivate = problem instanceof Problem && problem.status === 401;
   const newest = [...(running.value?.items ?? []), ...(finished.value?.items ?? [])];
   const isEmpty = !isPrivate && competitions.value && running.value && finished.value && newest.length === 0;
-  const shown = newest.find((game) => game.round > 0);
+  const chosen = useRef(/** @type {any} */ (null));
+  chosen.current ??= newest.find((game) => game.round > 0 && game.config?.num_agents <= PICTURE_AGENTS_MAX) ?? null;
   return html`
     <div class="front">
       <div>
@@ -43,7 +47,7 @@ export function Page() {
         </p>
         <${Join} isEmpty=${isEmpty} />
       </div>
-      <${Picture} game=${shown} isEmpty=${isEmpty} />
+      <${Picture} game=${chosen.current} isEmpty=${isEmpty} />
     </div>
     ${problem && html`<${ProblemNote} problem=${problem} retry=${() => [running, finished, competitions].forEach((one) => one.reload())} />`}
     ${!isPrivate &&
