@@ -127,7 +127,7 @@ function Boards() {
   const [suites, runs] = value;
   const main = suites.items.filter((/** @type {any} */ suite) => suite.name === "standard" && suite.rules === "paper");
   const played = arrange([], runs.items).map((board) => board.suite);
-  const boards = arrange([], [...main, ...played].map((suite) => ({ suite, created_at: null })));
+  const boards = arrange([...main, ...played], []);
   return html`<ul class="plain">
     ${boards.slice(0, BOARDS).map(({ suite }) => html`<${Board} key=${suite.digest} suite=${suite} />`)}
   </ul>`;

@@ -1,6 +1,7 @@
 // All runs, newest first.
 import { html } from "../ui.js";
 import { route, withQuery } from "../api.js";
+import { SuiteLink } from "../parts/boards.js";
 import { Commands } from "../parts/copy.js";
 import { PAGE_ITEMS, More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
@@ -66,7 +67,7 @@ function Runs({ list, isFiltered }) {
         ${list.items.map(
           (run) => html`<tr key=${run.id}>
             <th scope="row"><a href=${route`/runs/${run.id}`}><${Text} value=${run.model} /></a></th>
-            <td><${Text} value=${run.suite.name} /></td>
+            <td><${SuiteLink} run=${run} /></td>
             <td>${run.suite.rules}</td>
             <td><${Status} status=${run.status} of="run" />${run.void_reason !== null && html` <span class="badge bad">voided</span>`}</td>
             <td class="number">${run.played}/${run.planned}</td>

@@ -13,7 +13,7 @@ export function Actions({ run, changed }) {
   const abort = () => request(route`/api/v1/runs/${run.id}`, { method: "DELETE" });
   return html`
     <h2>For its creator</h2>
-    <p class="muted">On a server with keys, enter the key with which the run was created. Only then do these work.</p>
+    <p class="muted">On a server with keys, enter the key with which the run was created. Only then do these work.${run.attempt !== null && " Only organizers can abort an attempt of a competition."}</p>
     <div class="buttons">
       ${!run.player &&
       html`<${ActButton} label="Replace the token" title="Replace the token of this run?" isDangerous=${false} act=${replace}>
