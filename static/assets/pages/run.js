@@ -1,5 +1,7 @@
 // A run: its games by task and seed, how far they are, and what failed.
 import { html, useEffect, useState } from "../ui.js";
+import { route } from "../api.js";
+import { Download } from "../parts/download.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, LongText, visible } from "../parts/text.js";
 import { Time, duration } from "../parts/time.js";
@@ -80,7 +82,7 @@ function About({ run }) {
     ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
     ["Visible to", run.visibility],
-    ["Id", html`<code>${run.id}</code> (<a href=${`/api/v1/runs/${encodeURIComponent(run.id)}`}>JSON</a>)`],
+    ["Id", html`<code>${run.id}</code> (<${Download} href=${route`/api/v1/runs/${run.id}`} name=${`${run.id}.json`}>JSON</${Download}>)`],
   ];
   const meta = Object.keys(run.agent_meta).length > 0;
   return html`

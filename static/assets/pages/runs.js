@@ -53,6 +53,8 @@ function Runs({ list, isFiltered }) {
       : html`<p class="empty">There are no runs yet, or none that can be read without a key. This starts one with built-in players:</p>
           <${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
   }
+  // The first page is read again, and new runs move others to the page after it.
+  const runs = [...new Map(list.items.map((run) => [run.id, run])).values()];
   return html`<div class="scroll" tabindex="0" role="region" aria-label="Runs">
     <table>
       <thead>
@@ -64,7 +66,7 @@ function Runs({ list, isFiltered }) {
         </tr>
       </thead>
       <tbody>
-        ${list.items.map(
+        ${runs.map(
           (run) => html`<tr key=${run.id}>
             <th scope="row"><a href=${route`/runs/${run.id}`}><${Text} value=${run.model} /></a></th>
             <td><${SuiteLink} run=${run} /></td>
