@@ -19,7 +19,7 @@ const isProgram = (row) => row.model.startsWith("built-in/") || row.table === "r
 export const KINDS = [
   { name: "models", label: "Models", has: (row) => !isPerson(row) && !isProgram(row) },
   { name: "people", label: "People", has: isPerson },
-  { name: "built-in", label: "Built-in players", has: isProgram },
+  { name: "built-in", label: "Rule-based players", has: isProgram },
   { name: "paper", label: "The paper", has: (row) => row.reference },
   { name: "imported", label: "Imported games", has: (row) => row.imported, isOffAtFirst: true },
 ];
