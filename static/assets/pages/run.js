@@ -1,10 +1,12 @@
 // A run: its games by task and seed, how far they are, and what failed.
 import { html, useEffect, useState } from "../ui.js";
+import { route } from "../api.js";
+import { Download } from "../parts/download.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text, LongText, visible } from "../parts/text.js";
 import { Time, duration } from "../parts/time.js";
 import { short } from "../parts/chart.js";
-import { boardHref } from "../parts/boards.js";
+import { SuiteLink } from "../parts/boards.js";
 import { GameGrid } from "../parts/grid.js";
 import { useRun, useScores } from "../parts/runs.js";
 import { useTitle } from "../parts/query.js";
@@ -18,18 +20,18 @@ export function Page({ id }) {
   const loaded = useRun(id);
   const run = loaded.value;
   const scores = useScores(run?.id, run && `${run.played} ${useTick(run.status === "running")}`);
-  useTitle(run && `${visible(run.model)} on ${visible(run.suite.name)}: run`);
+  useTitle(run && `${visible(run.model)} on ${run.attempt === null ? visible(run.suite.name) : "a competition"}: run`);
   if (!run) {
     if (loaded.problem) return html`<h1>Run</h1><${ProblemNote} problem=${loaded.problem} retry=${loaded.reload} what="This run" />`;
     return html`<h1>Run</h1><p class="muted" role="status">Loading …</p>`;
   }
   return html`
-    <h1><${Text} value=${run.model} /> on <${Text} value=${run.suite.name} /></h1>
+    <h1><${Text} value=${run.model} /> on ${run.attempt === null ? html`<${Text} value=${run.suite.name} />` : "a competition"}</h1>
     <${Progress} run=${run} />
     ${(loaded.isLost || loaded.problem) && html`<p class="bad" role="status">The connection is lost. This page tries again by itself.</p>`}
     ${run.waits_for && html`<p role="status">It waits for a limit of the server before it opens more games: <code><${Text} value=${run.waits_for.name ?? run.waits_for} /></code>.</p>`}
     <h2>Games</h2>
-    <${GameGrid} games=${run.games} tasks=${run.tasks} scores=${scores} caption="Score of each game by task and seed" />
+    <${GameGrid} run=${run} scores=${scores} />
     <${Failures} run=${run} />
     <h2>Metrics</h2>
     <${Metrics} id=${run.id} version=${run.played} />
@@ -60,7 +62,7 @@ const Progress = ({ run }) => html`
     <${Status} status=${run.status} of="run" /> ${" "}
     <span role="status">${run.played} of ${run.planned} games played${run.voided > 0 && `, ${run.voided} voided`}</span>
     ${run.status === "running" && html` <progress value=${run.played} max=${Math.max(run.planned, 1)} aria-label="Games played" />`}
-    ${run.total !== null && html` · total <strong class="number">${short(run.total)}</strong>`}
+    ${run.total !== null && html` · total${run.status === "running" && " so far"} <strong class="number">${short(run.total)}</strong>`}
     <span class="muted"> · ${runStatusText(run.status)}.</span>
   </p>
   ${run.void_reason !== null && html`<p class="bad">This attempt was voided: <${Text} value=${run.void_reason} />. It is on no board.</p>`}
@@ -71,7 +73,7 @@ function About({ run }) {
   const { suite, acts } = run;
   const end = run.ended_at ? new Date(run.ended_at).getTime() : null;
   const facts = [
-    ["Board", html`<a href=${boardHref(suite)}><${Text} value=${suite.name} /></a>, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
+    ["Suite", html`<${SuiteLink} run=${run} />, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
     ["Setting", settingText(suite.settings)],
     ["Started", html`<${Time} value=${run.created_at} />${end && html`, took ${duration(end - new Date(run.created_at).getTime())}`}`],
     ["Sampling", `temperature ${run.temperature ?? "not declared"}, top p ${run.top_p ?? "not declared"}`],
@@ -80,7 +82,7 @@ function About({ run }) {
     ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
     ["Visible to", run.visibility],
-    ["Id", html`<code>${run.id}</code> (<a href=${`/api/v1/runs/${encodeURIComponent(run.id)}`}>JSON</a>)`],
+    ["Id", html`<code>${run.id}</code> (<${Download} href=${route`/api/v1/runs/${run.id}`} name=${`${run.id}.json`}>JSON</${Download}>)`],
   ];
   const meta = Object.keys(run.agent_meta).length > 0;
   return html`

@@ -1,6 +1,7 @@
 // All runs, newest first.
 import { html } from "../ui.js";
 import { route, withQuery } from "../api.js";
+import { SuiteLink } from "../parts/boards.js";
 import { Commands } from "../parts/copy.js";
 import { PAGE_ITEMS, More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
@@ -49,9 +50,11 @@ function Runs({ list, isFiltered }) {
   if (list.items.length === 0) {
     return isFiltered
       ? html`<p class="empty">No run fits. Names must be complete, and in the same letters.</p>`
-      : html`<p class="empty">There are no runs yet. This starts one with built-in players:</p>
+      : html`<p class="empty">There are no runs yet, or none that can be read without a key. This starts one with built-in players:</p>
           <${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
   }
+  // The first page is read again, and new runs move others to the page after it.
+  const runs = [...new Map(list.items.map((run) => [run.id, run])).values()];
   return html`<div class="scroll" tabindex="0" role="region" aria-label="Runs">
     <table>
       <thead>
@@ -63,10 +66,10 @@ function Runs({ list, isFiltered }) {
         </tr>
       </thead>
       <tbody>
-        ${list.items.map(
+        ${runs.map(
           (run) => html`<tr key=${run.id}>
             <th scope="row"><a href=${route`/runs/${run.id}`}><${Text} value=${run.model} /></a></th>
-            <td><${Text} value=${run.suite.name} /></td>
+            <td><${SuiteLink} run=${run} /></td>
             <td>${run.suite.rules}</td>
             <td><${Status} status=${run.status} of="run" />${run.void_reason !== null && html` <span class="badge bad">voided</span>`}</td>
             <td class="number">${run.played}/${run.planned}</td>

@@ -6,14 +6,20 @@ import { interval } from "./statistics.js";
 
 /** @typedef {any} Row a row of the leaderboard, as docs/protocol.md has it */
 
+/** @param {Row} row */
+const isPerson = (row) => row.kind === "human" || row.table === "humans";
+
+/** @param {Row} row */
+const isProgram = (row) => row.model.startsWith("built-in/") || row.table === "rules";
+
 /**
- * Kinds of rows, each of which can be hidden.
+ * Kinds of rows, each of which can be hidden: who plays, and where the numbers come from.
  * @type {{name: string, label: string, has: (row: any) => boolean, isOffAtFirst?: boolean}[]}
  */
 export const KINDS = [
-  { name: "models", label: "Models", has: (row) => !KINDS.some((kind) => kind.name !== "models" && kind.has(row)) },
-  { name: "people", label: "People", has: (row) => row.kind === "human" || row.table === "humans" },
-  { name: "built-in", label: "Built-in players", has: (row) => row.model.startsWith("built-in/") || row.table === "rules" },
+  { name: "models", label: "Models", has: (row) => !isPerson(row) && !isProgram(row) },
+  { name: "people", label: "People", has: isPerson },
+  { name: "built-in", label: "Rule-based players", has: isProgram },
   { name: "paper", label: "The paper", has: (row) => row.reference },
   { name: "imported", label: "Imported games", has: (row) => row.imported, isOffAtFirst: true },
 ];
@@ -44,7 +50,7 @@ const missing = (row) => {
  * @type {{sign: string | ((row: any) => string), about: string, has: (row: any) => boolean, detail?: (row: any) => string}[]}
  */
 export const MARKS = [
-  { sign: "person", about: "A person played, not a model.", has: (row) => row.kind === "human" || row.table === "humans" },
+  { sign: "person", about: "A person played, not a model.", has: isPerson },
   { sign: "paper", about: "A number of the SwarmBench paper. It was not measured on this server.", has: (row) => row.reference },
   {
     sign: "from files",
