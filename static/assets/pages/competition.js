@@ -83,6 +83,7 @@ const ATTEMPTS_REFRESH_MS = 5000;
 /** @param {{competition: any}} props */
 function Own({ competition }) {
   const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
-  return html`<${Attempts} competition=${competition} list=${list} />
+  const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
+  return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants.items} />
     <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
 }

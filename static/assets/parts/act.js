@@ -1,5 +1,5 @@
 // What changes something for others: it is confirmed in a dialog that says what will happen.
-import { html, useEffect, useId, useRef, useState } from "../ui.js";
+import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "../ui.js";
 import { Text } from "./text.js";
 import { FieldProblems } from "./problem.js";
 
@@ -28,7 +28,7 @@ export function ActButton({ label, of, title, act, done, reason, isDangerous = t
     setIsOpen(true);
   };
   // Only now the dialog has what is to be focused.
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (isOpen) dialog.current?.showModal();
   }, [isOpen]);
   // An act may take its button away: the keyboard stays near it.
