@@ -73,7 +73,7 @@ async function enter(page, id, code) {
   await page.getByRole("button", { name: "Start the next attempt" }).click();
   await confirm(page, "Start the next attempt");
   const shown = await page.getByRole("group", { name: "The token of this attempt" }).innerText();
-  await page.getByRole("row", { name: /^1 running/ }).waitFor();
+  await page.getByRole("row", { name: /^1 blue running/ }).waitFor();
   return String(/swarm_\w+/.exec(shown));
 }
 
@@ -89,6 +89,7 @@ visit(
 
     await open(page, `/desk?view=competition&id=${id}`);
     await page.getByRole("button", { name: "Disqualify blue" }).press("Enter");
+    await page.getByRole("dialog").getByLabel("Reason").waitFor();
     await page.keyboard.type("two <b>entrants</b> of one team");
     await page.keyboard.press("Enter");
     await page.getByText("two <b>entrants</b> of one team").waitFor();

@@ -9,8 +9,8 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
-/** @param {{competition: any, list: ReturnType<typeof import("../parts/pages.js").usePages>}} props */
-export function Attempts({ competition, list }) {
+/** @param {{competition: any, list: ReturnType<typeof import("../parts/pages.js").usePages>, entrants: any[]}} props */
+export function Attempts({ competition, list, entrants }) {
   const [token, setToken] = useState(/** @type {{run: string, swarm_token: string} | null} */ (null));
   /** @param {string} run */
   const renew = async (run) => {
@@ -19,6 +19,7 @@ export function Attempts({ competition, list }) {
   };
   if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
   const items = list.items;
+  const names = new Map(entrants.map((one) => [one.id, one.name]));
   return html`
     ${competition.phase === "open" &&
     html`<${Start}
@@ -35,18 +36,19 @@ export function Attempts({ competition, list }) {
     html`<div class="scroll" tabindex="0" role="region" aria-label="Table of my attempts">
       <table>
         <thead>
-          <tr><th scope="col">Attempt</th><th scope="col">Status</th><th scope="col">Games</th><th scope="col" class="number">Total</th><th scope="col">Tasks</th><th scope="col">Started</th><th scope="col"><span class="unseen">Token</span></th></tr>
+          <tr><th scope="col">Attempt</th><th scope="col">Entrant</th><th scope="col">Status</th><th scope="col">Games</th><th scope="col" class="number">Total</th><th scope="col">Tasks</th><th scope="col">Started</th><th scope="col"><span class="unseen">Token</span></th></tr>
         </thead>
-        <tbody>${items.map((one) => html`<${Attempt} key=${one.run} attempt=${one} renew=${renew} />`)}</tbody>
+        <tbody>${items.map((one) => html`<${Attempt} key=${one.run} attempt=${one} name=${names.get(one.entrant) ?? one.entrant} renew=${renew} />`)}</tbody>
       </table>
     </div>`}
     <${More} list=${list} />
   `;
 }
 
-/** @param {{attempt: any, renew: (run: string) => Promise<void>}} props */
-const Attempt = ({ attempt, renew }) => html`<tr>
+/** @param {{attempt: any, name: string, renew: (run: string) => Promise<void>}} props */
+const Attempt = ({ attempt, name, renew }) => html`<tr>
   <th scope="row">${attempt.attempt}</th>
+  <td><${Text} value=${name} /></td>
   <td>
     ${attempt.status}${attempt.voided && html`<div class="small"><span class="badge">voided</span> <${Text} value=${attempt.voided} /> It may be started again.</div>`}
   </td>

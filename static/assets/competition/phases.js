@@ -10,6 +10,9 @@ const MEANING = {
   closed: "Seeds, games and the board are public. Anybody can check them.",
 };
 
+/** More windows than this are listed apart. */
+const WINDOWS_SHOWN = 3;
+
 /** Beyond this difference the clock of a computer misleads. */
 const CLOCK_DIFFERENCE_MS = 5000;
 
@@ -34,17 +37,27 @@ export function Phases({ competition, aheadMs }) {
         </li>`,
       )}
     </ol>
+    ${hasWindows(competition) &&
+    competition.attempts.length > WINDOWS_SHOWN &&
+    html`<details>
+      <summary>Windows of ${competition.attempts.length} attempts</summary>
+      <ol>${competition.attempts.map((window) => html`<li>from <${Time} value=${window.opens_at} both /> to <${Time} value=${window.closes_at} both /></li>`)}</ol>
+    </details>`}
   `;
 }
+
+/** Whether attempts have windows of their own. @param {any} competition */
+const hasWindows = ({ attempts, opens_at, closes_at }) =>
+  attempts.some((window) => window.opens_at !== opens_at || window.closes_at !== closes_at);
 
 /** @param {any} competition */
 function momentsOf(competition) {
   const { attempts, opens_at, closes_at } = competition;
-  const hasWindows = attempts.some((window) => window.opens_at !== opens_at || window.closes_at !== closes_at);
+  const showsWindows = hasWindows(competition) && attempts.length <= WINDOWS_SHOWN;
   const moments = [
     { name: "Announced, with the commitment", at: competition.created_at },
     { name: "Opens", at: opens_at },
-    ...(hasWindows ? attempts.flatMap((window, index) => windowMoments(window, index + 1)) : []),
+    ...(showsWindows ? attempts.flatMap((window, index) => windowMoments(window, index + 1)) : []),
     ...(competition.board_freezes_at ? [{ name: "Board freezes", at: competition.board_freezes_at }] : []),
     { name: "Closes: no round begins any more", at: closes_at },
   ].sort((a, b) => a.at.localeCompare(b.at));
