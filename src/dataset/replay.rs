@@ -68,7 +68,7 @@ impl ImportPage {
                 if !before.has_actions {
                     add_messages(&mut before, &row);
                 }
-                page.step(&before, scene);
+                page.add_round(&before, scene);
             }
         }
         Ok(())

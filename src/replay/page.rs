@@ -44,7 +44,7 @@ impl PageMaker {
     }
 
     /// Adds a round and the state after it. To be called while the page is not full.
-    pub fn step(&mut self, round: &Round, after: Scene) {
+    pub fn add_round(&mut self, round: &Round, after: Scene) {
         let frame = self.reel.step(round, after);
         self.add(frame);
     }

@@ -92,7 +92,7 @@ fn a_page_ends_with_the_round_that_fills_it() {
     while !page.is_full() {
         let acts = (0..500).map(|agent| says(&format!("{rounds} {agent} {}", "é".repeat(110))));
         let records = step(&mut world, acts.collect());
-        page.step(&Round::of(&records, &world), Scene::of(&world));
+        page.add_round(&Round::of(&records, &world), Scene::of(&world));
         rounds += 1;
     }
     let page = page.finish();
@@ -130,7 +130,7 @@ fn a_page_has_the_same_states_and_values_wherever_it_begins() {
             let mut page = PageMaker::new(Reel::of(&worlds[begin]), from);
             for round in begin..12 {
                 let (acts, after) = (&records[round], &worlds[round + 1]);
-                page.step(&Round::of(acts, after), Scene::of(after));
+                page.add_round(&Round::of(acts, after), Scene::of(after));
             }
             page.finish()
         };

@@ -1,6 +1,6 @@
 //! `/api/v1/imports`: games from files, and who may read them.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::app::program::{swarmbench, text};
 use crate::app::{Episode, TestApp, list};
@@ -88,6 +88,8 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
             assert_eq!(there, here);
         }
         same_metrics((&app, &played.episode), (&there, id)).await;
+        same_replay((&app, &played.episode), (&there, id)).await;
+        same_acts((&app, &played.episode), (&there, id)).await;
         there.get(&format!("/api/v1/imports/{id}/state?round=7")).problem(404, "not_found").await;
         let last = there.get(&format!("/api/v1/imports/{id}/state")).ok().await;
         assert_eq!(last["round"], 6);
@@ -96,6 +98,55 @@ async fn exported_games_are_imported_with_the_same_scores_and_grids() {
     let output = swarmbench(&["export", &path("again"), "--db", &other, "--imported"]).await;
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_eq!(open(&place.path().join("again")), files);
+}
+
+/// The replay of a game and of its import are the same, as far as files tell what it needs.
+async fn same_replay((app, episode): (&TestApp, &Episode), (there, id): (&TestApp, &str)) {
+    for query in ["", "?from=2&rounds=3"] {
+        let mut here = app.get(&episode.path(&format!("/replay{query}"))).ok().await;
+        let mut imported = there.get(&format!("/api/v1/imports/{id}/replay{query}")).ok().await;
+        assert_eq!((&imported["status"], &imported["episode"]), (&json!("imported"), &json!(id)));
+        for all in [&mut here, &mut imported] {
+            let all = all.as_object_mut().expect("an object");
+            assert!(all.remove("status").is_some() && all.remove("episode").is_some());
+        }
+        for state in here["states"].as_array_mut().expect("states") {
+            let untold = state.as_object_mut().expect("a state");
+            for name in ["heard", "invalid", "timeouts", "distance"] {
+                untold.remove(name);
+            }
+            if let Some(marks) = untold.get_mut("marks").and_then(Value::as_array_mut) {
+                marks.retain(|mark| mark != "invalid");
+            }
+            untold.retain(|name, value| name != "marks" || *value != json!([]));
+        }
+        assert_eq!(imported, here);
+    }
+    let path = format!("/api/v1/imports/{id}/replay?from=7");
+    assert_eq!(there.get(&path).problem(404, "not_found").await["round"], 6);
+    let scores = app.get(&episode.path("/scores?points=3")).ok().await;
+    let imported = there.get(&format!("/api/v1/imports/{id}/scores?points=3")).ok().await;
+    assert_eq!((&imported["scores"], &imported["every"]), (&scores["scores"], &scores["every"]));
+}
+
+/// What agents did is told of an import, too.
+async fn same_acts((app, episode): (&TestApp, &Episode), (there, id): (&TestApp, &str)) {
+    for agent in 0..6 {
+        let place = format!("/rounds/3/agents/Agent_{agent}");
+        let here = app.get(&episode.path(&place)).ok().await;
+        let imported = there.get(&format!("/api/v1/imports/{id}{place}")).ok().await;
+        for field in ["round", "agent", "prompt"] {
+            assert_eq!(imported[field], here[field], "{field}");
+        }
+        // An agent that escaped has neither.
+        for field in ["message", "response"] {
+            assert_eq!(imported["act"][field], here["act"][field], "{field}");
+        }
+    }
+    for place in ["7/agents/Agent_0", "0/agents/Agent_6", "x/agents/Agent_0"] {
+        let path = format!("/api/v1/imports/{id}/rounds/{place}");
+        there.get(&path).problem(404, "not_found").await;
+    }
 }
 
 /// The metrics of a game and of its import are the same, as far as files tell what they need.

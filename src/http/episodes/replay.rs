@@ -132,7 +132,7 @@ impl Filming {
             return;
         }
         let acts = acts.iter().map(|(_, act)| &act.record);
-        self.page.step(&Round::of(acts, world), Scene::of(world));
+        self.page.add_round(&Round::of(acts, world), Scene::of(world));
         if self.worlds.len() > ROUNDS_BEFORE as usize {
             self.worlds.pop_front();
         }

@@ -164,8 +164,15 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         // What may not be read is left out.
         "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
-        "show_import" | "show_imported_state" | "show_import_metrics" => Some(404),
-        "show_run" | "stream_run_events" | "show_run_metrics" => (!reads_run()).then_some(404),
+        "show_import"
+        | "show_imported_state"
+        | "show_import_metrics"
+        | "show_import_replay"
+        | "show_import_agent_round"
+        | "show_import_scores" => Some(404),
+        "show_run" | "stream_run_events" | "show_run_metrics" | "show_run_scores" => {
+            (!reads_run()).then_some(404)
+        }
         "abort_run" | "replace_run_token" => match () {
             () if !reads_run() => Some(404),
             () if !kind.owns_run() => Some(403),
@@ -184,12 +191,14 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_key() => (!knows()).then_some(404),
             _ => Some(403),
         },
-        "show_state" | "show_episode_metrics" | "stream_events" => match () {
-            () if !knows() => Some(404),
-            () if !reads() => Some(403),
-            () => None,
-        },
-        "read_journal" => match () {
+        "show_state" | "show_episode_metrics" | "show_replay" | "show_scores" | "stream_events" => {
+            match () {
+                () if !knows() => Some(404),
+                () if !reads() => Some(403),
+                () => None,
+            }
+        }
+        "read_journal" | "show_agent_round" | "show_verification" => match () {
             () if !knows() => Some(404),
             () if !reads() || !(stage.ended || oversees()) => Some(403),
             () => None,
@@ -456,6 +465,7 @@ impl World {
         };
         let path = path.replace("{id}", &id).replace("{entrant}", &self.entrant.id);
         let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
+        let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
         let mut call = self.app.call(method.clone(), &path);
         if let Some(header) = self.header(kind, &episode, &claimed) {
             call = call.header("authorization", &header);

@@ -430,6 +430,10 @@ mod routes {
     #[case("GET", "/api/v1/episodes/{id}/state")]
     #[case("GET", "/api/v1/episodes/{id}/events")]
     #[case("GET", "/api/v1/episodes/{id}/journal")]
+    #[case("GET", "/api/v1/episodes/{id}/replay")]
+    #[case("GET", "/api/v1/episodes/{id}/rounds/0/agents/Agent_0")]
+    #[case("GET", "/api/v1/episodes/{id}/scores")]
+    #[case("GET", "/api/v1/episodes/{id}/verification")]
     #[tokio::test]
     async fn an_unknown_query_field_is_malformed_everywhere(
         #[case] method: &str,

@@ -96,6 +96,10 @@ async fn canaries(app: &TestApp, cup: &Cup) -> BTreeSet<Canary> {
             let is_rare = value["value"].as_f64().is_some_and(|value| value.fract() != 0.0);
             found.extend(is_rare.then(|| canary("metric", format!("\"{metric}\":{value}"))));
         }
+        let path = format!("/api/v1/episodes/{}/replay", text(&episode["id"]));
+        for state in list(&app.get(&path).token(&app.organizer).ok().await["states"]) {
+            found.insert(canary("positions", format!("\"at\":{}", state["at"])));
+        }
         for round in ["", "?round=0"] {
             let path = format!("/api/v1/episodes/{}/state{round}", text(&episode["id"]));
             let state = app.get(&path).token(&app.organizer).ok().await;
@@ -131,7 +135,8 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
             if skipped.contains(&id) {
                 continue;
             }
-            let mut paths = BTreeSet::from([path.clone()]);
+            let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
+            let mut paths = BTreeSet::from([path]);
             while let Some(open) = paths.iter().find(|path| path.contains('{')).cloned() {
                 paths.remove(&open);
                 let (before, rest) = open.split_once('{').expect("one");
@@ -143,6 +148,7 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                     ("get", "get_swarm_obs") => &["?prompt=true&limit=1024", "?after=x"],
                     ("get", "show_board") => &["", "?format=csv"],
                     ("get", "show_state") => &["", "?round=0", "?round=1"],
+                    ("get", "show_replay") => &["", "?from=1", "?ground=false"],
                     ("get", "list_episodes" | "list_runs") => &["?limit=1000", "?limit=x"],
                     _ => &[""],
                 };
@@ -202,6 +208,7 @@ async fn nothing_of_a_sealed_game_reaches_anybody_but_organizers() {
         "grid",
         "layout",
         "metric",
+        "positions",
         "row",
         "salt",
         "salt of an episode",
@@ -225,7 +232,7 @@ async fn nothing_of_a_sealed_game_reaches_anybody_but_organizers() {
 
     // Where something is to be found, it is found.
     let said = ask_all(&app, "an organizer", Some(&app.organizer), &ids[4..]).await;
-    for what in ["seed", "score", "layout", "row", "salt of an episode"] {
+    for what in ["seed", "score", "layout", "positions", "row", "salt of an episode"] {
         let found = canaries.iter().filter(|canary| canary.what == what);
         let mut found =
             found.filter(|canary| said.iter().any(|said| said.text.contains(&canary.text)));

@@ -1,14 +1,18 @@
 //! `/api/v1/episodes`.
 
 mod abort;
+mod agent;
 mod create;
 mod events;
 mod journal;
 mod list;
 mod metrics;
+mod replay;
+mod scores;
 mod show;
 mod start;
 mod state;
+mod verification;
 mod visibility;
 mod void;
 

@@ -7,6 +7,7 @@ mod list;
 mod metrics;
 mod play;
 mod restart;
+mod scores;
 mod show;
 mod suites;
 mod token;
