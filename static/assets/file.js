@@ -1,6 +1,6 @@
 // The entry of a page that is one file: a game that opens without a server. All of it is in the document.
 import { html, render, useEffect } from "./ui.js";
-import { collectMarks } from "./parts/game.js";
+import { collectMarks } from "./parts/pieces.js";
 import { Facts } from "./game/about.js";
 import { Notices, Title, titleOf } from "./game/title.js";
 import { Viewer } from "./game/viewer.js";

@@ -40,7 +40,7 @@ export function Facts({ game: { head, summary, kind } }) {
     </dl>`;
 }
 
-/** Who holds which seat, where several may. @param {{game: Game}} props */
+/** Who holds which seat, where several may. @param {{game: import("./title.js").Shown}} props */
 export function Seats({ game }) {
   const isMixed = game.kind === "episodes" && game.summary.config?.open_seats > 0;
   const { value, problem, reload } = useLoaded(
@@ -72,6 +72,7 @@ export function Verify({ game }) {
   const [state, setState] = useState(/** @type {any} */ ({}));
   if (game.kind === "imports") return html`<h2>Verify</h2><p>This game was imported from a file. It has no journal, so it cannot be verified.</p>`;
   const verify = async () => {
+    if (state.isRunning) return;
     setState({ isRunning: true });
     try {
       setState({ answer: await request(route`/api/v1/episodes/${game.head.id}/verification`, { token: /** @type {any} */ (game).token }) });
@@ -82,7 +83,7 @@ export function Verify({ game }) {
   const { answer, problem, isRunning } = state;
   return html`<h2>Verify</h2>
     <p>The server plays the journal again, and compares every hash, act, score and digest.</p>
-    <p><button type="button" onClick=${verify} disabled=${isRunning}>${isRunning ? "Playing it again …" : "Verify this game"}</button></p>
+    <p><button type="button" onClick=${verify} aria-disabled=${Boolean(isRunning)}>${isRunning ? "Playing it again …" : "Verify this game"}</button></p>
     <div aria-live="polite">
       ${problem && html`<${ProblemNote} problem=${problem} retry=${verify} />`}
       ${answer &&

@@ -75,7 +75,7 @@ const REASONS = {
 
 /**
  * How a game stands, in a sentence.
- * @param {Game} game
+ * @param {{head: {status: string, rounds: number}, summary: any}} game
  */
 export function standing({ head, summary }) {
   const rounds = `${head.rounds} ${head.rounds === 1 ? "round" : "rounds"}`;

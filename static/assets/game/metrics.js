@@ -1,5 +1,5 @@
 // Metrics of the rounds around the one that is shown, in step with it.
-import { html, useState } from "../ui.js";
+import { html, useMemo, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { extent, linePath, short } from "../parts/chart.js";
 
@@ -47,12 +47,14 @@ export function Metrics({ game, round }) {
 
 /** @param {{values: (number | null)[], at: number}} props */
 function MetricCurve({ values, at }) {
-  const [low, high] = extent(values);
   const last = Math.max(values.length - 1, 1);
   const x = (/** @type {number} */ index) => (index / last) * WIDTH;
-  const y = (/** @type {number} */ value) => HEIGHT - 3 - ((value - low) / (high - low)) * (HEIGHT - 6);
+  const path = useMemo(() => {
+    const [low, high] = extent(values);
+    return linePath(values, x, (value) => HEIGHT - 3 - ((value - low) / (high - low)) * (HEIGHT - 6));
+  }, [values]);
   return html`<svg viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" aria-hidden="true">
-    <path class="metric" d=${linePath(values, x, y)} />
+    <path class="metric" d=${path} />
     <line class="now" x1=${x(at)} x2=${x(at)} y1="0" y2=${HEIGHT} />
   </svg>`;
 }

@@ -36,6 +36,7 @@ export function usePlayback(game, round, go) {
   /** @param {number} steps */
   const changeSpeed = (steps) => setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(speed) + steps, 0), SPEEDS.length - 1)]);
   const toggle = () => {
+    if (game.first === game.last) return;
     if (!isPlaying && isAtEnd) go(game.first);
     setPlaying(!isPlaying);
   };

@@ -13,6 +13,12 @@ import { AgentWindow, surroundings } from "../parts/window.js";
 /** Rows, messages and windows that are shown at once; more on request. */
 const SHOWN = 48;
 
+/** Agents that are named in a list. */
+const NAMED = 24;
+
+/** @param {number[]} agents */
+const list = (agents) => agents.slice(0, NAMED).join(", ") + (agents.length > NAMED ? ` and ${agents.length - NAMED} more` : "");
+
 /** An agent as a button with its colour. @param {{agent: number, onChoose: (agent: number) => void}} props */
 export const AgentLink = ({ agent, onChoose }) =>
   html`<button type="button" class="agent-link" aria-label=${`Agent ${agent}`} style=${{ "--agent": color(agent) }} onClick=${() => onChoose(agent)}>${agent}</button>`;
@@ -38,14 +44,14 @@ export function Messages({ head, state, next, onChoose }) {
     const changed = heard.filter((one) => one.text !== undefined);
     return html`<li>
       <${AgentLink} agent=${from} onChoose=${onChoose} /> “<${Text} value=${text} />”
-      <span class="muted">${to !== undefined && ` to agent ${to},`} ${by.length ? `heard by ${by.join(", ")}` : !isUnknown && "heard by nobody"}</span>
-      ${changed.map((one) => html`<br /><span class="bad small">noise: agent ${one.by.join(", ")} reads</span> “<${Text} value=${one.text} />”`)}
+      <span class="muted">${to !== undefined && ` to agent ${to},`} ${by.length ? `heard by ${list(by)}` : !isUnknown && "heard by nobody"}</span>
+      ${changed.map((one) => html`<br /><span class="bad small">noise: agent ${list(one.by)} reads</span> “<${Text} value=${one.text} />”`)}
     </li>`;
   };
   const late = (next.heard ?? []).filter((one) => one.sent !== undefined);
   return html`<${Shown} items=${said} wrap=${(/** @type {any[]} */ shown) => html`<ul class="plain messages">${shown.map(row)}</ul>`} />
     ${late.length > 0 &&
-    html`<p class="muted small">Also arriving late: ${late.slice(0, SHOWN).map(({ from, by, sent, text }) => html`<br />agent ${from} in round ${sent} to ${by.join(", ")}${text !== undefined && html`: “<${Text} value=${text} />”`}`)}</p>`}`;
+    html`<p class="muted small">Also arriving late: ${late.slice(0, SHOWN).map(({ from, by, sent, text }) => html`<br />agent ${from} in round ${sent} to ${list(by)}${text !== undefined && html`: “<${Text} value=${text} />”`}`)}</p>`}`;
 }
 
 /** @type {[string, string][]} */

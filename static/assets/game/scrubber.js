@@ -65,7 +65,7 @@ export function Scrubber({ game, count, round, onGo }) {
       ${[...columns].map(([row, marks]) => html`<div class=${`marks ${row}`} aria-hidden="true">
         ${marks.map(({ round, mark }) => html`<span class=${MARKS[mark].kind} style=${{ left: `${x(round) * 100}%` }}>${MARKS[mark].sign}</span>`)}
       </div>`)}
-      ${hovered !== null && html`<div class="hovered" style=${{ left: `${Math.min(x(hovered), 0.75) * 100}%` }}>
+      ${hovered !== null && html`<div class="hovered" style=${x(hovered) < 0.5 ? { left: `${x(hovered) * 100}%` } : { right: `${(1 - x(hovered)) * 100}%` }}>
         round ${hovered}${game.peek(hovered) && `, score ${short(game.peek(hovered)?.score)}`}${game.marks.has(hovered) && `: ${inWords(game.marks.get(hovered))}`}
       </div>`}
     </div>

@@ -7,21 +7,22 @@ import { Text, visible } from "../parts/text.js";
 import { standing } from "./marks.js";
 
 /** @typedef {import("../parts/game.js").Game} Game */
+/** @typedef {{kind: Game["kind"], summary: any, head: Pick<Game["head"], "id" | "task" | "status" | "rounds"> & {score?: number}}} Shown */
 
-/** @param {Game} game */
+/** @param {Shown} game */
 export const titleOf = ({ head, summary }) => `${visible(head.task)} · ${visible(summary.model ?? "")}`;
 
-/** @param {{game: Game}} props */
+/** @param {{game: Shown}} props */
 export function Title({ game }) {
   const { head, summary } = game;
   const seed = summary.config?.seed ?? summary.seed;
   return html`<div class="title">
-    <h1>${head.task} <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
+    <h1><${Text} value=${head.task} /> <span class="muted">·</span> <${Text} value=${summary.model ?? ""} /></h1>
     <p class="muted">
       ${seed !== null && seed !== undefined && html`seed ${seed} · `}
       <span class=${isLive(head) ? "badge live" : "badge"}>${head.status}</span> ${standing(game)}
     </p>
-    <p class="total number"><span class="small muted">score </span>${short(head.score)}</p>
+    ${head.score !== undefined && html`<p class="total number"><span class="small muted">score </span>${short(head.score)}</p>`}
   </div>`;
 }
 

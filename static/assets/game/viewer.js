@@ -132,9 +132,9 @@ function Controls({ game, round, state, next, playback, isFollowing, onGo, onMar
   const marks = inWords(next?.marks);
   return html`<div class="controls">
     <div class="buttons" role="group" aria-label="Rounds">
-      <button type="button" onClick=${() => onGo(round - 1)} disabled=${round <= game.first}>← Back</button>
-      <button type="button" class="primary" onClick=${playback.toggle} disabled=${game.first === game.last}>${playback.isPlaying ? "Pause" : "Play"}</button>
-      <button type="button" onClick=${() => onGo(round + 1)} disabled=${round >= game.last}>Next →</button>
+      <button type="button" onClick=${() => onGo(round - 1)} aria-disabled=${round <= game.first}>← Back</button>
+      <button type="button" class="primary" onClick=${playback.toggle} aria-disabled=${game.first === game.last}>${playback.isPlaying ? "Pause" : "Play"}</button>
+      <button type="button" onClick=${() => onGo(round + 1)} aria-disabled=${round >= game.last}>Next →</button>
       <label>Speed <select onChange=${(/** @type {any} */ event) => playback.setSpeed(Number(event.currentTarget.value))}>
         ${SPEEDS.map((speed) => html`<option value=${speed} selected=${speed === playback.speed}>${speed}×</option>`)}
       </select></label>

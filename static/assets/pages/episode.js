@@ -2,6 +2,7 @@
 import { html, useEffect, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { isLive, openGame, useChanges } from "../parts/game.js";
+import { HiddenGame } from "../parts/served.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Actions, Facts, Seats, Verify } from "../game/about.js";
@@ -16,8 +17,29 @@ export function Page({ id, embedded }) {
   const kind = location.pathname.startsWith("/imports/") ? "imports" : "episodes";
   const { value: game, problem, reload } = useLoaded((signal) => openGame({ kind, id }, signal), [kind, id]);
   if (game) return html`<${ServedGame} game=${game} embedded=${embedded} />`;
+  if (problem instanceof HiddenGame) return html`<${Hidden} summary=${problem.summary} reload=${reload} />`;
   if (problem) return html`<h1>Game</h1><${ProblemNote} problem=${problem} retry=${reload} /><p><a href="/episodes">All games</a></p>`;
   return html`<h1>Game</h1><p class="muted" role="status">Loading …</p>`;
+}
+
+/** How often it is asked whether a hidden game has ended. */
+const HIDDEN_MS = 10_000;
+
+/** A game whose holders must not see each other. @param {{summary: any, reload: () => void}} props */
+function Hidden({ summary, reload }) {
+  useEffect(() => {
+    const timer = setInterval(() => document.hidden || reload(), HIDDEN_MS);
+    return () => clearInterval(timer);
+  }, []);
+  const { id, task, status, round: rounds } = summary;
+  /** @type {import("../game/title.js").Shown} */
+  const game = { kind: "episodes", summary, head: { id, task, status, rounds } };
+  useEffect(() => void (document.title = `${titleOf(game)} · swarmbench`), []);
+  return html`<div class="game">
+    <${Title} game=${game} />
+    <div class="notice"><p><strong>What happens in this game is shown after its end.</strong> Its seats belong to several holders, who see only what their own agents see. This page shows the game by itself when it has ended.</p></div>
+    <${Seats} game=${game} />
+  </div>`;
 }
 
 /** @param {{game: Game, embedded: boolean}} props */

@@ -107,9 +107,11 @@ export function LineChart({ series, label, width = 560, height = 180, from = 0, 
   </figure>`;
 }
 
+const INTEGER = new Intl.NumberFormat("en");
+
 /** A number in few characters. @param {number | null | undefined} value */
 export function short(value) {
   if (value === null || value === undefined) return "–";
-  if (Number.isInteger(value)) return value.toLocaleString("en");
+  if (Number.isInteger(value)) return INTEGER.format(value);
   return Math.abs(value) >= 100 ? value.toFixed(1) : value.toFixed(2);
 }

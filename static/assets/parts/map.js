@@ -107,13 +107,18 @@ function arrowOf(next, agent) {
   </g>`;
 }
 
-/** Lines from who spoke to who reads it. @param {State} state @param {State} next @param {number | null} agent */
+/** Lines from who spoke to who reads it: a path for each speaker, and those of the chosen agent above. @param {State} state @param {State} next @param {number | null} agent */
 function linesOf(state, next, agent) {
-  const pairs = (next.heard ?? []).flatMap(({ from, by }) => by.map((to) => /** @type {[number, number]} */ ([from, to])));
-  return pairs.slice(0, LINES_MAX).map(([from, to]) => {
-    const [[x1, y1], [x2, y2]] = [centre(state, from), centre(state, to)];
-    const isOfChosen = from === agent || to === agent;
-    const name = isOfChosen ? "heard chosen-line" : "heard";
-    return html`<line key=${`m${from}-${to}`} class=${name} x1=${x1} y1=${y1} x2=${x2} y2=${y2} stroke=${color(from)} />`;
-  });
+  const [others, own] = [new Map(), new Map()];
+  let count = 0;
+  for (const { from, by } of next.heard ?? []) {
+    for (const to of by) {
+      if (count++ === LINES_MAX) break;
+      const paths = from === agent || to === agent ? own : others;
+      paths.set(from, `${paths.get(from) ?? ""}M${centre(state, from).join(" ")}L${centre(state, to).join(" ")}`);
+    }
+  }
+  /** @param {Map<number, string>} paths @param {string} name */
+  const drawn = (paths, name) => [...paths].map(([from, path]) => html`<path key=${`${name}${from}`} class=${name} d=${path} stroke=${color(from)} />`);
+  return [drawn(others, "heard"), drawn(own, "heard chosen-line")];
 }
