@@ -4,6 +4,7 @@ import { request, withQuery } from "../api.js";
 import { PAGE_ITEMS, usePages } from "../parts/pages.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
+import { Together } from "../boards/together.js";
 import { Text } from "../parts/text.js";
 import { Commands } from "../parts/copy.js";
 import { Leaders, arrange, boardHref, useLeaders } from "../parts/boards.js";
@@ -31,6 +32,7 @@ export function Page() {
       <button type="button" onClick=${runs.loadMore} disabled=${runs.isLoadingMore}>Look for older boards</button> ${" "}
       <span class="muted">Suites of the newest ${runs.items.length} runs are shown.</span>
     </p>`}
+    <${Together} />
     <h2>A board of your own</h2>
     <p>A run of any suite makes its board. A suite is a name, tasks, seeds and settings:</p>
     <${Commands} label="Command" what="the command" lines=${[`swarmbench eval --task Pursuit --seeds 0..5 --player all --server ${location.origin}`]} />
@@ -58,14 +60,14 @@ const Boards = ({ boards }) => html`<div class="scroll" tabindex="0" role="regio
 
 /** @param {{suite: any, newest: string | null}} props */
 function Board({ suite, newest }) {
-  const value = useLeaders(suite, LEADERS);
+  const leaders = useLeaders(suite, LEADERS);
   const seeds = suite.seeds?.length ?? 0;
   return html`<tr>
     <th scope="row"><a href=${boardHref(suite)}><${Text} value=${suite.name} /></a></th>
     <td>${suite.rules}</td>
     <td>${suite.tasks.length === 1 ? suite.tasks[0] : `${suite.tasks.length} tasks`} × ${seeds === 1 ? "1 seed" : `${seeds} seeds`}</td>
-    <td class="number">${value?.rows ?? "…"}</td>
-    <td><${Leaders} rows=${value?.items} /></td>
+    <td class="number">${leaders.value?.rows ?? "…"}</td>
+    <td><${Leaders} of=${leaders} /></td>
     <td><${Time} value=${newest} /></td>
   </tr>`;
 }

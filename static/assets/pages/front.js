@@ -1,6 +1,6 @@
 // The front page: what this is, what is played now, and how to join.
-import { html, useEffect, useState } from "../ui.js";
-import { request, route, withQuery } from "../api.js";
+import { html, useEffect, useRef, useState } from "../ui.js";
+import { Problem, request, route, withQuery } from "../api.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
@@ -17,6 +17,9 @@ const GAMES = 4;
 const BOARDS = 4;
 const LEADERS = 1;
 
+/** Agents of the game in the picture: larger ones take long to load. */
+const PICTURE_AGENTS_MAX = 40;
+
 /** Newest runs whose boards are shown. */
 const RUNS = 20;
 
@@ -26,10 +29,14 @@ const games = (query) => (/** @type {AbortSignal} */ signal) => request(withQuer
 export function Page() {
   const running = useLoaded(games({ status: "running", limit: GAMES }), [], RUNNING_MS);
   const finished = useLoaded(games({ status: "finished", limit: GAMES }), [], OTHERS_MS);
-  const problem = running.problem ?? finished.problem;
+  const competitions = useLoaded((signal) => request(withQuery("/api/v1/competitions", { limit: RUNS }), { signal }), [], OTHERS_MS);
+  const problem = competitions.problem ?? running.problem ?? finished.problem;
+  // A private server lists no games for who has no key.
+  const isPrivate = problem instanceof Problem && problem.status === 401;
   const newest = [...(running.value?.items ?? []), ...(finished.value?.items ?? [])];
-  const isEmpty = running.value && finished.value && newest.length === 0;
-  const shown = newest.find((game) => game.round > 0);
+  const isEmpty = !isPrivate && competitions.value && running.value && finished.value && newest.length === 0;
+  const chosen = useRef(/** @type {any} */ (null));
+  chosen.current ??= newest.find((game) => game.round > 0 && game.config?.num_agents <= PICTURE_AGENTS_MAX) ?? null;
   return html`
     <div class="front">
       <div>
@@ -40,10 +47,11 @@ export function Page() {
         </p>
         <${Join} isEmpty=${isEmpty} />
       </div>
-      <${Picture} game=${shown} isEmpty=${isEmpty} />
+      <${Picture} game=${chosen.current} isEmpty=${isEmpty} />
     </div>
-    ${problem && html`<${ProblemNote} problem=${problem} retry=${() => (running.reload(), finished.reload())} />`}
-    <div class="columns">
+    ${problem && html`<${ProblemNote} problem=${problem} retry=${() => [running, finished, competitions].forEach((one) => one.reload())} />`}
+    ${!isPrivate &&
+    html`<div class="columns">
       <section>
         <h2><a href="/episodes">Games</a></h2>
         <${Games} running=${running.value?.items} finished=${finished.value?.items} />
@@ -54,11 +62,11 @@ export function Page() {
       </section>
       <section>
         <h2><a href="/competitions">Competitions</a></h2>
-        <${Competitions} />
+        <${Competitions} items=${competitions.value?.items} />
         <h2>Read on</h2>
         <p><a href="/docs">All routes of the API</a>, <a href="/runs">runs</a>, <a href="/compare">compare two games</a>, <a href="/imports">imported games</a></p>
       </section>
-    </div>
+    </div>`}
   `;
 }
 
@@ -128,17 +136,17 @@ function Boards() {
 /** @param {{suite: any}} props */
 const Board = ({ suite }) => html`<li>
   <a href=${boardHref(suite)}><${Text} value=${suite.name} /></a>${suite.rules !== "paper" && ` (${suite.rules})`}
-  <div class="small"><${Leaders} rows=${useLeaders(suite, LEADERS)?.items} /></div>
+  <div class="small"><${Leaders} of=${useLeaders(suite, LEADERS)} /></div>
 </li>`;
 
-function Competitions() {
-  const { value } = useLoaded((signal) => request(withQuery("/api/v1/competitions", { limit: RUNS }), { signal }), [], OTHERS_MS);
-  if (!value) return html`<p class="muted">Loading …</p>`;
-  const open = value.items.filter((/** @type {any} */ one) => one.phase !== "closed").slice(0, GAMES);
-  if (open.length === 0) return html`<p class="muted">None is running. ${value.items.length > 0 && html`<a href="/competitions">Earlier ones</a>`}</p>`;
+/** @param {{items?: any[]}} props */
+function Competitions({ items }) {
+  if (!items) return html`<p class="muted">Loading …</p>`;
+  const open = items.filter((one) => one.phase !== "closed").slice(0, GAMES);
+  if (open.length === 0) return html`<p class="muted">None is running. ${items.length > 0 && html`<a href="/competitions">Earlier ones</a>`}</p>`;
   return html`<ul class="plain">
     ${open.map(
-      (/** @type {any} */ one) => html`<li key=${one.id}>
+      (one) => html`<li key=${one.id}>
         <a href=${route`/competitions/${one.id}`}><${Text} value=${one.name} /></a>
         <div class="small muted">${one.phase === "announced" ? "opens" : "closes"} <${Countdown} value=${one.phase === "announced" ? one.opens_at : one.closes_at} /></div>
       </li>`,

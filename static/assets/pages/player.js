@@ -41,13 +41,24 @@ export function Page({ suite, row: id, query }) {
       <a href=${back}><${Text} value=${board.suite} /></a>, rules ${board.rules}.${total && html` Total <strong class="number">${short(total.mean)}</strong>${total.low !== null && ` (95 % interval ${short(total.low)} to ${short(total.high)})`}.`}
       ${" "}<${Marks} row=${row} />
     </p>
-    ${isTied(row) && html`<p>≈ The order of this row and the one above it is not sure: it is ${short(row.difference.mean)} lower, with a 95 % interval from ${short(row.difference.low)} to ${short(row.difference.high)} over ${row.difference.pairs} common seeds.</p>`}
+    ${row.difference && html`<${Behind} board=${board} row=${row} />`}
     ${(!row.run || board.pick === "mean" || row.converted.length > 0) && html`<${Scores} board=${board} row=${row} />`}
     ${row.run ? html`<${Played} row=${row} board=${board} />` : html`<p class="empty">${row.imported ? "These games were read from files." : "These numbers were not measured on this server, so there are no games to look at."} </p>
       ${row.note && html`<p class="muted">Source: <${Text} value=${row.note} /></p>`}`}
     <h2>What the marks say</h2>
     <dl class="facts small"><${Legend} rows=${[row]} /></dl>
   `;
+}
+
+/** How far it is below the nearest row above it that was played here. @param {{board: any, row: any}} props */
+function Behind({ board, row }) {
+  const { to, mean, low, high, pairs } = row.difference;
+  const href = withQuery(`/board/${encodeURIComponent(`${board.suite}@${board.digest}`)}/${encodeURIComponent(to)}`, { rules: board.rules });
+  return html`<p>
+    It is <strong class="number">${short(mean)}</strong> below <a href=${href}>the nearest row above</a> that was played here, on ${pairs} common seeds
+    ${low === null ? " (too few for an interval)." : ` (95 % interval ${short(low)} to ${short(high)}).`}
+    ${isTied(row) && html` <strong>≈ Their order is not sure.</strong>`}
+  </p>`;
 }
 
 /**
@@ -124,7 +135,7 @@ function Played({ board, row }) {
     ${run.value &&
     html`
       <h2>Games of <a href=${route`/runs/${id}`}>this run</a></h2>
-      <${GameGrid} games=${run.value.games} tasks=${run.value.tasks} scores=${scores} caption="Score of each game by task and seed" />
+      <${GameGrid} run=${run.value} scores=${scores} />
       <h2>Score curves</h2>
       <${Curves} games=${run.value.games} scores=${scores} />
       <h2>Metrics</h2>

@@ -29,7 +29,7 @@ export function Page({ id }) {
     ${(loaded.isLost || loaded.problem) && html`<p class="bad" role="status">The connection is lost. This page tries again by itself.</p>`}
     ${run.waits_for && html`<p role="status">It waits for a limit of the server before it opens more games: <code><${Text} value=${run.waits_for.name ?? run.waits_for} /></code>.</p>`}
     <h2>Games</h2>
-    <${GameGrid} games=${run.games} tasks=${run.tasks} scores=${scores} caption="Score of each game by task and seed" />
+    <${GameGrid} run=${run} scores=${scores} />
     <${Failures} run=${run} />
     <h2>Metrics</h2>
     <${Metrics} id=${run.id} version=${run.played} />
@@ -60,7 +60,7 @@ const Progress = ({ run }) => html`
     <${Status} status=${run.status} of="run" /> ${" "}
     <span role="status">${run.played} of ${run.planned} games played${run.voided > 0 && `, ${run.voided} voided`}</span>
     ${run.status === "running" && html` <progress value=${run.played} max=${Math.max(run.planned, 1)} aria-label="Games played" />`}
-    ${run.total !== null && html` · total <strong class="number">${short(run.total)}</strong>`}
+    ${run.total !== null && html` · total${run.status === "running" && " so far"} <strong class="number">${short(run.total)}</strong>`}
     <span class="muted"> · ${runStatusText(run.status)}.</span>
   </p>
   ${run.void_reason !== null && html`<p class="bad">This attempt was voided: <${Text} value=${run.void_reason} />. It is on no board.</p>`}
@@ -80,6 +80,7 @@ function About({ run }) {
     ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
     ["Visible to", run.visibility],
+    ...(run.attempt === null ? [] : [["Competition", `attempt ${run.attempt}`]]),
     ["Id", html`<code>${run.id}</code> (<a href=${`/api/v1/runs/${encodeURIComponent(run.id)}`}>JSON</a>)`],
   ];
   const meta = Object.keys(run.agent_meta).length > 0;

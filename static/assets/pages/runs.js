@@ -49,7 +49,7 @@ function Runs({ list, isFiltered }) {
   if (list.items.length === 0) {
     return isFiltered
       ? html`<p class="empty">No run fits. Names must be complete, and in the same letters.</p>`
-      : html`<p class="empty">There are no runs yet. This starts one with built-in players:</p>
+      : html`<p class="empty">There are no runs yet, or none that can be read without a key. This starts one with built-in players:</p>
           <${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
   }
   return html`<div class="scroll" tabindex="0" role="region" aria-label="Runs">

@@ -1,6 +1,6 @@
 // What lists of boards share.
 import { html } from "../ui.js";
-import { request, withQuery } from "../api.js";
+import { Problem, request, withQuery } from "../api.js";
 import { useLoaded } from "./load.js";
 import { short } from "./chart.js";
 import { Text } from "./text.js";
@@ -31,16 +31,16 @@ export const useLeaders = (suite, limit) =>
     (signal) =>
       request(withQuery("/api/v1/leaderboard", { suite: `${suite.name}@${suite.digest}`, rules: suite.rules, limit }), { signal }),
     [suite.digest],
-  ).value;
+  );
 
-/** @param {{rows?: any[]}} props */
-export const Leaders = ({ rows }) => {
-  if (!rows) return html`<span class="muted">…</span>`;
-  const ranked = rows.filter((row) => row.rank !== null);
-  if (ranked.length === 0) return html`<span class="muted">nobody has played every task</span>`;
+/** @param {{of: ReturnType<typeof useLeaders>}} props */
+export const Leaders = ({ of: { value, problem } }) => {
+  if (!value) return html`<span class="muted">${problem instanceof Problem && problem.status === 401 ? "only with a key" : "…"}</span>`;
+  const ranked = value.items.filter((/** @type {any} */ row) => row.rank !== null);
+  if (ranked.length === 0) return html`<span class="muted">${value.rows === 0 ? "no rows yet" : "nobody has played every task"}</span>`;
   return html`<ol class="plain">
     ${ranked.map(
-      (row) => html`<li>
+      (/** @type {any} */ row) => html`<li>
         <${Text} value=${row.model} />${row.reference && html` <span class="muted small">paper</span>`} <span class="number muted">${short(row.total)}</span>
       </li>`,
     )}

@@ -26,12 +26,10 @@ function arrange(games) {
   return { tasks, seeds: [...seeds.keys()] };
 }
 
-/**
- * @param {{games: any[], tasks: any[], scores: import("./runs.js").Scores, caption: string}} props
- * `tasks` are the results by task
- */
-export function GameGrid({ games, tasks: results, scores, caption }) {
-  const { tasks, seeds } = arrange(games);
+/** @param {{run: any, scores: import("./runs.js").Scores}} props */
+export function GameGrid({ run, scores }) {
+  const { tasks, seeds } = arrange(run.games);
+  const caption = "Score of each game by task and seed";
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
     <table class="games">
       <caption class="unseen">${caption}</caption>
@@ -47,7 +45,7 @@ export function GameGrid({ games, tasks: results, scores, caption }) {
           const range = extent([...of.values()].flatMap((games) => games.flatMap((game) => scores.get(game.episode)?.scores ?? [])));
           return html`<tr key=${task}>
             <th scope="row">${task}</th>
-            <td class="number"><${Mean} result=${results.find((result) => result.task === task)} /></td>
+            <td class="number"><${Mean} run=${run} task=${task} /></td>
             ${seeds.map((seed) => html`<td><${Game} games=${of.get(seed) ?? []} seed=${seed} scores=${scores} range=${range} /></td>`)}
           </tr>`;
         })}
@@ -56,10 +54,12 @@ export function GameGrid({ games, tasks: results, scores, caption }) {
   </div>`;
 }
 
-/** @param {{result: any}} props */
-function Mean({ result }) {
+/** @param {{run: any, task: string}} props */
+function Mean({ run, task }) {
+  const result = run.tasks.find((/** @type {any} */ one) => one.task === task);
   if (!result) return null;
-  const of = interval([{ ...result, games: result.planned }]);
+  // Once a run is over, games that were never played count as 0.
+  const of = interval([{ ...result, games: run.status === "running" ? result.played : result.planned }]);
   return html`${of && html`<${Score} of=${of} deviation=${result.deviation} range=${scale([of])} name=${result.task} />`}
     ${result.played < result.planned && html`<div class="muted small">${result.played} of ${result.planned} played</div>`}`;
 }

@@ -16,6 +16,7 @@ const ADVICE = {
     "The key or token is not accepted",
     "It was revoked, replaced, or has expired, or this server is private. Enter another one, or go on without.",
   ],
+  no_key: ["This needs a key", "This server is private, or shows this only with a key. An organizer gives you one."],
   rate_limited: ["Too many requests", "Wait a moment."],
   overloaded: ["The server is busy", "Wait a moment."],
   unavailable: ["The server is not ready", "It may be starting. Wait a moment."],
@@ -26,15 +27,16 @@ const ADVICE = {
  * @param {{problem: Error, retry?: () => void, what?: string}} props
  */
 export function ProblemNote({ problem, retry, what }) {
-  const code = problem instanceof Problem ? problem.code : "";
+  const answered = problem instanceof Problem ? problem.code : "";
+  const code = answered === "unauthorized" && !key() ? "no_key" : answered;
   const [title, advice] = ADVICE[/** @type {keyof typeof ADVICE} */ (code)] ?? [
     "Something went wrong",
     "Load the page again. If it happens again, tell who runs this server.",
   ];
-  const mayNeedKey = ["not_found", "forbidden", "unauthorized"].includes(code);
+  const mayNeedKey = ["not_found", "forbidden", "unauthorized", "no_key"].includes(code);
   return html`<div class="problem" role="alert">
     <h2>${what ? html`${what}: ${title.toLowerCase()}` : title}</h2>
-    <p><${Text} value=${problem.message} /></p>
+    ${code !== "no_key" && html`<p><${Text} value=${problem.message} /></p>`}
     ${problem instanceof Problem && html`<${FieldProblems} problem=${problem} />`}
     <p class="muted">${advice}</p>
     <p class="buttons">

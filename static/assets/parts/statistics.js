@@ -7,8 +7,8 @@ const Z = 2.2414027276;
 const GAMES_MIN = 3;
 
 /**
- * The quantile 0.9875 of Student's t: exact for two degrees of freedom, else by the expansion of Cornish and Fisher, to a
- * thousandth.
+ * The quantile 0.9875 of Student's t: exact for two degrees of freedom, else by the expansion of Cornish and Fisher, to half
+ * a percent.
  * @param {number} f degrees of freedom, at least 2
  */
 export function studentQuantile(f) {
