@@ -98,7 +98,7 @@ export function agentDiffers(a, b, agent) {
 const elsewhere = (a, b) => String(a) !== String(b);
 
 /**
- * All that differs in a round.
+ * All that differs in a round; `isPlaced` where it is more than what is decided and said.
  * @param {Head} head
  * @param {{state: State, next: State | null}} a
  * @param {{state: State, next: State | null}} b
@@ -113,7 +113,8 @@ export function differences(head, a, b) {
   if (elsewhere(a.state.prey, b.state.prey)) things.push("the prey");
   if (elsewhere(a.state.block, b.state.block)) things.push("the block");
   if (a.state.score !== b.state.score) things.push("the score");
-  return { agents, things, any: agents.size > 0 || things.length > 0 };
+  const isPlaced = things.length > 0 || [...agents.values()].some(({ place }) => place);
+  return { agents, things, isPlaced, any: agents.size > 0 || isPlaced };
 }
 
 /** @param {Game} game @param {number} round */
@@ -128,14 +129,16 @@ async function moment(game, round) {
  * @param {number} from the first round that is looked at
  * @param {1 | -1} step
  * @param {AbortSignal} signal
- * @param {(round: number) => void} [onRound] is told now and then which round is looked at
+ * @param {{onRound?: (round: number) => void, onlyPlaces?: boolean}} [options] `onRound` gets the round that is looked at, now
+ *   and then; with `onlyPlaces` what is decided and said does not count
  */
-export async function findDifference(pair, from, step, signal, onRound) {
+export async function findDifference(pair, from, step, signal, { onRound, onlyPlaces = false } = {}) {
   for (let round = from; round >= 0 && round <= pair.common && !signal.aborted; round += step) {
     if (round % REPORT_ROUNDS === 0) onRound?.(round);
     const [a, b] = await Promise.all([moment(pair.a, round), moment(pair.b, round)]);
     if (round === 0 && !sameGround(pair)) return 0;
-    if (differences(pair.a.head, a, b).any) return round;
+    const found = differences(pair.a.head, a, b);
+    if (onlyPlaces ? found.isPlaced : found.any) return round;
   }
   return null;
 }

@@ -137,7 +137,7 @@ function InStep({ pair }) {
 }
 
 /** @type {ReturnType<typeof differences>} */
-const NOTHING = { agents: new Map(), things: [], any: false };
+const NOTHING = { agents: new Map(), things: [], isPlaced: false, any: false };
 
 /** Goes to the next difference, one search at a time. @param {Pair} pair @param {number} round @param {(round: number) => void} onFound */
 function useSeek(pair, round, onFound) {

@@ -21,7 +21,7 @@ const NOTHING = { action: /** @type {string | null} */ (null), message: "", to: 
 /**
  * What is chosen but not sent. It outlives a reload.
  * @param {any} obs
- * @param {any} receipt
+ * @param {any} receipt of the last act that the server took
  */
 function useDraft(obs, receipt) {
   const name = `draft:${obs.episode}:${obs.agent}`;
@@ -42,7 +42,8 @@ function useDraft(obs, receipt) {
   }, [turn]);
   useEffect(() => {
     if (!receipt) return;
-    setDraft(NOTHING);
+    const isNext = receipt.round !== obs.round;
+    setDraft((draft) => ({ ...NOTHING, action: isNext ? draft.action : null }));
     remember(name, null);
   }, [receipt]);
   return { draft, change };

@@ -63,7 +63,7 @@ function OwnRound({ next, number, agent, isChosen, onRound }) {
   return html`<tr aria-current=${isChosen ? "true" : undefined}>
     <th scope="row"><button type="button" onClick=${() => onRound(number)}>${number}</button></th>
     <td>${actionOf(next, agent)?.name}${result && html` <span class="muted">${result}</span>`}</td>
-    <td>${said && html`“<${Text} value=${said.text} />” <span class="muted">${hearers.join(", ") || "nobody heard it"}</span>`}</td>
+    <td>${said && html`“<${Text} value=${said.text} />” <span class="muted">${hearers.length > 0 ? `heard by ${hearers.join(", ")}` : "nobody heard it"}</span>`}</td>
     <td>
       ${heard.map(
         (one) => html`<div>

@@ -19,7 +19,7 @@ const CLOCK_GRACE_MS = 300;
  * @property {any} obs the observation that is shown; null before the first
  * @property {number} seenAt when it came, for clocks (`performance.now()`)
  * @property {"loading" | "waiting" | "choose" | "sending" | "sent" | "over" | "failed"} phase
- * @property {any} receipt of the last act
+ * @property {any} receipt of the last act; that of an earlier round stays until the next
  * @property {boolean} isLost whether the server did not answer lately
  * @property {Problem | null} problem why the last act was not taken, or why all is over
  */
@@ -101,7 +101,7 @@ class Session {
     const isSame = sameRound(obs, this.seat.obs);
     // An act that is under way decides by itself what comes next.
     if (isSame && this.seat.phase === "sending") return;
-    this.set({ obs, seenAt: performance.now(), phase, ...(isSame ? {} : { receipt: null, problem: null }) });
+    this.set({ obs, seenAt: performance.now(), phase, ...(isSame ? {} : { problem: null }) });
   }
 
   async lookAtSeat() {
@@ -149,7 +149,9 @@ class Session {
     while (!this.signal.aborted && sameRound(obs, this.seat.obs)) {
       try {
         const receipt = await this.send(obs, choice);
-        if (sameRound(obs, this.seat.obs)) this.set({ receipt, phase: "sent", isLost: false });
+        // The next round may be seen before the receipt comes.
+        const phase = sameRound(obs, this.seat.obs) ? "sent" : this.seat.phase;
+        this.set({ receipt, phase, isLost: false });
         return this.resume();
       } catch (error) {
         if (this.signal.aborted) return;
@@ -195,4 +197,4 @@ function phaseOf(obs) {
 }
 
 /** @param {any} a @param {any} b */
-const sameRound = (a, b) => a && b && a.episode === b.episode && a.agent === b.agent && a.round === b.round;
+export const sameRound = (a, b) => a && b && a.episode === b.episode && a.agent === b.agent && a.round === b.round;

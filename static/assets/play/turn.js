@@ -1,6 +1,7 @@
 // The page of a seat while its game is played: what the agent sees, hears and remembers, the clock, and what to do.
 import { html, useEffect, useState } from "../ui.js";
 import { Controls, signOf } from "./controls.js";
+import { sameRound } from "./seat.js";
 import { Sight, meaningOfMark, outcome, surroundings } from "./sight.js";
 import { Text } from "../parts/text.js";
 
@@ -12,7 +13,8 @@ const SOON_S = 10;
  *   `config` is the game's, null where it is not known yet
  */
 export function Turn({ seat, config, onAct }) {
-  const { obs, phase, receipt } = seat;
+  const { obs, phase } = seat;
+  const receipt = sameRound(seat.receipt, obs) ? seat.receipt : null;
   const [chosen, setChosen] = useState(/** @type {string | null} */ (null));
   const shown = receipt?.action ?? chosen;
   const count = config?.num_agents ?? 0;
@@ -27,8 +29,8 @@ export function Turn({ seat, config, onAct }) {
     </section>
     <section class="does" aria-label="What your agent hears and does">
       <${Heard} obs=${obs} />
-      ${obs.alive && html`<${Controls} obs=${obs} phase=${phase} receipt=${receipt} receivers=${receivers} onChoose=${setChosen} onSend=${onAct} />`}
-      <${Sent} seat=${seat} />
+      ${obs.alive && html`<${Controls} obs=${obs} phase=${phase} receipt=${seat.receipt} receivers=${receivers} onChoose=${setChosen} onSend=${onAct} />`}
+      <${Sent} seat=${seat} receipt=${receipt} />
     </section>
     <${Memory} obs=${obs} />
   </div>`;
@@ -52,9 +54,9 @@ const Heard = ({ obs }) => html`<h2>Heard <span class="muted">(messages do not n
         ${obs.messages.map((/** @type {string} */ message) => html`<li><${Text} value=${message} /></li>`)}
       </ul>`}`;
 
-/** What became of the act of this round. @param {{seat: any}} props */
-function Sent({ seat }) {
-  const { obs, phase, receipt, isLost, problem } = seat;
+/** What became of the act of this round. @param {{seat: any, receipt: any}} props */
+function Sent({ seat, receipt }) {
+  const { obs, phase, isLost, problem } = seat;
   const others = receipt?.waiting_for;
   return html`<p class="sent" role="status">
     ${isLost && html`<span class="bad">The server does not answer. It is asked again by itself; nothing is lost. </span>`}
