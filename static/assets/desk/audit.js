@@ -12,7 +12,7 @@ const REFRESH_MS = 10_000;
 /** Pages of what an entry concerns, by the beginning of its id. @type {[string, string][]} */
 const PAGES = [["cmp_", "/competitions/"], ["run_", "/runs/"], ["ep_", "/episodes/"]];
 
-export function Audit() {
+export function View() {
   const list = usePages("/api/v1/audit", REFRESH_MS);
   const keys = useLoaded((signal) => request("/api/v1/keys?limit=100", { signal }), []);
   const names = new Map((keys.value?.items ?? []).map((one) => [one.id, one.name]));

@@ -14,8 +14,9 @@ import { Entrants } from "./entrants.js";
 
 const REFRESH_MS = 10_000;
 
-/** @param {{id: string}} props */
-export function Competition({ id }) {
+/** @param {{query: URLSearchParams}} props */
+export function View({ query }) {
+  const id = query.get("id") ?? "";
   const { value, problem, reload } = useLoaded((signal) => request(route`/api/v1/competitions/${id}`, { signal }), [id], REFRESH_MS);
   const entrants = usePages(route`/api/v1/competitions/${id}/entrants`);
   if (!value) {

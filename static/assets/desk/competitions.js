@@ -5,7 +5,7 @@ import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
-export function Competitions() {
+export function View() {
   const list = usePages("/api/v1/competitions");
   return html`
     <h2>Competitions</h2>

@@ -56,7 +56,7 @@ const groupsOf = () => [
   { legend: "Settings of all games", isFolded: true, fields: settingsFields("suite.settings.") },
 ];
 
-export function Create() {
+export function View() {
   /** @param {any} body */
   const send = async (body) => {
     const made = await request("/api/v1/competitions", { method: "POST", body });

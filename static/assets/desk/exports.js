@@ -20,7 +20,7 @@ const NAMES = [
 
 const EMPTY = { task: "", model: "", status: "", run: "", episode: "", mixed: "" };
 
-export function Exports() {
+export function View() {
   const [file, setFile] = useState("episodes.jsonl");
   const [filters, setFilters] = useState(EMPTY);
   const set = (/** @type {string} */ name) => (/** @type {any} */ event) => setFilters({ ...filters, [name]: event.target.value.trim() });

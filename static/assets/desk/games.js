@@ -13,9 +13,10 @@ const REFRESH_MS = 5000;
 
 const STATUSES = ["running", "waiting", "finished", "aborted", "abandoned"];
 
-/** @param {{run?: string | null, status?: string | null, isOrganizer: boolean}} props */
-export function Games({ run, status, isOrganizer }) {
-  const shown = status ?? (run ? "" : "running");
+/** @param {{query: URLSearchParams, isOrganizer: boolean}} props */
+export function View({ query, isOrganizer }) {
+  const run = query.get("run");
+  const shown = query.get("status") ?? (run ? "" : "running");
   const list = usePages(withQuery("/api/v1/episodes", { run, status: shown }), REFRESH_MS);
   const choose = (/** @type {any} */ event) => visit(`${withQuery("/desk", { view: "games", run })}&status=${event.target.value}`);
   return html`

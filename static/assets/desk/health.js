@@ -33,8 +33,8 @@ const FAULTS = [
   ["swarmbench_errors_total", "Requests were answered with a fault of the server. The log says why."],
 ];
 
-/** @param {{mayConfirm: boolean}} props */
-export function Health({ mayConfirm }) {
+/** @param {{isOrganizer: boolean}} props */
+export function View({ isOrganizer }) {
   const kept = useRef(/** @type {any[]} */ ([]));
   const { value, problem, reload } = useLoaded(load, [], EVERY_MS);
   if (value && kept.current.at(-1) !== value) kept.current = [...kept.current, value].slice(-SAMPLES_MAX);
@@ -56,7 +56,7 @@ export function Health({ mayConfirm }) {
         ? "The time of day is in doubt: the clock of the server's host jumped. Nothing is revealed, closed or abandoned, and no attempt starts, until it is right or you confirm it."
         : "The time of day is not in doubt."} The server's time is <${Time} value=${value.at} both />.
     </p>
-    ${mayConfirm && html`<${ConfirmClock} isInDoubt=${isInDoubt} done=${reload} />`}
+    ${isOrganizer && html`<${ConfirmClock} isInDoubt=${isInDoubt} done=${reload} />`}
   `;
 }
 

@@ -26,7 +26,7 @@ const FIELDS = [
   { name: "expires_at", label: "Expires", kind: "time", help: "Left empty: never." },
 ];
 
-export function Keys() {
+export function View() {
   const list = usePages("/api/v1/keys");
   const [made, setMade] = useState(/** @type {any} */ (null));
   const [showsAll, setShowsAll] = useState(false);

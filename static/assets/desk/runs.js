@@ -13,9 +13,9 @@ const REFRESH_MS = 5000;
 
 const STATUSES = ["running", "finished", "aborted", "abandoned", "closed"];
 
-/** @param {{status?: string | null}} props */
-export function Runs({ status }) {
-  const shown = status ?? "running";
+/** @param {{query: URLSearchParams}} props */
+export function View({ query }) {
+  const shown = query.get("status") ?? "running";
   const list = usePages(withQuery("/api/v1/runs", { status: shown }), REFRESH_MS);
   const [token, setToken] = useState(/** @type {string | null} */ (null));
   return html`

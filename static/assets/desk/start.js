@@ -67,7 +67,7 @@ const GAME_FIELDS = [
   ] },
 ];
 
-export function Start() {
+export function View() {
   const { value, problem, reload } = useLoaded((signal) => request("/api/v1/suites", { signal }), []);
   const [run, setRun] = useState(/** @type {any} */ (null));
   const [game, setGame] = useState(/** @type {any} */ (null));

@@ -34,7 +34,7 @@ export function Page({ id }) {
     <h1><${Text} value=${competition.name} /></h1>
     ${problem && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
     <${Phases} competition=${competition} aheadMs=${aheadMs} />
-    <p class="foreign prose">${visible(competition.description.trim(), true)}</p>
+    <${Description} text=${competition.description.trim()} />
     <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${entries}`} /></section>
     ${competition.phase !== "closed" && html`<${TakePart} competition=${competition} entered=${() => setEntries(entries + 1)} />`}
     <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
@@ -44,6 +44,16 @@ export function Page({ id }) {
     html`${key() && html`<${TakePart} competition=${competition} />`}
       <section aria-labelledby="verify"><h2 id="verify">Check the results</h2><${Verification} competition=${competition} /></section>`}
   `;
+}
+
+/** A longer description scrolls, so that the standings stay near. */
+const DESCRIPTION_CHARS = 800;
+
+/** @param {{text: string}} props */
+function Description({ text }) {
+  const isLong = text.length > DESCRIPTION_CHARS;
+  const scrolls = isLong ? { tabindex: 0, role: "region", "aria-label": "Description" } : {};
+  return html`<div class=${`foreign prose ${isLong ? "long" : ""}`} ...${scrolls}>${visible(text, true)}</div>`;
 }
 
 /** @param {string} id @param {AbortSignal} signal */

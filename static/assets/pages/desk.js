@@ -1,58 +1,58 @@
 // The organizer's desk: what an organizer can do by the API, one view for each part of it.
 import { html, useEffect } from "../ui.js";
 import { Problem, key, request } from "../api.js";
-import { Audit } from "../desk/audit.js";
-import { Competition } from "../desk/competition.js";
-import { Competitions } from "../desk/competitions.js";
-import { Create } from "../desk/create.js";
-import { Exports } from "../desk/exports.js";
-import { Games } from "../desk/games.js";
-import { Health } from "../desk/health.js";
-import { Keys } from "../desk/keys.js";
-import { Runs } from "../desk/runs.js";
-import { Start } from "../desk/start.js";
 import { Commands } from "../parts/copy.js";
 import { openKeyDialog } from "../parts/header.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 
-/** Views by their names in the address. Those `forAll` show what every caller may see and do. */
+/**
+ * Views by their names in the address. Those `forAll` show what every caller may see and do; those with a parent are below it.
+ * @type {Record<string, {title: string, load: () => Promise<any>, forAll?: boolean, parent?: string}>}
+ */
 const VIEWS = {
-  health: { title: "Health", forAll: true },
-  competitions: { title: "Competitions" },
-  keys: { title: "Keys" },
-  games: { title: "Games", forAll: true },
-  runs: { title: "Runs", forAll: true },
-  start: { title: "Start", forAll: true },
-  exports: { title: "Exports", forAll: true },
-  audit: { title: "Audit log" },
+  health: { title: "Health", load: () => import("../desk/health.js"), forAll: true },
+  competitions: { title: "Competitions", load: () => import("../desk/competitions.js") },
+  create: { title: "New competition", load: () => import("../desk/create.js"), parent: "competitions" },
+  competition: { title: "Competition", load: () => import("../desk/competition.js"), parent: "competitions" },
+  keys: { title: "Keys", load: () => import("../desk/keys.js") },
+  games: { title: "Games", load: () => import("../desk/games.js"), forAll: true },
+  runs: { title: "Runs", load: () => import("../desk/runs.js"), forAll: true },
+  start: { title: "Start", load: () => import("../desk/start.js"), forAll: true },
+  exports: { title: "Exports", load: () => import("../desk/exports.js"), forAll: true },
+  audit: { title: "Audit log", load: () => import("../desk/audit.js") },
 };
-
-/** Views below others. */
-const PARENTS = { create: "competitions", competition: "competitions" };
 
 /** @typedef {"organizer" | "other" | "none"} Role */
 
 /** @param {{query: URLSearchParams}} props */
 export function Page({ query }) {
-  const asked = query.get("view") ?? "health";
-  const parent = PARENTS[asked] ?? asked;
-  const view = Object.hasOwn(VIEWS, parent) ? parent : "health";
+  const asked = query.get("view") ?? "";
+  const name = Object.hasOwn(VIEWS, asked) ? asked : "health";
+  const { title, parent, forAll } = VIEWS[name];
   const { value: role, problem, reload } = useLoaded(roleOf, []);
   useEffect(() => {
-    document.title = `${VIEWS[view].title} · Organizer's desk`;
-  }, [view]);
+    document.title = `${title} · Organizer's desk`;
+  }, [title]);
+  const isOrganizer = role === "organizer";
   return html`
     <h1>Organizer's desk</h1>
     <nav class="views" aria-label="Views of the desk">
-      ${Object.entries(VIEWS).map(
-        ([name, { title }]) => html`<a href=${`/desk?view=${name}`} aria-current=${name === view ? "page" : undefined}>${title}</a>`,
-      )}
+      ${Object.entries(VIEWS)
+        .filter(([, view]) => !view.parent)
+        .map(([one, view]) => html`<a href=${`/desk?view=${one}`} aria-current=${one === (parent ?? name) ? "page" : undefined}>${view.title}</a>`)}
     </nav>
     ${problem && html`<${ProblemNote} problem=${problem} retry=${reload} />`}
-    ${role && (role === "organizer" || VIEWS[view].forAll) && html`<${View} asked=${asked} view=${view} query=${query} isOrganizer=${role === "organizer"} />`}
-    ${role && role !== "organizer" && html`<${NeedsKey} role=${role} isNote=${Boolean(VIEWS[view].forAll)} />`}
+    ${role && (isOrganizer || forAll) && html`<${Shown} view=${VIEWS[name]} query=${query} isOrganizer=${isOrganizer} />`}
+    ${role && !isOrganizer && html`<${NeedsKey} role=${role} isNote=${Boolean(forAll)} />`}
   `;
+}
+
+/** A view, once its module is loaded. @param {{view: {load: () => Promise<any>}, query: URLSearchParams, isOrganizer: boolean}} props */
+function Shown({ view, query, isOrganizer }) {
+  const { value: module, problem, reload } = useLoaded(view.load, []);
+  if (module) return html`<${module.View} query=${query} isOrganizer=${isOrganizer} />`;
+  return problem ? html`<${ProblemNote} problem=${problem} retry=${reload} />` : html`<p class="muted" role="status">Loading …</p>`;
 }
 
 /** Whose key this tab has. @param {AbortSignal} signal @returns {Promise<Role>} */
@@ -65,21 +65,6 @@ async function roleOf(signal) {
     if (error instanceof Problem && error.status === 403) return "other";
     throw error;
   }
-}
-
-/** @param {{asked: string, view: string, query: URLSearchParams, isOrganizer: boolean}} props */
-function View({ asked, view, query, isOrganizer }) {
-  const status = query.get("status");
-  if (asked === "create") return html`<${Create} />`;
-  if (asked === "competition") return html`<${Competition} id=${query.get("id") ?? ""} />`;
-  if (view === "competitions") return html`<${Competitions} />`;
-  if (view === "keys") return html`<${Keys} />`;
-  if (view === "games") return html`<${Games} run=${query.get("run")} status=${status} isOrganizer=${isOrganizer} />`;
-  if (view === "runs") return html`<${Runs} status=${status} />`;
-  if (view === "start") return html`<${Start} />`;
-  if (view === "exports") return html`<${Exports} />`;
-  if (view === "audit") return html`<${Audit} />`;
-  return html`<${Health} mayConfirm=${isOrganizer} />`;
 }
 
 /** @param {{role: Role, isNote: boolean}} props isNote: the view shows what everybody may see */
