@@ -32,6 +32,7 @@ mod imports;
 mod keys;
 mod limits;
 mod openapi;
+mod pages;
 mod room;
 mod router;
 mod runs;
