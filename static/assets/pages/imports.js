@@ -21,7 +21,7 @@ export function Page({ query }) {
     </div>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     ${!list.items && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
-    ${list.items?.length === 0 && html`<p class="empty">There are none. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
+    ${list.items?.length === 0 && html`<p class="empty">There are none, or none that can be read without a key. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
     ${list.items && list.items.length > 0 && html`<${Imports} games=${list.items} />`}
     <${MoreButton} list=${list} />
   `;
