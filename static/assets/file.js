@@ -73,7 +73,7 @@ class FileGame {
 function File({ game }) {
   useEffect(() => void (document.title = titleOf(game)), []);
   return html`<main id="main" tabindex="-1">
-    <div class="game">
+    <div class="watch">
       <${Title} game=${game} />
       <${Notices} game=${game} />
       <${Viewer} game=${game}><${Facts} game=${game} /><//>

@@ -36,7 +36,7 @@ function Hidden({ summary, reload }) {
   /** @type {Shown} */
   const game = { kind: "episodes", summary, head: { id, task, status, rounds } };
   useEffect(() => void (document.title = `${titleOf(game)} · swarmbench`), []);
-  return html`<div class="game">
+  return html`<div class="watch">
     <${Title} game=${game} />
     <div class="notice"><p><strong>What happens in this game is shown after its end.</strong> Its seats belong to several holders, who see only what their own agents see. This page shows the game by itself when it has ended.</p></div>
     <${Seats} game=${game} />
@@ -58,7 +58,7 @@ function ServedGame({ game, embedded }) {
 
   const saveLink = async (/** @type {string} */ moment) => setLink({ moment, isCopied: await copy(moment) });
   const compare = (/** @type {number} */ round) => location.assign(`${withQuery("/compare", { a: game.head.id })}#r=${round}`);
-  return html`<div class="game">
+  return html`<div class="watch">
     <${Title} game=${game} />
     <${Notices} game=${game} />
     ${problem && html`<${ProblemNote} problem=${problem} what="This game" />`}
