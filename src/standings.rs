@@ -15,6 +15,7 @@ use crate::store::{Store, StoreError};
 use swarmbench_boards::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
 use swarmbench_boards::cross_play::{MixedGame, Model, Setting};
 use swarmbench_boards::result::RunResult;
+use swarmbench_boards::run::is_human;
 use swarmbench_boards::{Decentralization, Game, Owner, Player, Run, Slot};
 use swarmbench_journal::record::{Record, RecordedConfig};
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
@@ -219,6 +220,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
     let is_own_name = own_name.as_ref() == Some(&definition.model);
     let template = definition.template_digest();
+    let is_human = is_human(&definition.meta);
     let run = Run {
         player: Player {
             owner: stored.owner.map(|owner| Owner { id: owner.id, name: owner.name }),
@@ -236,6 +238,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             _ if is_hosted => Some(Decentralization::Enforced),
             _ => Some(Decentralization::Declared),
         },
+        is_human,
     };
     let result = RunResult::new(run, &plan, &games, true);
     let suite = suite(&definition.suite, plan);

@@ -46,6 +46,9 @@ pub(super) struct Args {
     /// Hide the results of the paper.
     #[arg(long)]
     no_reference: bool,
+    /// Leave out the rows of people.
+    #[arg(long)]
+    no_people: bool,
     /// Also show imported games, which this server cannot verify.
     #[arg(long)]
     imported: bool,
@@ -88,8 +91,9 @@ impl SourceArgs {
 }
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
-    let Args { source, suite, rules, task, sort, pick, no_reference, imported, csv } = args;
-    let question = Question { suite, rules, task, sort, pick, no_reference, imported };
+    let Args { source, suite, rules, task, sort, pick, no_reference, no_people, imported, csv } =
+        args;
+    let question = Question { suite, rules, task, sort, pick, no_reference, no_people, imported };
     let board = match source.open().await? {
         Source::Server(client) => client.leaderboard(&question).await?,
         Source::Database(store) => {
@@ -219,6 +223,7 @@ fn player(row: &BoardRow) -> String {
         row.imported.then(|| "from files".to_owned()),
         row.status.clone().filter(|status| status != "finished"),
         row.decentralization.clone(),
+        row.kind.clone(),
         row.runs.filter(|&runs| runs > 1).map(|runs| format!("{runs} runs")),
     ];
     for line in [settings.as_slice(), run.as_slice()] {
@@ -329,6 +334,7 @@ mod tests {
             prompt_template: None,
             vouched: Some(false),
             decentralization: Some("declared".to_owned()),
+            kind: None,
             runs: Some(2),
             run: Some("run_0".to_owned()),
             status: Some("aborted".to_owned()),

@@ -65,7 +65,6 @@ impl Modify for Rest {
             scheme.description = Some(description.to_owned());
             components.add_security_scheme(name, SecurityScheme::Http(scheme));
         }
-        describe_events(components);
     }
 }
 
@@ -97,6 +96,7 @@ fn tables() -> String {
 
 /// Adds the errors that follow from what a route takes, and the body of all errors. What a route says itself stays.
 pub(super) fn add_errors(document: &mut utoipa::openapi::OpenApi) {
+    describe_events(document.components.get_or_insert_default());
     let schema = Ref::from_schema_name("Problem");
     let body = RefOr::T(ContentBuilder::new().schema(Some(schema)).build());
     for operation in document.paths.paths.values_mut().flat_map(operations) {

@@ -9,7 +9,7 @@ use swarmbench_protocol::import::KnownSettings;
 
 use super::interval::Difference;
 use super::rank::{Pick, PlayerRuns, Row, View, difference_above, rank_players};
-use super::reference;
+use super::reference::{self, Table};
 use super::result::RunResult;
 use super::{RowId, Slot, scale};
 
@@ -102,6 +102,8 @@ pub struct Question {
     pub pick: Option<String>,
     /// Whether the rows of the paper are left out.
     pub no_reference: bool,
+    /// Whether the rows of people are left out.
+    pub no_people: bool,
     /// Whether games that were read from files are shown, too.
     pub imported: bool,
 }
@@ -219,8 +221,10 @@ impl Boards {
         let has_reference = board.is_built_in && !question.no_reference;
         let references = reference::rows(&id.suite, &id.rules);
         let references = references.filter(|_| has_reference).filter(shows);
+        let references = references.filter(|row| !question.no_people || row.table != Table::Humans);
         let view = View { tasks: tasks.clone(), sort, pick };
-        let players = board.players.values().map(|player| &**player);
+        let is_shown = |player: &&PlayerRuns| !question.no_people || !player.is_human();
+        let players = board.players.values().map(|player| &**player).filter(is_shown);
         let imported = if question.imported { self.imported_to(id, board) } else { Vec::new() };
         let rows = rank_players(players, imported, references, &view);
         Ok(Ranked { board: id.clone(), view, task, rows })

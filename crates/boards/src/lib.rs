@@ -129,6 +129,8 @@ pub struct Run {
     pub vouched: bool,
     /// `None` under centralized control.
     pub decentralization: Option<Decentralization>,
+    /// Whether its owner declares that people played.
+    pub is_human: bool,
 }
 
 /// A game that a run is to play.

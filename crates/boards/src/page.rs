@@ -9,7 +9,9 @@ use super::collection::Ranked;
 use super::cross_play::Pair;
 use super::interval::Difference;
 use super::rank::Source;
+use super::reference::Table;
 use super::result::TaskResult;
+use super::run::HUMAN;
 use super::{RowId, scale};
 
 /// What is said of the rows of the paper.
@@ -50,6 +52,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
         Source::Reference(reference) => BoardRow {
             reference: true,
             table: Some(reference.table.name().to_owned()),
+            kind: kind(reference.table == Table::Humans),
             tasks: tasks
                 .filter_map(|&task| {
                     let numbers = reference.task(task)?;
@@ -90,6 +93,7 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 prompt_template: run.player.template.clone(),
                 vouched: Some(run.vouched),
                 decentralization: run.decentralization.map(|kind| kind.name().to_owned()),
+                kind: kind(run.is_human),
                 runs: Some(whole(*runs)),
                 run: Some(run.id.clone()),
                 status: Some(run.status.clone()),
@@ -147,6 +151,11 @@ fn not_played_here(
         total,
         ..BoardRow::default()
     }
+}
+
+/// What a row says of who played.
+fn kind(is_human: bool) -> Option<String> {
+    is_human.then(|| HUMAN.to_owned())
 }
 
 fn score(task: &TaskResult) -> TaskScore {

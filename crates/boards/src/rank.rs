@@ -128,6 +128,12 @@ pub struct PlayerRuns {
 }
 
 impl PlayerRuns {
+    /// Whether people played one of them.
+    #[must_use]
+    pub fn is_human(&self) -> bool {
+        self.runs.iter().any(|run| run.run.is_human)
+    }
+
     /// Adds a run.
     pub fn insert(&mut self, run: Arc<RunResult>) {
         let order = |run: &RunResult| (run.run.created_at, run.run.id.clone());
@@ -289,6 +295,7 @@ pub(super) mod tests {
             created_at: Timestamp::from_second(second).expect("a time"),
             vouched: true,
             decentralization: Some(Decentralization::Declared),
+            is_human: false,
         }
     }
 

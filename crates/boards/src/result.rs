@@ -114,6 +114,7 @@ impl RunResult {
         run.vouched = runs.iter().all(|one| one.run.vouched);
         // The row states what is true for all of its runs. `None` is the least value.
         run.decentralization = runs.iter().map(|one| one.run.decentralization).min().flatten();
+        run.is_human = runs.iter().any(|one| one.run.is_human);
         let broken = runs.iter().map(|one| &one.run.status).filter(|status| *status != "finished");
         run.status = broken.max().unwrap_or(&run.status).clone();
         let mut tasks: BTreeMap<TaskName, Vec<&TaskResult>> = BTreeMap::new();

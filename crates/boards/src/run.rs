@@ -7,6 +7,15 @@ use swarmbench_engine::{Config, SettingErrors};
 use swarmbench_journal::record::RecordedConfig;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
+/// The `kind` in an `agent_meta`, and of a row, where people played.
+pub const HUMAN: &str = "human";
+
+/// Whether an `agent_meta` declares that people played.
+#[must_use]
+pub fn is_human(meta: &Map<String, Value>) -> bool {
+    meta.get("kind").is_some_and(|kind| kind == HUMAN)
+}
+
 /// The unchanging part of a run; stored as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -309,8 +309,11 @@ impl Client {
 
     /// A whole board, page by page.
     pub async fn leaderboard(&self, question: &Question) -> Result<Leaderboard, ClientError> {
-        let Question { suite, rules, task, sort, pick, no_reference, imported } = question;
+        let Question { suite, rules, task, sort, pick, no_reference, no_people, imported } =
+            question;
         let (reference, imported) = (Some((!no_reference).to_string()), Some(imported.to_string()));
+        // Servers of earlier versions do not know this field.
+        let people = no_people.then(|| false.to_string());
         let query = [
             ("suite", suite),
             ("rules", rules),
@@ -319,6 +322,7 @@ impl Client {
             ("pick", pick),
             ("reference", &reference),
             ("imported", &imported),
+            ("people", &people),
         ];
         let mut board: Leaderboard = self.page("/api/v1/leaderboard", &query, None).await?;
         while let Some(cursor) = board.next_cursor {

@@ -72,6 +72,10 @@ pub struct BoardRow {
     /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible;
     /// null under centralized control, and for rows of the paper.
     pub decentralization: Option<String>,
+    /// `human` if its owner declares that people played, by `agent_meta.kind`, and for the people of the paper; null for
+    /// others.
+    #[serde(default)]
+    pub kind: Option<String>,
     /// How many runs the player has on this board.
     pub runs: Option<u32>,
     /// The run that is shown; with `mean`, the last one.
@@ -165,7 +169,7 @@ impl Table for Leaderboard {
         );
         let last = names(
             "difference difference_low difference_high difference_pairs invalid_share timeout_share voided row \
-             difference_to row_rules converted other_rules",
+             difference_to row_rules converted other_rules kind",
         );
         let metrics = self.tasks.iter().flat_map(|task| {
             self.metrics.iter().map(move |metric| format!("{}_{metric}", task.to_lowercase()))
@@ -218,6 +222,7 @@ impl Table for Leaderboard {
             text(&row.rules),
             row.converted.join(" "),
             row.other_rules.join(" "),
+            maybe(row.kind.as_deref().map(text)),
         ]);
         for task in &self.tasks {
             let of = row.metrics.get(task);

@@ -31,6 +31,8 @@ pub(in super::super) struct BoardParams {
     pick: Option<String>,
     /// Whether the rows of the paper are shown; they are where it is left out.
     reference: Option<bool>,
+    /// Whether the rows of people are shown; they are where it is left out.
+    people: Option<bool>,
     /// Whether games that were read from files are shown, too; they are not where it is left out.
     imported: Option<bool>,
     /// Metrics that are shown for each task, by their names and with commas between them; 16 at most.
@@ -83,6 +85,7 @@ pub(in super::super) async fn show_leaderboard(
         sort: params.sort,
         pick: params.pick,
         no_reference: params.reference == Some(false),
+        no_people: params.people == Some(false),
         imported: params.imported == Some(true),
     };
     // Games are measured after their results are known.

@@ -1,12 +1,14 @@
 // What a game is: its facts, its seats, what can be done with it, and whether its journal is right.
 import { html, useState } from "../ui.js";
 import { request, route, send } from "../api.js";
+import { Commands } from "../parts/copy.js";
+import { save } from "../parts/download.js";
 import { isLive } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Text } from "../parts/text.js";
 import { Time, duration } from "../parts/time.js";
-import { copy, download, savePicture } from "./save.js";
+import { savePicture } from "./save.js";
 
 /** @import { Game } from "../parts/game.js" */
 /** @import { Shown } from "./title.js" */
@@ -108,7 +110,7 @@ export function Actions({ game }) {
     setProblem(null);
     try {
       const answer = await send(route`/api/v1/episodes/${id}/journal`, { token: /** @type {any} */ (game).token });
-      download(await answer.blob(), `${id}.jsonl`);
+      save(await answer.blob(), `${id}.jsonl`);
     } catch (error) {
       setProblem(error);
     }
@@ -120,29 +122,20 @@ export function Actions({ game }) {
       <button type="button" onClick=${() => savePicture(`${id}-map`)}>Picture of the map</button>
     </div>
     ${problem && html`<${ProblemNote} problem=${problem} what="The journal" />`}
-    ${isEpisode && html`<${Commands} id=${id} mayEmbed=${game.summary.config?.visibility === "public" || !isLive(game.head)} />`}`;
+    ${isEpisode && html`<${Elsewhere} id=${id} mayEmbed=${game.summary.config?.visibility === "public" || !isLive(game.head)} />`}`;
 }
 
 /** @param {{id: string, mayEmbed: boolean}} props */
-function Commands({ id, mayEmbed }) {
+function Elsewhere({ id, mayEmbed }) {
   const server = location.origin;
   return html`<details>
     <summary>Commands: animation, one file, check on your own machine</summary>
     <p>An animated GIF:</p>
-    <${Command} label="Command for the animation" text=${`swarmbench replay ${id} --gif game.gif --messages --server ${server}`} />
+    <${Commands} label="Command for the animation" what="the command for the animation" lines=${[`swarmbench replay ${id} --gif game.gif --messages --server ${server}`]} />
     <p>This page as one file, which opens without a server:</p>
-    <${Command} label="Command for one file" text=${`swarmbench replay ${id} --html game.html --server ${server}`} />
+    <${Commands} label="Command for one file" what="the command for one file" lines=${[`swarmbench replay ${id} --html game.html --server ${server}`]} />
     <p>Check the journal without trusting this server:</p>
-    <${Command} label="Command for the check" text=${`swarmbench verify ${id}.jsonl`} />
-    ${mayEmbed && html`<p>The game in another page:</p><${Command} label="Markup for another page" text=${`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`} />`}
+    <${Commands} label="Command for the check" what="the command for the check" lines=${[`swarmbench verify ${id}.jsonl`]} />
+    ${mayEmbed && html`<p>The game in another page:</p><${Commands} label="Markup for another page" what="the markup" lines=${[`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`]} />`}
   </details>`;
-}
-
-/** @param {{text: string, label: string}} props */
-function Command({ text, label }) {
-  const [isCopied, setCopied] = useState(false);
-  return html`<div class="command">
-    <pre tabindex="0" role="region" aria-label=${label}>${text}</pre>
-    <button type="button" onClick=${async () => setCopied(await copy(text))}>${isCopied ? "Copied" : "Copy"}</button>
-  </div>`;
 }

@@ -1,26 +1,17 @@
-// Files and links that leave the page.
+// Pictures and links that leave the page.
+import { save } from "../parts/download.js";
 
 /** Properties of shapes that come from style sheets, which a file does not have. */
 const DRAWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "text-anchor", "transform"];
-
-/** @param {Blob} blob @param {string} name */
-export function download(blob, name) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  // The browser reads it after the click.
-  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
-}
 
 /** The map as it is drawn now: an SVG, or a PNG of a large one. @param {string} name */
 export async function savePicture(name) {
   const map = document.querySelector(".map");
   if (map instanceof HTMLCanvasElement) {
     const blob = await new Promise((resolve) => map.toBlob(resolve));
-    if (blob) download(blob, `${name}.png`);
+    if (blob) save(blob, `${name}.png`);
   } else if (map instanceof SVGSVGElement) {
-    download(new Blob([standalone(map)], { type: "image/svg+xml" }), `${name}.svg`);
+    save(new Blob([standalone(map)], { type: "image/svg+xml" }), `${name}.svg`);
   }
 }
 

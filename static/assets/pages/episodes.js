@@ -1,9 +1,12 @@
 // All games that the reader may know of: the running ones first.
-import { html, useEffect, useState } from "../ui.js";
+import { html, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { short } from "../parts/chart.js";
-import { Choice, Exact, MoreButton, TASKS, useFilters, useList } from "../parts/more.js";
+import { Choice, Exact } from "../parts/filters.js";
+import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
+import { useQuery, useTitle } from "../parts/query.js";
+import { TASKS } from "../parts/tasks.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
@@ -15,20 +18,26 @@ const LIVE_MS = 5000;
 /** Games that are compared at once. */
 const COMPARED = 2;
 
-/** @param {{query: URLSearchParams}} props */
-export function Page({ query }) {
-  const [filters, set] = useFilters(query, ["task", "status", "model", "run"]);
+/** Games that are asked for at once. */
+const PAGE_ITEMS = 50;
+
+/** The filters of the address. */
+const FILTERS = ["task", "status", "model", "run"];
+
+export function Page() {
+  const [query, change] = useQuery();
+  const filters = Object.fromEntries(FILTERS.map((name) => [name, query.get(name) ?? ""]));
   const [chosen, setChosen] = useState(/** @type {string[]} */ ([]));
-  useEffect(() => void (document.title = "Games · swarmbench"), []);
+  useTitle("Games");
   /** @param {string} id */
   const choose = (id) => setChosen((chosen) => (chosen.includes(id) ? chosen.filter((one) => one !== id) : [...chosen, id].slice(-COMPARED)));
   const isOfAll = filters.status === "";
   return html`
     <h1>Games</h1>
     <div class="buttons" role="search" aria-label="Filters">
-      <${Choice} label="Task" value=${filters.task} options=${TASKS} onChange=${(/** @type {string} */ value) => set("task", value)} />
-      <${Choice} label="Status" value=${filters.status} options=${STATUSES} onChange=${(/** @type {string} */ value) => set("status", value)} />
-      <${Exact} label="Model" value=${filters.model} onChange=${(/** @type {string} */ value) => set("model", value)} />
+      <${Choice} label="Task" value=${filters.task} options=${TASKS} onChange=${(/** @type {string} */ value) => change({ task: value })} />
+      <${Choice} label="Status" value=${filters.status} options=${STATUSES} onChange=${(/** @type {string} */ value) => change({ status: value })} />
+      <${Exact} label="Model" value=${filters.model} onChange=${(/** @type {string} */ value) => change({ model: value })} />
       <a href="/imports">Imported games</a>
     </div>
     <p class="buttons" aria-live="polite">
@@ -45,23 +54,24 @@ export function Page({ query }) {
 
 /** Games that run now; nothing where there are none. @param {Props} props */
 function Live({ filters, chosen, onChoose }) {
-  const list = useList("/api/v1/episodes", { ...filters, status: "running" }, LIVE_MS);
-  if (!list.items?.length) return null;
-  return html`<h2>Live</h2><${Games} games=${list.items} label="Live games" chosen=${chosen} onChoose=${onChoose} /><${MoreButton} list=${list} />`;
+  const list = usePages(withQuery("/api/v1/episodes", { ...filters, status: "running", limit: PAGE_ITEMS }), LIVE_MS);
+  if (!list.items.length) return null;
+  return html`<h2>Live</h2><${Games} games=${list.items} label="Live games" chosen=${chosen} onChoose=${onChoose} /><${More} list=${list} />`;
 }
 
 /** @param {Props} props */
 function All({ filters, chosen, onChoose }) {
   const isOfAll = filters.status === "";
-  const list = useList("/api/v1/episodes", filters, isOfAll || filters.status === "running" ? LIVE_MS : undefined);
-  const games = list.items?.filter((game) => !isOfAll || game.status !== "running");
+  const address = withQuery("/api/v1/episodes", { ...filters, limit: PAGE_ITEMS });
+  const list = usePages(address, isOfAll || filters.status === "running" ? LIVE_MS : undefined);
+  const games = list.value && list.items.filter((game) => !isOfAll || game.status !== "running");
   return html`
     <h2>${isOfAll ? "Ended and waiting" : filters.status}</h2>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     ${!games && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
     ${games && games.length === 0 && !list.hasMore && html`<${Empty} isFiltered=${Object.values(filters).some(Boolean)} />`}
     ${games && games.length > 0 && html`<${Games} games=${games} label="Games" chosen=${chosen} onChoose=${onChoose} />`}
-    <${MoreButton} list=${list} />
+    <${More} list=${list} />
   `;
 }
 

@@ -1,29 +1,36 @@
 // Games that were imported from files.
-import { html, useEffect } from "../ui.js";
-import { route } from "../api.js";
+import { html } from "../ui.js";
+import { route, withQuery } from "../api.js";
 import { short } from "../parts/chart.js";
-import { Choice, Exact, MoreButton, TASKS, useFilters, useList } from "../parts/more.js";
+import { Choice, Exact } from "../parts/filters.js";
+import { More, usePages } from "../parts/pages.js";
 import { ProblemNote } from "../parts/problem.js";
+import { useQuery, useTitle } from "../parts/query.js";
+import { TASKS } from "../parts/tasks.js";
 import { Text } from "../parts/text.js";
 
-/** @param {{query: URLSearchParams}} props */
-export function Page({ query }) {
-  const [filters, set] = useFilters(query, ["task", "model"]);
-  const list = useList("/api/v1/imports", filters);
-  useEffect(() => void (document.title = "Imported games · swarmbench"), []);
+/** Games that are asked for at once. */
+const PAGE_ITEMS = 50;
+
+export function Page() {
+  const [query, change] = useQuery();
+  const [task, model] = [query.get("task") ?? "", query.get("model") ?? ""];
+  const list = usePages(withQuery("/api/v1/imports", { task, model, limit: PAGE_ITEMS }));
+  const games = list.value && list.items;
+  useTitle("Imported games");
   return html`
     <h1>Imported games</h1>
     <p>They were read from files of others with <code>swarmbench import</code>. They have no journal, so they cannot be verified.</p>
     <div class="buttons" role="search" aria-label="Filters">
-      <${Choice} label="Task" value=${filters.task} options=${TASKS} onChange=${(/** @type {string} */ value) => set("task", value)} />
-      <${Exact} label="Model" value=${filters.model} onChange=${(/** @type {string} */ value) => set("model", value)} />
+      <${Choice} label="Task" value=${task} options=${TASKS} onChange=${(/** @type {string} */ value) => change({ task: value })} />
+      <${Exact} label="Model" value=${model} onChange=${(/** @type {string} */ value) => change({ model: value })} />
       <a href="/episodes">Games of this server</a>
     </div>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
-    ${!list.items && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
-    ${list.items?.length === 0 && html`<p class="empty">There are none, or none that can be read without a key. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
-    ${list.items && list.items.length > 0 && html`<${Imports} games=${list.items} />`}
-    <${MoreButton} list=${list} />
+    ${!games && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
+    ${games?.length === 0 && html`<p class="empty">There are none, or none that can be read without a key. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
+    ${games && games.length > 0 && html`<${Imports} games=${games} />`}
+    <${More} list=${list} />
   `;
 }
 

@@ -1,6 +1,7 @@
 //! Leaderboards: what is on them, how rows are marked, and that they follow from the journals.
 
 use serde_json::{Value, json};
+use swarmbench::run::definition::Definition;
 use swarmbench::standings::Standings;
 use swarmbench_engine::TaskName;
 
@@ -93,7 +94,7 @@ async fn the_same_as_csv() {
         "suite,suite_digest,rules,rank,reference,imported,table,owner,model,temperature,top_p,prompt_template,vouched,\
          decentralization,runs,run,status,started_at,total,synchronization_mean,synchronization_deviation,\
          synchronization_games,synchronization_planned,difference,difference_low,difference_high,difference_pairs,\
-         invalid_share,timeout_share,voided,row,difference_to,row_rules,converted,other_rules"
+         invalid_share,timeout_share,voided,row,difference_to,row_rules,converted,other_rules,kind"
     );
     let records = records(&answer);
     let rows = list(&json["items"]);
@@ -109,6 +110,33 @@ async fn the_same_as_csv() {
     // The name of a key is anybody's: no spreadsheet is to run it.
     assert_eq!(records[2]["owner"], "'=bob");
     assert_eq!(records[0]["difference"], "");
+}
+
+/// A run whose owner says that people played is marked, and so are the human baselines of the paper; both can be left out.
+#[tokio::test]
+async fn people_are_marked_and_can_be_left_out() {
+    let mut app = TestApp::builder().manual_clock().keys().start().await;
+    app.stop().await;
+    let mut offline = Offline::open(&app).await;
+    let people = json!({ "kind": "human" }).as_object().expect("an object").clone();
+    let by_hand = Definition { meta: people, ..definition("by hand", 5) };
+    offline.run(by_hand, None, &[Did::Scored(7); 5], "finished").await;
+    offline.run(definition("a program", 5), None, &[Did::Scored(6); 5], "finished").await;
+    offline.close().await;
+    app.start_again().await;
+    let all = board(&app, "suite=small").await;
+    assert_eq!(column(&all, "/model"), ["by hand", "a program"]);
+    assert_eq!(column(&all, "/kind"), [json!("human"), Value::Null]);
+    assert_eq!(records(&csv(&app, "suite=small").await)[0]["kind"], "human");
+    let programs = board(&app, "suite=small&people=false").await;
+    assert_eq!(
+        (column(&programs, "/model"), &programs["rows"]),
+        (vec![json!("a program")], &json!(1))
+    );
+
+    let kinds = |board: &Value| column(board, "/kind").contains(&json!("human"));
+    assert!(kinds(&board(&app, "suite=baselines").await), "the human baselines of the paper");
+    assert!(!kinds(&board(&app, "suite=baselines&people=false").await));
 }
 
 #[tokio::test]

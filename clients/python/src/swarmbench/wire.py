@@ -681,6 +681,7 @@ class LeaderboardQuery(TypedDict, total=False):
     sort: str
     pick: Literal["best", "last", "mean"]
     reference: bool
+    people: bool
     imported: bool
     metrics: str
     limit: int
@@ -731,6 +732,7 @@ class BoardRow(TypedDict):
     prompt_template: str | None
     vouched: bool | None
     decentralization: str | None
+    kind: str | None
     status: str | None
     runs: int | None
     run: str | None

@@ -17,6 +17,7 @@ use super::entrant::Entrant;
 use crate::page::row_difference;
 use crate::rank::{Pick, Row as Ranked, View, difference_above, rank};
 use crate::result::RunResult;
+use crate::run::is_human;
 use crate::{Decentralization, Game, Owner, Player, Run, Slot};
 
 /// An attempt, with the games that have ended.
@@ -128,6 +129,7 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
         created_at: attempt.created_at,
         vouched: entrant.vouched,
         decentralization: decentralization(&definition.settings.control),
+        is_human: is_human(&declaration.agent_meta),
     };
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
 }
