@@ -57,12 +57,19 @@ for (const address of UNKNOWN) {
 
 visit("a private server shows nothing without a key", async ({ page, watch }, { data }) => {
   watch.expect(/40[134]/);
-  const addresses = ["/", "/boards", "/board/standard", "/runs", "/episodes", "/imports", "/competitions", "/desk", "/play"];
+  const addresses = ["/", "/boards", "/board/standard", "/runs", "/episodes", "/imports", "/competitions", "/desk"];
   for (const address of [...addresses, `/episodes/${data.game}`, `/embed/episodes/${data.game}`]) {
     await open(page, address);
     assert.doesNotMatch(await page.content(), /a secret model/, address);
     await says(page, /key/i);
   }
+});
+
+visit("without a key no game is started", async ({ page, watch }) => {
+  watch.expect(/401/);
+  await open(page, "/play");
+  await page.getByRole("button", { name: "Play", exact: true }).click();
+  await says(page, /key/i);
 });
 
 visit("a key shows it", async ({ page, watch }, { data }) => {

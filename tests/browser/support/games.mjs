@@ -95,7 +95,7 @@ export async function run(program, request) {
 export const smallSuite = (settings = {}) => ({
   name: "small",
   tasks: ["Pursuit", "Foraging"],
-  seeds: [27, 42],
+  seeds: [27, 42, 57],
   settings: { num_agents: 6, max_round: 20, ...settings },
 });
 

@@ -30,6 +30,9 @@ export const PLAIN = {
   meta: { prompt: "v3", temperature_note: "as served" },
 };
 
+/** Of so many answers one is invalid. */
+const INVALID_EVERY = 97;
+
 /** How long a short competition is open: its games are played by then. */
 const SHORT_MS = 6_000;
 
@@ -43,6 +46,7 @@ export async function full(program, texts = PLAIN) {
   const decide = speaks(texts);
 
   const built = await run(program, { suite: smallSuite(), model: texts.name("careful walker") });
+  await run(program, { suite: smallSuite(), player: "random", model: texts.name("wanderer") });
   const named = await run(program, { suite: { ...smallSuite(), name: texts.name("forest", 60) }, model: texts.name("explorer") });
   const row = (await program.get(`/api/v1/leaderboard?suite=small`)).items[0].id;
   const model = texts.name("gpt-x", 200);
@@ -95,10 +99,10 @@ function speaks(texts, known = {}) {
   return (/** @type {any} */ observation) => {
     const drawn = draw(observation);
     count += 1;
-    const isMute = count % 97 === 0;
     const chosen = known[`${observation.round}/${observation.agent}`];
-    const action = isMute ? "" : chosen ? `ACTION: ${chosen}` : (/ACTION: \w+/.exec(drawn.response)?.[0] ?? "");
-    const response = `${texts.response}\n${action}\nMSG: ${texts.message(count)}`;
+    const action = chosen ? `ACTION: ${chosen}` : (/ACTION: \w+/.exec(drawn.response)?.[0] ?? "");
+    const answer = count % INVALID_EVERY === 0 ? "" : `${action}\nMSG: ${texts.message(count)}`;
+    const response = `${texts.response}\n${answer}`;
     return { ...drawn, response, reasoning: texts.reasoning };
   };
 }
