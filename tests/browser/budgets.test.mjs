@@ -18,6 +18,8 @@ const FRAME_MS = { small: (1000 / 60) * 3, large: (1000 / 20) * 3 };
 /** Files of a folder come as they are; those of the program without comments. */
 const AS_SENT = !process.env.SWARMBENCH_PAGES;
 
+const QUIET_MS = 4_000;
+
 const SCRUB_MS = 3_000;
 
 const { visit } = suite({ keys: true }, async (program) => {
@@ -32,6 +34,9 @@ const { visit } = suite({ keys: true }, async (program) => {
   };
 });
 
+/** Waits until a page loads nothing more; one that follows a game always does. @param {import("playwright-core").Page} page */
+const quiet = (page) => page.waitForLoadState("networkidle", { timeout: QUIET_MS }).catch(() => {});
+
 /**
  * Bytes that a page loads, compressed as the server sends them: documents and files, and data.
  * @param {import("playwright-core").Page} page
@@ -40,18 +45,21 @@ const { visit } = suite({ keys: true }, async (program) => {
 async function loaded(page, address) {
   const bodies = /** @type {Promise<{isData: boolean, bytes: number}>[]} */ ([]);
   page.on("response", (response) => {
-    const isData = new URL(response.url()).pathname.startsWith("/api/");
+    const { pathname } = new URL(response.url());
+    // A stream has no end while its game runs.
+    if (pathname.endsWith("/events")) return;
+    const isData = pathname.startsWith("/api/");
     const size = response.body().then((body) => ({ isData, bytes: gzipSync(body, { level: 9 }).length }));
     bodies.push(size.catch(() => ({ isData, bytes: 0 })));
   });
   await open(page, address);
-  await page.waitForLoadState("networkidle");
+  await quiet(page);
   const bytes = { files: 0, data: 0 };
   for (const body of await Promise.all(bodies)) bytes[body.isData ? "data" : "files"] += body.bytes;
   return bytes;
 }
 
-for (const { name, address, needsKey } of PLACES.filter(({ name }) => !["missing", "live"].includes(name))) {
+for (const { name, address, needsKey } of PLACES.filter(({ name }) => name !== "missing")) {
   visit(
     `${name}: the first load is small`,
     async ({ page }, { data }) => {
@@ -88,7 +96,7 @@ async function frame(page, address) {
   await open(page, address);
   const slider = page.getByRole("slider", { name: "Round" });
   await slider.waitFor();
-  await page.waitForLoadState("networkidle");
+  await quiet(page);
   const session = await page.context().newCDPSession(page);
   await session.send("Performance.enable", { timeDomain: "threadTicks" });
   const taken = async () => {
