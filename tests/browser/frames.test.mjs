@@ -39,7 +39,7 @@ visit("a game is shown in a frame of another site", async ({ page, watch }, { pr
 
 visit("no other page is shown in a frame", async ({ page, watch }, { program, data }) => {
   watch.allow(around);
-  watch.expect(/frame-ancestors|ERR_BLOCKED_BY_RESPONSE|chrome-error/);
+  watch.expect(/frame-ancestors|ERR_BLOCKED_BY_RESPONSE|chrome-error|404/);
   for (const address of ["/", "/desk", "/play", `/episodes/${data.game}`, "/docs", "/nowhere"]) {
     await page.goto(`${around}/?frame=${encodeURIComponent(program.url + address)}`);
     const [, frame] = page.frames();

@@ -7,7 +7,7 @@ import { PLACES, expectedAt, full } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
 /** Pages that show nothing that a stranger wrote. */
-const WITHOUT = new Set(["boards", "board", "play", "missing"]);
+const WITHOUT = new Set(["desk", "desk-create", "missing"]);
 
 /** Characters that turn text around; pages show symbols in their place. */
 const TURNING = /[\u202a-\u202e\u2066-\u2069]/;

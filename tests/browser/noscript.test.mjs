@@ -7,7 +7,9 @@ const { visit } = suite({ keys: true }, full);
 
 visit(
   "pages without scripts link to their data",
-  async ({ page, context }, { program, data }) => {
+  async ({ page, context, watch }, { program, data }) => {
+    // Without scripts Chromium does not load them ahead either.
+    watch.expect(/^failed: .*\.m?js csp$/);
     for (const { name, address } of PLACES.filter(({ name }) => name !== "missing")) {
       await page.goto(address(data));
       await page.getByRole("heading", { level: 1 }).waitFor();

@@ -12,7 +12,9 @@ const { visit } = suite({ keys: true, args: ["--private"] }, async (program) => 
 /** @param {import("playwright-core").Page} page */
 async function says(page, /** @type {RegExp} */ words) {
   const main = page.getByRole("main");
-  await main.getByText(words).first().waitFor();
+  await main.getByText(words).first().waitFor().catch((error) => {
+    throw new Error(`${page.url()} does not say ${words}`, { cause: error });
+  });
   const choices = (await main.getByRole("link").count()) + (await main.getByRole("button").count());
   assert.ok(choices > 0, "something can be done");
 }

@@ -79,7 +79,7 @@ function All({ filters, chosen, onChoose }) {
 const Empty = ({ isFiltered }) =>
   isFiltered
     ? html`<p class="empty">No game fits these filters. Choose others.</p>`
-    : html`<p class="empty">There are no games yet. <a href="/play">Play one</a>, or start one with <code>swarmbench play --task Pursuit</code>.</p>`;
+    : html`<p class="empty">No game has ended yet, or none that can be read without a key. <a href="/play">Play one</a>, or start one with <code>swarmbench play --task Pursuit</code>.</p>`;
 
 /** @param {{games: any[], label: string, chosen: string[], onChoose: (id: string) => void}} props */
 const Games = ({ games, label, chosen, onChoose }) => html`<div class="scroll" tabindex="0" role="region" aria-label=${label}>

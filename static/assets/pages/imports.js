@@ -28,7 +28,7 @@ export function Page() {
     </div>
     ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
     ${!games && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
-    ${games?.length === 0 && html`<p class="empty">There are none. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
+    ${games?.length === 0 && html`<p class="empty">There are none, or none that can be read without a key. Who runs this server imports games with <code>swarmbench import FOLDER</code>.</p>`}
     ${games && games.length > 0 && html`<${Imports} games=${games} />`}
     <${More} list=${list} />
   `;

@@ -46,7 +46,9 @@ export async function full(program, texts = PLAIN) {
   const named = await run(program, { suite: { ...smallSuite(), name: texts.name("forest", 60) }, model: texts.name("explorer") });
   const row = (await program.get(`/api/v1/leaderboard?suite=small`)).items[0].id;
   const model = texts.name("gpt-x", 200);
-  const talk = await spoken(program, { task: "Pursuit", seed: 27, num_agents: 6, max_round: 40, model, ...agents }, { decide });
+  const shown = { task: "Foraging", seed: 27, max_round: 60 };
+  const known = await actionsOf(program, await hosted(program, { ...shown, model: texts.name("teacher") }));
+  const talk = await spoken(program, { ...shown, model, ...agents }, { decide: speaks(texts, known) });
   const same = { task: "Foraging", seed: 42, max_round: 60 };
   const first = await hosted(program, { ...same, model: texts.name("first") });
   const second = await hosted(program, { ...same, player: "random", model: texts.name("second") });
@@ -67,14 +69,35 @@ export async function full(program, texts = PLAIN) {
   return { ...games, imported: await importOf(program, talk.id) };
 }
 
-/** Answers like a language model's, with the texts. @param {Texts} texts */
-function speaks(texts) {
+/**
+ * What every agent chose in every round of a game.
+ * @param {import("./program.mjs").Program} program
+ * @param {string} id
+ * @returns {Promise<Record<string, string>>}
+ */
+async function actionsOf(program, id) {
+  const { states } = await program.get(`/api/v1/episodes/${id}/replay`);
+  const names = { U: "UP", D: "DOWN", L: "LEFT", R: "RIGHT", S: "STAY", X: "SWITCH" };
+  const chosen = states.flatMap(({ round, actions = "" }) =>
+    [...actions].map((letter, agent) => [`${round - 1}/Agent_${agent}`, names[/** @type {keyof typeof names} */ (letter)] ?? ""]),
+  );
+  return Object.fromEntries(chosen);
+}
+
+/**
+ * Answers like a language model's, with the texts; where `known` has an action, with that.
+ * @param {Texts} texts
+ * @param {Record<string, string>} [known]
+ */
+function speaks(texts, known = {}) {
   const draw = talkative(27);
   let count = 0;
   return (/** @type {any} */ observation) => {
     const drawn = draw(observation);
     count += 1;
-    const action = /ACTION: \w+/.exec(drawn.response)?.[0] ?? "";
+    const isMute = count % 97 === 0;
+    const chosen = known[`${observation.round}/${observation.agent}`];
+    const action = isMute ? "" : chosen ? `ACTION: ${chosen}` : (/ACTION: \w+/.exec(drawn.response)?.[0] ?? "");
     const response = `${texts.response}\n${action}\nMSG: ${texts.message(count)}`;
     return { ...drawn, response, reasoning: texts.reasoning };
   };
@@ -150,7 +173,7 @@ export const PLACES = [
   { name: "runs", address: () => "/runs" },
   { name: "run", address: ({ built }) => `/runs/${built}` },
   { name: "games", address: () => "/episodes" },
-  { name: "game", address: ({ talk }) => `/episodes/${talk}#r=12&a=2` },
+  { name: "game", address: ({ talk }) => `/episodes/${talk}#r=31&a=2` },
   { name: "live", address: ({ live }) => `/episodes/${live.id}` },
   { name: "voided", address: ({ voided }) => `/episodes/${voided}` },
   { name: "embedded", address: ({ talk }) => `/embed/episodes/${talk}` },
@@ -163,6 +186,11 @@ export const PLACES = [
   { name: "competition", address: ({ cup }) => `/competitions/${cup}` },
   { name: "revealed", address: ({ closed }) => `/competitions/${closed}` },
   { name: "desk", address: () => "/desk", needsKey: true },
+  { name: "desk-keys", address: () => "/desk?view=keys", needsKey: true },
+  { name: "desk-games", address: () => "/desk?view=games", needsKey: true },
+  { name: "desk-audit", address: () => "/desk?view=audit", needsKey: true },
+  { name: "desk-create", address: () => "/desk?view=create", needsKey: true },
+  { name: "desk-cup", address: ({ cup }) => `/desk?view=competition&id=${cup}`, needsKey: true },
   { name: "missing", address: () => "/nowhere" },
 ];
 
