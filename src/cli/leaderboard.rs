@@ -25,6 +25,7 @@ const WIDE: u16 = 132;
     swarmbench leaderboard --suite quick --task Pursuit --db swarmbench.db\n  \
     swarmbench leaderboard --csv > board.csv"
 )]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(super) struct Args {
     #[command(flatten)]
     source: SourceArgs,

@@ -130,8 +130,7 @@ mod tests {
     fn comments_are_left_out_of_scripts_and_lines_keep_their_numbers() {
         let script = "// What it is.\n/**\n * @param {number} a\n */\nlet a = 1; // one\n  /** b */\n\
             /** @type {any} */ (a);\nlet c = \"// \";\n";
-        let kept =
-            "\n\n\n\nlet a = 1; // one\n\n/** @type {any} */ (a);\nlet c = \"// \";\n";
+        let kept = "\n\n\n\nlet a = 1; // one\n\n/** @type {any} */ (a);\nlet c = \"// \";\n";
         assert_eq!(without_comments(script), kept);
     }
 }

@@ -114,14 +114,6 @@ impl App {
         Ok(stored)
     }
 
-    /// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
-    /// holders is played, they know of each other what they see and hear.
-    fn may_see_decisions(&self, caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
-        let spec = spec(stored)?;
-        let subject = subject(stored, &spec);
-        Ok(!subject.is_mixed || subject.is_over || caller.oversees(subject))
-    }
-
     /// Whether the caller may read all that was played, with seed and acts. Until the end only the creator may, or only
     /// organizers if there are several holders.
     pub(super) fn may_read_journal(&self, caller: &Caller, stored: &StoredEpisode) -> bool {
@@ -180,6 +172,14 @@ impl App {
             config: config(&spec, may_know_seed),
         })
     }
+}
+
+/// Whether the caller may see what was decided, of an episode of which it may read the states: while a game of several
+/// holders is played, they know of each other what they see and hear.
+fn may_see_decisions(caller: &Caller, stored: &StoredEpisode) -> Result<bool, ApiError> {
+    let spec = spec(stored)?;
+    let subject = subject(stored, &spec);
+    Ok(!subject.is_mixed || subject.is_over || caller.oversees(subject))
 }
 
 /// What the permissions of a stored episode depend on.

@@ -85,14 +85,14 @@ pub(in super::super) async fn show_replay(
     Params(params): Params<ReplayParams>,
 ) -> Result<Response, ApiError> {
     let stored = app.readable_stored(&caller, id).await?;
-    let has_decisions = app.may_see_decisions(&caller, &stored)?;
+    let has_decisions = super::may_see_decisions(&caller, &stored)?;
     let handle = app.episode(&stored.id).await?;
     let snapshot = handle.snapshot();
     let newest = snapshot.world.round();
     let agents = snapshot.world.config().num_agents().into();
     let (from, to) = params.range(newest, agents)?;
     let key = PageKey { game: Game::Episode(handle.key), from, to, has_decisions };
-    let page = app.replay_pages.page(key, app.write_page(&handle, key)).await?;
+    let page = Box::pin(app.replay_pages.page(key, app.write_page(&handle, key))).await?;
     let next = (page.last < newest).then_some(page.last);
     Ok(json(joined(&head(&handle, &snapshot, params.wants_ground(), next), &page.json)))
 }

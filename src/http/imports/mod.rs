@@ -26,6 +26,7 @@ impl App {
 }
 
 /// The error of a stored game that cannot be read.
+#[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` calls")]
 fn broken(problem: String) -> ApiError {
     ApiError::new(Code::Internal, format!("the game cannot be read: {problem}"))
 }

@@ -48,7 +48,8 @@ pub(in super::super) async fn show_import_replay(
     });
     let (head, page) = begin.await?.map_err(broken)?;
     let key = PageKey { game: Game::Import(stored.key), from, to, has_decisions: stored.acts > 0 };
-    let page = app.replay_pages.page(key, app.write_import_page(&stored, key, page)).await?;
+    let page =
+        Box::pin(app.replay_pages.page(key, app.write_import_page(&stored, key, page))).await?;
     let next = (page.last < stored.rounds).then_some(page.last);
     Ok(json(joined(&ReplayHead { next, ..head }, &page.json)))
 }

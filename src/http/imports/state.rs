@@ -4,6 +4,7 @@ use axum::Json;
 
 use super::super::episodes::state::StateParams;
 use super::super::prelude::*;
+use super::broken;
 use crate::dataset::imported;
 use swarmbench_protocol::episode::State as StateBody;
 
@@ -32,11 +33,7 @@ pub(in super::super) async fn show_imported_state(
         let detail = format!("the game has {} rounds, and no round {round}", stored.rounds);
         return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));
     }
-    let found = app.store.imported_rounds(stored.key, round, round + 1).await?;
-    let broken = |problem: &str| {
-        ApiError::new(Code::Internal, format!("the state cannot be read: {problem}"))
-    };
-    let state = found.first().ok_or_else(|| broken("it is missing"))?;
-    let state = imported::state(&stored.task, state).map_err(|problem| broken(&problem))?;
+    let state = app.imported_state(&stored, round).await?;
+    let state = imported::state(&stored.task, &state).map_err(broken)?;
     Ok(Json(state))
 }

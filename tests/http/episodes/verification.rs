@@ -26,8 +26,7 @@ async fn it_finds_what_the_program_finds() {
     assert_eq!(ended["layout_digest"], report.opening.digest);
     assert_eq!((&ended["rounds"], &ended["score"]), (&json!(4), &json!(report.score)));
     let last = app.journal(&episode).await;
-    let last =
-        last.lines().filter(|line| line.contains("\"round\":3")).next_back().expect("a round");
+    let last = last.lines().rfind(|line| line.contains("\"round\":3")).expect("a round");
     assert!(last.contains(ended["final_digest"].as_str().expect("a digest")));
     assert_eq!(find().await, ended);
 }
