@@ -57,6 +57,8 @@ visit(
     });
     await open(page, `/episodes/${data.game}`);
     assert.ok(sent.some((header) => header?.startsWith("Bearer secret_")));
+    // The page before sends nothing any more.
+    await page.goto("about:blank");
     sent.length = 0;
     await open(page, `/embed/episodes/${data.game}`);
     assert.ok(sent.length > 0);

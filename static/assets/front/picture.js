@@ -43,7 +43,7 @@ export function Moving({ game }) {
   };
   const isMoving = isPlaying && round < opened.last;
   return html`<figure>
-    <a href=${route`/episodes/${game.id}`} aria-label=${`Look at this game of ${game.task}`}>
+    <a href=${route`/episodes/${game.id}`}>
       <${GameMap} head=${opened.head} state=${state} next=${next} label=${`${game.task}, round ${state.round}`} />
     </a>
     <figcaption class="small muted">

@@ -38,8 +38,30 @@ export async function play(program, token, decide, rounds = Infinity) {
       const { episode, agent, round } = observation;
       return act ? [{ episode, agent, round, ...act }] : [];
     });
-    if (acts.length > 0) await program.post("/swarm/act", { acts }, { token });
+    await send(program, token, acts);
     if (seen.observations.length > 0 && open.length === 0) return;
+  }
+}
+
+/** Problems of acts that come after their round. */
+const LATE = ["round_over", "episode_over"];
+
+/**
+ * Sends acts, and those again that come too fast: long ones have a rate.
+ * @param {import("./program.mjs").Program} program
+ * @param {string} token
+ * @param {any[]} acts
+ */
+async function send(program, token, acts) {
+  while (acts.length > 0) {
+    const { receipts } = await program.post("/swarm/act", { acts }, { token });
+    const problems = receipts.map((receipt, index) => ({ ...receipt, act: acts[index] })).filter(({ code }) => code);
+    const fast = problems.filter(({ code }) => code === "rate_limited");
+    const other = problems.find(({ code }) => code !== "rate_limited" && !LATE.includes(code));
+    if (other) throw new Error(`${other.code}: ${other.detail}`);
+    acts = fast.map(({ act }) => act);
+    const pause = Math.max(0, ...fast.map(({ retry_after_ms: ms }) => ms));
+    await new Promise((resolve) => setTimeout(resolve, pause));
   }
 }
 
