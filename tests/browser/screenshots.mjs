@@ -16,7 +16,8 @@ const SCHEMES = /** @type {const} */ (["light", "dark"]);
 
 /** Pictures of the documents: page, size and scheme. */
 const SHOWN = new Set([
-  ...["front", "board", "run", "game", "compare", "seat", "competition", "desk"].map((name) => `${name}-wide-light`),
+  ...["front", "boards", "board", "player", "runs", "run", "games", "game", "imports", "import", "compare"].map((name) => `${name}-wide-light`),
+  ...["play", "seat", "competitions", "competition", "revealed", "desk"].map((name) => `${name}-wide-light`),
   ...["game-wide-dark", "game-narrow-light", "board-narrow-dark"],
 ]);
 
