@@ -16,7 +16,11 @@ const LEADERS = 3;
 export function Page() {
   const builtIn = useLoaded((signal) => request("/api/v1/suites", { signal }), []);
   const runs = usePages(withQuery("/api/v1/runs", { limit: PAGE_ITEMS }));
-  const boards = useMemo(() => arrange(builtIn.value?.items ?? [], runs.items), [builtIn.value, runs.items.length]);
+  const boards = useMemo(() => {
+    // Attempts are on the board of their competition.
+    const counted = runs.items.filter((run) => run.attempt === null);
+    return arrange(builtIn.value?.items ?? [], counted);
+  }, [builtIn.value, runs.items.length]);
   const problem = builtIn.problem ?? runs.problem;
   const isLoaded = builtIn.value && runs.value;
   return html`
