@@ -445,9 +445,7 @@ Replay = TypedDict(
 )
 
 # A message that an agent read; `original` where noise changed it.
-InboxMessage = TypedDict(
-    "InboxMessage", {"from": str, "sent": int, "text": str, "original": NotRequired[str | None]}
-)
+InboxMessage = TypedDict("InboxMessage", {"from": str, "sent": int, "text": str, "original": NotRequired[str | None]})
 
 
 class ShownAct(TypedDict):
