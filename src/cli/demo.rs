@@ -117,6 +117,7 @@ fn how_to_join(base: &str) -> String {
   curl -s {base}/act -H \"Authorization: Bearer $TOKEN\" -H 'Content-Type: application/json' \\
        -d '{{\"round\": 0, \"action\": \"UP\"}}'
 
+Watch these games in a browser, or take a seat: {base}
 All routes: {base}/docs\n"
     )
 }
