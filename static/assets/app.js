@@ -129,7 +129,7 @@ function App() {
   useEffect(() => {
     if (!shown) return;
     resetError();
-    // Who reads by ear learns that the page is another one.
+    // Screen readers announce the new page.
     if (!isFirst.current) main.current?.focus();
     isFirst.current = false;
     scrollTo(0, 0);

@@ -139,7 +139,7 @@ async fn same_replay((app, episode): (&TestApp, &Episode), (there, id): (&TestAp
     assert_eq!((&imported["scores"], &imported["every"]), (&scores["scores"], &scores["every"]));
 }
 
-/// What agents did is told of an import, too.
+/// Imports have what agents did, too.
 async fn same_acts((app, episode): (&TestApp, &Episode), (there, id): (&TestApp, &str)) {
     for agent in 0..6 {
         let place = format!("/rounds/3/agents/Agent_{agent}");

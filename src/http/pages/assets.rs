@@ -1,4 +1,4 @@
-//! `GET /assets/{version}/…`: the files that pages load. They are part of the program, or in a folder for work on them.
+//! `GET /assets/{version}/…`: the files that pages load. They are part of the program, or in a folder while somebody works on them.
 
 use std::path::{Component, Path, PathBuf};
 

@@ -89,7 +89,7 @@ async fn embedded_episode(
     episode_shell(&app, &caller, &id).await.framing(Framing::Anyone).response(&app)
 }
 
-/// The page of a game, with a title and a description for whoever shows links, where the caller may read the game.
+/// The page of a game, with a title and a description for previews of links, if the caller may read the game.
 async fn episode_shell(app: &App, caller: &Caller, id: &str) -> Shell {
     let parts = ["", "/state", "/replay", "/metrics", "/journal"];
     let shell = match app.readable_summary(caller, id).await {

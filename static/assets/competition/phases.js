@@ -2,7 +2,7 @@
 import { html } from "../ui.js";
 import { Countdown, Time, duration } from "../parts/time.js";
 
-/** What a phase means for who reads the page. */
+/** What a phase means for visitors. */
 const MEANING = {
   announced: "Nobody can play yet. One can enter.",
   open: "Attempts can be started and played.",

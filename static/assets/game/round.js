@@ -56,7 +56,7 @@ export function Messages({ head, state, next, onChoose }) {
 /** @type {[string, string][]} */
 const COLUMNS = [["agent", "Agent"], ["row", "Row"], ["column", "Column"], ["action", "Action"], ["result", "Result"], ["message", "Message"]];
 
-/** All agents as a table: the map for who cannot see it. @param {Props} props */
+/** All agents as a table: the map for screen readers. @param {Props} props */
 export function AgentTable({ head, state, next, agent, onChoose }) {
   const [order, setOrder] = useState({ by: "agent", isDown: false });
   const rows = Array.from({ length: head.num_agents }, (_, n) => rowOf(state, next, n)).sort((a, b) => compare(a[order.by], b[order.by]) * (order.isDown ? -1 : 1));

@@ -163,7 +163,7 @@ function sentence(state, next) {
   return parts.join(" ");
 }
 
-/** Says for who reads by ear what is shown, once it rests. @param {{text: string}} props */
+/** Announces to screen readers what is shown, once it rests. @param {{text: string}} props */
 function Announcer({ text }) {
   const [said, setSaid] = useState("");
   useEffect(() => {

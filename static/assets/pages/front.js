@@ -31,7 +31,7 @@ export function Page() {
   const finished = useLoaded(games({ status: "finished", limit: GAMES }), [], OTHERS_MS);
   const competitions = useLoaded((signal) => request(withQuery("/api/v1/competitions", { limit: RUNS }), { signal }), [], OTHERS_MS);
   const problem = competitions.problem ?? running.problem ?? finished.problem;
-  // A private server lists no games for who has no key.
+  // A private server lists no games without a key.
   const isPrivate = problem instanceof Problem && problem.status === 401;
   const newest = [...(running.value?.items ?? []), ...(finished.value?.items ?? [])];
   const isEmpty = !isPrivate && competitions.value && running.value && finished.value && newest.length === 0;

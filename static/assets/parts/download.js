@@ -1,4 +1,4 @@
-// Files of the server, also for who needs a key to read them: a link cannot send one.
+// Files of the server. Where reading them needs a key, they are fetched: a link cannot send one.
 import { html, useState } from "../ui.js";
 import { key, send } from "../api.js";
 

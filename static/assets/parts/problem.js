@@ -4,14 +4,14 @@ import { Problem, key, remember } from "../api.js";
 import { openKeyDialog } from "./header.js";
 import { Text } from "./text.js";
 
-/** What a code of a problem means for who reads a page. */
+/** What the code of a problem means for visitors. */
 const ADVICE = {
   offline: ["The server does not answer", "It may be restarting. This page tries again by itself, or at once:"],
   not_found: [
     "Not found",
     "The link may be wrong or cut off, or this is private: then enter the key of its creator, or of an organizer.",
   ],
-  forbidden: ["Not for everybody yet", "Who created it, or an organizer, can read it with a key."],
+  forbidden: ["Not for everybody yet", "Its creator and organizers can read it with a key."],
   unauthorized: [
     "The key or token is not accepted",
     "It was revoked, replaced, or has expired, or this server is private. Enter another one, or go on without.",
@@ -31,7 +31,7 @@ export function ProblemNote({ problem, retry, what }) {
   const code = answered === "unauthorized" && !key() ? "no_key" : answered;
   const [title, advice] = ADVICE[/** @type {keyof typeof ADVICE} */ (code)] ?? [
     "Something went wrong",
-    "Load the page again. If it happens again, tell who runs this server.",
+    "Load the page again. If it happens again, tell the operator of this server.",
   ];
   const mayNeedKey = ["not_found", "forbidden", "unauthorized", "no_key"].includes(code);
   return html`<div class="problem" role="alert">

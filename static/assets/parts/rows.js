@@ -85,7 +85,7 @@ export const MARKS = [
   },
   {
     sign: (row) => (row.tasks ? missing(row).join(" of ") : "4 of 5"),
-    about: "So many of the planned games were played. The others count as 0.",
+    about: "How many of the planned games were played. The others count as 0.",
     has: (row) => missing(row)[0] < missing(row)[1],
   },
   {

@@ -39,7 +39,7 @@ export function AgentShape({ agent, label = String(agent), isMarked, isHollow, i
   `;
 }
 
-/** The shapes with their names, for who reads a map for the first time. @param {{task: string}} props */
+/** The shapes with their names, for first-time visitors. @param {{task: string}} props */
 export function Legend({ task }) {
   /** @type {[string, string][]} */
   const shapes = [["W", "wall"]];

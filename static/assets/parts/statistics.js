@@ -3,7 +3,7 @@
 /** The quantile 0.9875 of the normal distribution. */
 const Z = 2.2414027276;
 
-/** Numbers of which a sample needs at least so many for an interval. */
+/** How many numbers a sample needs for an interval. */
 const GAMES_MIN = 3;
 
 /**

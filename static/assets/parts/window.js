@@ -11,7 +11,7 @@ const DRAWN_MAX = 41;
 const NAMES = { W: "wall", B: "block", P: "prey", N: "nest", F: "food" };
 
 /**
- * What a window shows, for who does not see it: rows and columns count from its upper left corner.
+ * What a window shows, for screen readers: rows and columns count from its upper left corner.
  * @param {string[][]} cells
  */
 export function describe(cells) {

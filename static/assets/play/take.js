@@ -102,7 +102,7 @@ export async function claimSeat(id, agent, idempotencyKey) {
 }
 
 /**
- * A seat that somebody else claimed for who plays here.
+ * A seat that somebody else claimed for this visitor.
  * @param {{id?: string, onToken?: (token: string) => void}} props the game that is shown, if there is one
  */
 export function EnterCode({ id, onToken }) {

@@ -122,7 +122,7 @@ export function Clock({ obs, seenAt, isOpen }) {
   </span>`;
 }
 
-/** A round for who listens. @param {any} obs @param {any} config */
+/** A round for screen readers. @param {any} obs @param {any} config */
 export function spoken(obs, config) {
   const heard = obs.messages.length;
   const parts = [`Round ${obs.round} of ${obs.max_round}. Score ${obs.score}.`, outcome(obs)];

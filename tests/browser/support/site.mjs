@@ -30,7 +30,7 @@ export const PLAIN = {
   meta: { prompt: "v3", temperature_note: "as served" },
 };
 
-/** Of so many answers one is invalid. */
+/** One of this many answers is invalid. */
 const INVALID_EVERY = 97;
 
 /** How long a short competition is open: its games are played by then. */

@@ -84,7 +84,7 @@ export class Watch {
     if (SECRET.test(url)) this.faults.push(`a secret in an address: ${url}`);
   }
 
-  /** Notes what pages left in the browser for who uses it next. @param {import("playwright-core").BrowserContext} context */
+  /** Notes what pages left in the browser for the next user. @param {import("playwright-core").BrowserContext} context */
   async leavings(context) {
     const { cookies, origins } = await context.storageState();
     const kept = [...cookies, ...origins.flatMap(({ localStorage }) => localStorage)];
