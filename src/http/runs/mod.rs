@@ -3,6 +3,7 @@
 pub(super) mod abort;
 pub(super) mod create;
 pub(super) mod events;
+mod games;
 pub(super) mod list;
 pub(super) mod metrics;
 pub(super) mod scores;

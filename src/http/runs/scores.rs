@@ -4,10 +4,9 @@ use axum::Json;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::super::auth::Subject;
 use super::super::episodes::scores::points;
 use super::super::prelude::*;
-use super::metrics::{games_limit, slot_after, slot_cursor};
+use super::games::GamesPage;
 use swarmbench_protocol::replay::RunScores;
 
 /// Scores of a game, where the query does not say.
@@ -46,23 +45,13 @@ pub(in super::super) async fn show_run_scores(
     Params(params): Params<RunScoresParams>,
 ) -> Result<Json<RunScores>, ApiError> {
     let points = points(params.points, POINTS_USUAL)?;
-    let limit = games_limit(params.limit)?;
-    let after = slot_after(params.cursor.as_deref())?;
+    let page = GamesPage::of(params.limit, params.cursor.as_deref())?;
     let known = app.known_run(&caller, &id).await?;
-    let games = app.store.games_of(known.stored.run).await?;
-    let readable = games.iter().filter(|game| {
-        let subject = Subject { id: Some(&game.id), is_over: game.is_over(), ..known.subject() };
-        game.counts() && caller.may_read(&app.access, subject)
-    });
-    let mut left = readable.filter(|game| after.is_none_or(|after| game.slot > after));
+    let (games, next_cursor) = app.games_page(&caller, &known, page, |_| true).await?;
     let mut items = Vec::new();
-    let mut last = None;
-    for game in left.by_ref().take(limit as usize) {
-        let stored = app.store.summary_of(game.episode).await?;
-        let stored = stored.ok_or_else(|| ApiError::not_found("the episode"))?;
+    for game in &games {
+        let stored = app.stored_game(game).await?;
         items.push(app.scores(&stored, points).await?);
-        last = Some(game.slot);
     }
-    let next_cursor = last.filter(|_| left.next().is_some()).map(slot_cursor);
     Ok(Json(RunScores { run: known.stored.id.clone(), items, next_cursor }))
 }
