@@ -20,6 +20,8 @@
 )]
 #![expect(clippy::missing_errors_doc, reason = "error types say what can fail")]
 #![expect(clippy::must_use_candidate, reason = "types that must not be dropped at once say so")]
+// They panic where nobody reads; `cli::output` has others.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod budget;
 pub mod cli;

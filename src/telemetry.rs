@@ -49,7 +49,12 @@ pub fn start_logs_of(format: LogFormat, usual: &str) {
     use tracing_subscriber::{EnvFilter, fmt};
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
     let colors = std::io::stderr().is_terminal();
-    let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colors);
+    let builder = fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(colors)
+        // A standard error without a reader would make it panic.
+        .log_internal_errors(false);
     // Tests start logs several times in one process: only the first start has an effect.
     drop(match format {
         LogFormat::Text => builder.try_init(),

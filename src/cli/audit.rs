@@ -37,13 +37,13 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let mut shown = table(&["when", "who", "what", "to", "detail"]);
     for entry in entries {
         if args.json {
-            println!("{}", serde_json::to_string(&entry)?);
+            out!("{}", serde_json::to_string(&entry)?);
         }
         let (at, detail) = (entry.at.to_string(), entry.detail.to_string());
         shown.add_row([at, entry.who, entry.action, entry.subject, detail]);
     }
     if !args.json {
-        println!("{shown}");
+        out!("{shown}");
     }
     Ok(())
 }

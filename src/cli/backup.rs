@@ -28,14 +28,14 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let Backup { episodes, acts, rounds, bytes } = backup?;
     let (db, file) = (args.db.display(), args.file.display());
-    println!(
+    out!(
         "{file}: {} episodes, {} acts, {} rounds, {}; read again and found sound",
         HumanCount(episodes),
         HumanCount(acts),
         HumanCount(rounds),
         HumanBytes(bytes),
     );
-    println!(
+    out!(
         "To restore it: stop the server, move {db}, {db}-wal and {db}-shm away, copy {file} to {db}, start the server."
     );
     Ok(())

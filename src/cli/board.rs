@@ -43,16 +43,16 @@ pub(super) async fn run(command: Command) -> anyhow::Result<()> {
         other => other?,
     };
     let how = if replay { "rebuilt from replayed journals" } else { "rebuilt from the journals" };
-    println!("{}: {} results {how}", db.display(), HumanCount(rows));
+    out!("{}: {} results {how}", db.display(), HumanCount(rows));
     match differing {
-        0 => println!("None has changed."),
-        _ => println!("{} have changed: boards may show other numbers.", HumanCount(differing)),
+        0 => out!("None has changed."),
+        _ => out!("{} have changed: boards may show other numbers.", HumanCount(differing)),
     }
     if !no_metrics {
         let bar = progress_bar("{bar:30} game {pos} of {len} measured, {eta} left");
         let measured = rebuild_metrics(&db, |done, of| set(&bar, done, of)).await;
         bar.finish_and_clear();
-        println!("{} games were measured.", HumanCount(measured?));
+        out!("{} games were measured.", HumanCount(measured?));
     }
     Ok(())
 }

@@ -28,7 +28,7 @@ enum Command {
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let Command::Confirm { server } = args.command;
     let confirmed = server.client()?.post("/api/v1/clock/confirm", &json!({})).await?;
-    print!("{}", shown(&confirmed));
+    super::output::text(&shown(&confirmed));
     Ok(())
 }
 

@@ -15,5 +15,6 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, mut command: clap::Command) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "swarmbench", &mut script);
-    Ok(std::io::Write::write_all(&mut std::io::stdout(), &script)?)
+    super::output::text(&String::from_utf8_lossy(&script));
+    Ok(())
 }

@@ -49,16 +49,16 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         // Dropping the sender stops the server.
         drop(stopped.await);
     }));
-    println!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
+    out!("A server runs at {base}. Five tasks are played over HTTP, side by side:\n");
     let played = tokio::select! {
         played = play_all(&base, args.seed) => Some(played?),
         () = super::asked_to_stop() => None,
     };
     if played.is_some() {
-        println!("The database is {}", db.display());
-        println!("{}", how_to_join(&base));
+        out!("The database is {}", db.display());
+        out!("{}", how_to_join(&base));
         if !args.exit {
-            println!("The server runs until Ctrl-C.");
+            out!("The server runs until Ctrl-C.");
             super::asked_to_stop().await;
         }
     }
@@ -83,7 +83,7 @@ async fn play_all(base: &str, seed: i64) -> anyhow::Result<()> {
         }
     });
     let played = try_join_all(games).await?;
-    println!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
+    out!("\n{}\n", scores(played.iter().map(|(player, summary)| (*player, summary))));
     Ok(())
 }
 

@@ -119,9 +119,7 @@ impl EmbedderArgs {
         };
         if let Some(file) = file.as_ref().filter(|file| file.damaged() > 0) {
             let (path, damaged) = (file.path().display(), file.damaged());
-            eprintln!(
-                "{path}: {damaged} damaged lines are left out; their texts have no vector in it"
-            );
+            note!("{path}: {damaged} damaged lines are left out; their texts have no vector in it");
         }
         let embeddings = match file {
             Some(file) if self.embedder_play.is_some() => Embeddings::played(model.clone(), file),

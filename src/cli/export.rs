@@ -207,7 +207,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     std::fs::rename(&partial, &to)
         .with_context(|| format!("{} cannot be renamed", partial.display()))?;
     if let Some(Exported { episodes, rounds, acts, broken }) = exported {
-        println!(
+        out!(
             "{}: {} games, {} rounds, {} acts",
             to.display(),
             HumanCount(episodes),
@@ -215,15 +215,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             HumanCount(acts)
         );
         for (episode, problem) in &broken {
-            eprintln!("left out: {episode} cannot be replayed: {problem}");
+            note!("left out: {episode} cannot be replayed: {problem}");
         }
         if !broken.is_empty() {
             bail!("{} episodes are left out; the others are written", broken.len());
         }
     } else if let Some(tables) = tables {
-        println!("{}: {tables}", to.display());
+        out!("{}: {tables}", to.display());
     } else {
-        println!("{}: {}", to.display(), HumanBytes(std::fs::metadata(&to)?.len()));
+        out!("{}: {}", to.display(), HumanBytes(std::fs::metadata(&to)?.len()));
     }
     Ok(())
 }
@@ -396,7 +396,7 @@ async fn download(args: &Args, server: &str, partial: &Path) -> anyhow::Result<(
         let others: Vec<_> = query.into_iter().filter(|(name, _)| *name != "model").collect();
         let asked = client.download("/api/v1/exports/episodes.jsonl", &others, &mut models).await;
         if let Err(error) = asked {
-            eprintln!("the models that have games cannot be listed: {error}");
+            note!("the models that have games cannot be listed: {error}");
         }
     }
     Err(args.no_match(&models))

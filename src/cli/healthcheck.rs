@@ -11,6 +11,6 @@ pub(super) struct Args {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     Client::new(&args.server)?.health().await?;
-    println!("ok");
+    out!("ok");
     Ok(())
 }

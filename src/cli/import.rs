@@ -47,11 +47,11 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             Skipped::Game | Skipped::File => "skipped",
             Skipped::Acts => "warning",
         };
-        eprintln!("{label}: {file}: {problem}");
+        note!("{label}: {file}: {problem}");
     }
     let count = |kind| problems.iter().filter(|problem| problem.skipped == kind).count() as u64;
     let (games, files) = (count(Skipped::Game), count(Skipped::File));
-    println!(
+    out!(
         "{}: {} games imported with {} acts, {} completed, {} were there already; {} problems, {} games skipped",
         args.from.display(),
         HumanCount(added),

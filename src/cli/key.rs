@@ -112,8 +112,8 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     (shown, token.reveal().to_owned())
                 }
             };
-            println!("{secret}");
-            eprintln!(
+            out!("{secret}");
+            note!(
                 "\nThis is the key of {:?} ({}, {}). It cannot be shown again: keep it safe, and send it as\n  \
                  Authorization: Bearer {}…\nThe commands of this program read it from the environment variable SWARMBENCH_KEY.",
                 key.name,
@@ -145,7 +145,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     cell(key.revoked_at),
                 ]);
             }
-            println!("{table}");
+            out!("{table}");
         }
         Command::Revoke { id, keys } => {
             let key = match keys.open().await? {
@@ -167,7 +167,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
                     key.summary(now)
                 }
             };
-            println!("{} ({:?}) is revoked.", key.id, key.name);
+            out!("{} ({:?}) is revoked.", key.id, key.name);
         }
     }
     Ok(())

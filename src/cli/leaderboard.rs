@@ -105,7 +105,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         }
     };
     if csv {
-        print!("{}", board.csv());
+        super::output::text(&board.csv());
     } else {
         show(&board);
     }
@@ -129,7 +129,7 @@ pub(super) async fn run_cross_play(args: CrossPlayArgs) -> anyhow::Result<()> {
         }
     };
     if csv {
-        print!("{}", found.csv());
+        super::output::text(&found.csv());
     } else {
         show_cross_play(&found);
     }
@@ -140,19 +140,19 @@ fn show(board: &Leaderboard) {
     // A file or a pipe takes lines of any length.
     let width = terminal_size::terminal_size().map_or(u16::MAX, |(width, _)| width.0);
     let Leaderboard { suite, digest, rules, pick, sort, .. } = board;
-    println!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
+    out!("{suite}@{digest}, rules {rules}, {pick} run of each, by {sort}");
     if board.items.is_empty() {
-        println!("no run has finished yet");
+        out!("no run has finished yet");
         return;
     }
-    println!("{}", rows(board, width));
-    println!("? this name is not vouched for   * a row of the paper");
+    out!("{}", rows(board, width));
+    out!("? this name is not vouched for   * a row of the paper");
     if board.items.iter().any(|row| !row.other_rules.is_empty()) {
-        println!("≠ played by other rules than those of this board, at its scale");
+        out!("≠ played by other rules than those of this board, at its scale");
     }
-    println!("declared, enforced: whether each seat decided for itself");
+    out!("declared, enforced: whether each seat decided for itself");
     if width < WIDE {
-        println!("{WIDE} columns, or --csv, also show confidence intervals and failures");
+        out!("{WIDE} columns, or --csv, also show confidence intervals and failures");
     }
 }
 
@@ -268,7 +268,7 @@ fn failures(row: &BoardRow) -> String {
 
 fn show_cross_play(found: &CrossPlay) {
     if found.items.is_empty() {
-        println!("no episode with seats of several holders has finished yet");
+        out!("no episode with seats of several holders has finished yet");
         return;
     }
     let mut shown = table(&["task", "rules", "models", "games", "score", "settings"]);
@@ -293,8 +293,8 @@ fn show_cross_play(found: &CrossPlay) {
             unusual(settings),
         ]);
     }
-    println!("{shown}");
-    println!("? one of these names is not vouched for");
+    out!("{shown}");
+    out!("? one of these names is not vouched for");
 }
 
 /// The settings that are not those of the standard one.

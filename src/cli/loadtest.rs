@@ -140,7 +140,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     measure(&args, &target, connections_max, &progress(&bar), &mut report).await?;
     bar.finish_and_clear();
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        out!("{}", serde_json::to_string_pretty(&report)?);
     } else {
         show(&report);
     }
@@ -160,7 +160,7 @@ fn progress(bar: &ProgressBar) -> Progress {
             bar.set_message(what.to_owned());
             // A bar shows nothing without a terminal.
             if bar.is_hidden() {
-                eprintln!("{what} ({of})");
+                note!("{what} ({of})");
             }
         }
     })
@@ -255,9 +255,9 @@ fn answers(report: &Report) -> impl Iterator<Item = &Answers> {
 }
 
 fn show(report: &Report) {
-    println!("Load test of {}", report.server);
+    out!("Load test of {}", report.server);
     for note in &report.notes {
-        println!("Note: {note}.");
+        out!("Note: {note}.");
     }
     if let Some(obs) = &report.obs {
         show_obs(obs);
@@ -275,7 +275,7 @@ fn show(report: &Report) {
         show_slow(slow);
     }
     for sample in answers(report).flat_map(|answers| &answers.samples) {
-        println!("error: {sample}");
+        out!("error: {sample}");
     }
 }
 
@@ -293,14 +293,17 @@ fn show_obs(obs: &obs::Comparison) {
             micros(side.cpu_us),
         ]);
     }
-    println!(
+    out!(
         "\nThe same {} bytes from the server and from a bare handler of axum, {} connections, {} turns of {} s",
-        obs.bytes, obs.connections, obs.turns, obs.turn_s
+        obs.bytes,
+        obs.connections,
+        obs.turns,
+        obs.turn_s
     );
-    println!("{shown}");
-    println!("/obs has {:.0} % of the bare handler's requests a second", obs.ratio * 100.0);
+    out!("{shown}");
+    out!("/obs has {:.0} % of the bare handler's requests a second", obs.ratio * 100.0);
     if let Some(ratio) = obs.cpu_ratio {
-        println!("(by time on the processors alone, without the client's: {:.0} %)", ratio * 100.0);
+        out!("(by time on the processors alone, without the client's: {:.0} %)", ratio * 100.0);
     }
 }
 
@@ -334,13 +337,15 @@ fn show_acts(all: &[acts::Comparison]) {
         ]);
     }
     if let Some(acts) = all.first() {
-        println!(
+        out!(
             "\nActs that are on the disk, and a bare SQLite writer with groups of the same size (records of {} bytes), \
              {} turns of {} s",
-            acts.record_bytes, acts.turns, acts.turn_s
+            acts.record_bytes,
+            acts.turns,
+            acts.turn_s
         );
     }
-    println!("{shown}");
+    out!("{shown}");
 }
 
 fn show_play(lines: &[play::Line]) {
@@ -376,9 +381,9 @@ fn show_play(lines: &[play::Line]) {
             format!("{:.1}", line.seconds),
         ]);
     }
-    println!("\nEpisodes of 12 seats, all at once, to the end");
-    println!("{shown}");
-    println!(
+    out!("\nEpisodes of 12 seats, all at once, to the end");
+    out!("{shown}");
+    out!(
         "by /act: a connection for each seat, which acts and then waits at /obs; by /swarm/act: one for each \
          episode, which looks at /swarm/obs and acts for all seats (ack: of all 12 acts), and of some episodes one seat \
          that waits at /obs. wake: from the receipt of a round's last act until a waiting seat has its observation"
@@ -395,17 +400,19 @@ fn show_polls(polls: &polls::Report) {
         let times = [p50_ms, p99_ms, max_ms].map(millis);
         shown.add_row([name.to_owned(), count.to_string()].into_iter().chain(times));
     }
-    println!(
+    out!(
         "\n{} requests waited at once, on {} episodes of {} seats",
-        polls.polls, polls.episodes, polls.seats
+        polls.polls,
+        polls.episodes,
+        polls.seats
     );
-    println!("{shown}");
+    out!("{shown}");
     let memory = polls.memory_before_bytes.zip(polls.memory_held_bytes).zip(polls.bytes_per_poll);
     let Some(((before, held), grown)) = memory else {
-        println!("the server does not report its memory");
+        out!("the server does not report its memory");
         return;
     };
-    println!(
+    out!(
         "the server's memory grew from {:.1} to {:.1} MB, {:.1} kB for each request (episodes and all, the server has \
          {:.1} kB for each; if it did much before, it may have used memory again, and only that counts)",
         before / 1e6,
@@ -416,7 +423,7 @@ fn show_polls(polls: &polls::Report) {
 }
 
 fn show_slow(slow: &slow::Report) {
-    println!("\n{} slow clients for {} s", slow.clients, slow.seconds);
+    out!("\n{} slow clients for {} s", slow.clients, slow.seconds);
     let mut kept = numbers(&[
         "they send",
         "clients",
@@ -435,7 +442,7 @@ fn show_slow(slow: &slow::Report) {
             format!("{:.1}", one.longest_s),
         ]);
     }
-    println!("{kept}");
+    out!("{kept}");
     let mut honest =
         numbers(&["honest clients", "act p50 ms", "act p99 ms", "look p50 ms", "look p99 ms"]);
     for (name, side) in [("alone", slow.before), ("beside slow ones", slow.during)] {
@@ -447,10 +454,11 @@ fn show_slow(slow: &slow::Report) {
         ];
         honest.add_row([name.to_owned()].into_iter().chain(times.map(millis)));
     }
-    println!("{honest}");
-    println!(
+    out!("{honest}");
+    out!(
         "the p99 of acts is {:.2} times, that of looks {:.2} times what it is without them",
-        slow.acknowledged_factor, slow.looked_factor
+        slow.acknowledged_factor,
+        slow.looked_factor
     );
 }
 

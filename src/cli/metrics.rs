@@ -1,7 +1,7 @@
 //! `swarmbench metrics`
 
 use std::collections::BTreeMap;
-use std::io::{BufReader, Write};
+use std::io::BufReader;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMe
 
 use super::embedder::EmbedderArgs;
 use super::options::ServerArgs;
-use super::output::{fields, mean, progress_bar, say, set, table};
+use super::output::{self, fields, mean, progress_bar, set, table};
 use crate::measure::{means, series, values};
 use crate::store::metrics::Measured;
 
@@ -218,11 +218,11 @@ async fn of_journals(args: &Args, client: &Client) -> anyhow::Result<RunMetrics>
 
 fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
     match args.format {
-        Format::Json => print_json(game),
+        Format::Json => output::json(game),
         Format::Csv if args.series => series_csv(game),
         Format::Csv => values_csv(std::slice::from_ref(game)),
         Format::Table => {
-            say(heading(game))?;
+            out!("{}", heading(game));
             for (panel, title) in PANELS {
                 let mut shown = table(&[title, "value", "rounds"]);
                 for metric in of_panel(panel) {
@@ -231,16 +231,16 @@ fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
                     }
                 }
                 if shown.row_iter().next().is_some() {
-                    say(&shown)?;
+                    out!("{shown}");
                 }
             }
             if game.sampled {
-                say(
-                    "sampled: a round had too many different texts, and some were left out of their comparison",
-                )?;
+                out!(
+                    "sampled: a round had too many different texts, and some were left out of their comparison"
+                );
             }
             if args.series {
-                say("the values of all states are in --format csv and json")?;
+                out!("the values of all states are in --format csv and json");
             }
             Ok(())
         }
@@ -249,17 +249,17 @@ fn show(args: &Args, game: &GameMetrics) -> anyhow::Result<()> {
 
 fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
     match args.format {
-        Format::Json => return print_json(run),
+        Format::Json => return output::json(run),
         Format::Csv => return values_csv(&run.items),
         Format::Table => {}
     }
     if run.items.is_empty() {
-        say(format!("{}: no game has ended yet", run.run))?;
+        out!("{}: no game has ended yet", run.run);
         return Ok(());
     }
     for (task, of_task) in &run.tasks {
         let games = run.items.iter().filter(|game| game.task == *task).count();
-        say(format!("{task}: {games} games, mean ± deviation over those with a value"))?;
+        out!("{task}: {games} games, mean ± deviation over those with a value");
         for (panel, title) in PANELS {
             let mut shown = table(&[title, "value", "games"]);
             for metric in of_panel(panel) {
@@ -271,7 +271,7 @@ fn show_run(args: &Args, run: &RunMetrics) -> anyhow::Result<()> {
                 }
             }
             if shown.row_iter().next().is_some() {
-                say(&shown)?;
+                out!("{shown}");
             }
         }
     }
@@ -310,15 +310,9 @@ fn heading(game: &GameMetrics) -> impl std::fmt::Display {
     ])
 }
 
-fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
-    serde_json::to_writer_pretty(&mut out, value)?;
-    Ok(out.write_all(b"\n")?)
-}
-
 /// A row for each game and metric.
 fn values_csv(games: &[GameMetrics]) -> anyhow::Result<()> {
-    let mut out = csv::Writer::from_writer(std::io::stdout().lock());
+    let mut out = csv::Writer::from_writer(output::stream());
     out.write_record([
         "episode",
         "task",
@@ -352,7 +346,7 @@ fn values_csv(games: &[GameMetrics]) -> anyhow::Result<()> {
 /// A row for each state.
 fn series_csv(game: &GameMetrics) -> anyhow::Result<()> {
     let all = game.series.as_ref().context("the server sent no series")?;
-    let mut out = csv::Writer::from_writer(std::io::stdout().lock());
+    let mut out = csv::Writer::from_writer(output::stream());
     // A count that is a metric, too, is written once.
     let values: BTreeMap<_, _> =
         all.values.iter().filter(|(name, _)| !all.counts.contains_key(*name)).collect();

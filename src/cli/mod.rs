@@ -1,5 +1,8 @@
 //! The command line, one file a command.
 
+#[macro_use]
+mod output;
+
 mod audit;
 mod backup;
 mod board;
@@ -24,7 +27,6 @@ mod metrics;
 mod no_match;
 mod openapi;
 mod options;
-mod output;
 mod pages;
 mod partial;
 mod play;
@@ -113,7 +115,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match cli.command {
-        Command::Eval(args) => return exit_code(with_runtime(eval::run(*args))),
+        Command::Eval(args) => return output::code(with_runtime(eval::run(*args))),
         Command::Demo(args) => with_runtime(demo::run(args)),
         Command::Serve(args) => with_runtime(serve::run(args)),
         Command::Key(args) => with_runtime(key::run(args)),
@@ -139,20 +141,7 @@ pub fn main() -> ExitCode {
         Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Man(args) => man::run(&args, Cli::command()),
     };
-    exit_code(result.map(|()| ExitCode::SUCCESS))
-}
-
-/// Prints the error, if any.
-fn exit_code(result: anyhow::Result<ExitCode>) -> ExitCode {
-    result.unwrap_or_else(|error| {
-        // Who read the output has read enough.
-        let io = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
-        if io.is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe) {
-            return ExitCode::SUCCESS;
-        }
-        eprintln!("error: {error:#}");
-        ExitCode::FAILURE
-    })
+    output::code(result.map(|()| ExitCode::SUCCESS))
 }
 
 fn with_runtime<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {

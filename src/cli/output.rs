@@ -1,9 +1,105 @@
-//! Tables and progress bars.
+//! What commands print: text, tables, JSON and progress bars.
+//!
+//! A reader may close the standard output or the standard error at any time, as `| head` does. That neither ends a command
+//! nor changes its exit code: the rest of its text is dropped. Only a [`Stream`], whose length has no bound, ends early.
 
-use std::io::Write as _;
+use std::io::{self, ErrorKind, Write};
+use std::process::ExitCode;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use comfy_table::{Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+/// Prints a line to the standard output.
+macro_rules! out {
+    ($($text:tt)*) => {
+        $crate::cli::output::text(&format_args!("{}\n", format_args!($($text)*)))
+    };
+}
+
+/// Prints a line to the standard error.
+macro_rules! note {
+    ($($text:tt)*) => {
+        $crate::cli::output::note_line(&format_args!($($text)*))
+    };
+}
+
+/// The first error of the standard output that is not about a reader that has gone.
+static FAILED: OnceLock<io::Error> = OnceLock::new();
+
+/// Whether a [`Stream`] has lost its reader.
+static CUT: AtomicBool = AtomicBool::new(false);
+
+/// Prints a text to the standard output. [`code`] reports what fails.
+pub(super) fn text(text: &dyn std::fmt::Display) {
+    let mut out = io::stdout().lock();
+    check(write!(out, "{text}"));
+}
+
+/// What `note!` is made of. Nobody can be told of its errors.
+pub(super) fn note_line(line: &dyn std::fmt::Display) {
+    drop(writeln!(io::stderr().lock(), "{line}"));
+}
+
+/// Prints a value as indented JSON.
+pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
+    out!("{}", serde_json::to_string_pretty(value)?);
+    Ok(())
+}
+
+fn check(written: io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        // Only the first one is reported.
+        drop(FAILED.set(error));
+    }
+}
+
+/// The standard output for data of any length. A write without a reader is an error, which ends the command with success.
+pub(super) struct Stream(io::Stdout);
+
+pub(super) fn stream() -> Stream {
+    Stream(io::stdout())
+}
+
+impl Stream {
+    fn noting<T>(result: io::Result<T>) -> io::Result<T> {
+        if result.as_ref().is_err_and(|error| error.kind() == ErrorKind::BrokenPipe) {
+            CUT.store(true, Ordering::Relaxed);
+        }
+        result
+    }
+}
+
+impl Write for Stream {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        Self::noting(self.0.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Self::noting(self.0.flush())
+    }
+}
+
+/// Prints the error of a command, if any, and returns the exit code of the process.
+pub(super) fn code(result: anyhow::Result<ExitCode>) -> ExitCode {
+    check(io::stdout().flush());
+    match (result, FAILED.get()) {
+        (Err(_), _) if CUT.load(Ordering::Relaxed) => ExitCode::SUCCESS,
+        (Err(error), _) => {
+            note!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+        (Ok(_), Some(error)) => {
+            note!("error: the standard output cannot be written: {error}");
+            ExitCode::FAILURE
+        }
+        (Ok(code), None) => code,
+    }
+}
 
 pub(super) fn table(headings: &[&str]) -> Table {
     let mut table = Table::new();
@@ -19,11 +115,6 @@ pub(super) fn fields<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> T
     let mut table = table(&["", ""]);
     table.add_rows(rows.into_iter().map(|(name, value)| [name.to_owned(), value]));
     table
-}
-
-/// Prints a text and a line feed; a reader that has gone is an error, not a panic.
-pub(super) fn say(text: impl std::fmt::Display) -> anyhow::Result<()> {
-    Ok(writeln!(std::io::stdout().lock(), "{text}")?)
 }
 
 /// A cell, empty without a value.

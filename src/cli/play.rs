@@ -111,9 +111,9 @@ async fn play_episode(client: &Client, args: Args, task: TaskName) -> anyhow::Re
     let bar = bar(task.name(), player.name);
     let (summary, _) = play_one(client, &request, player, args.player_seed, &bar).await?;
     bar.finish();
-    println!("\n{}", scores([(player.name, &summary)].into_iter()));
+    out!("\n{}", scores([(player.name, &summary)].into_iter()));
     let base = client.base();
-    println!("journal: curl -s {base}api/v1/episodes/{}/journal", summary.id);
+    out!("journal: curl -s {base}api/v1/episodes/{}/journal", summary.id);
     Ok(())
 }
 
@@ -132,7 +132,7 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
                 })
                 .await?;
             let token = created.swarm_token.context("the server did not give a token")?;
-            println!(
+            out!(
                 "{0}; to resume after an interruption: swarmbench play --run {0}\n",
                 created.run.run.id
             );
@@ -153,9 +153,9 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
     let played =
         play_run(client, &run, &token, players, args.player_seed, |sight| bars.note(sight)).await?;
     bars.finish();
-    println!("\n{}", results(&played));
+    out!("\n{}", results(&played));
     let (base, id) = (client.base(), &played.run.id);
-    println!("{}: {base}api/v1/runs/{id}", played.run.status);
+    out!("{}: {base}api/v1/runs/{id}", played.run.status);
     Ok(())
 }
 
@@ -192,7 +192,7 @@ impl RunBars {
         bar.set_message(format!("score {:.2}", sight.score));
         // A bar shows nothing without a terminal: then each game prints a line.
         if bar.is_hidden() && is_news && sight.round == 0 && sight.agent == "Agent_0" {
-            eprintln!("{} is opened: {}", sight.task.name, sight.episode);
+            note!("{} is opened: {}", sight.task.name, sight.episode);
         }
         if sight.round + 1 == sight.max_round {
             bar.finish();
@@ -254,7 +254,7 @@ pub(super) async fn play_one(
         bar.set_message(format!("score {score:.2}"));
         // A bar shows nothing without a terminal: then each round prints a line.
         if bar.is_hidden() && printed.replace(round) != Some(round) {
-            eprintln!("{} round {round}/{last} score {score:.2}", bar.prefix());
+            note!("{} round {round}/{last} score {score:.2}", bar.prefix());
         }
     })
     .await?;

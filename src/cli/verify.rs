@@ -85,13 +85,13 @@ async fn run_database(db: &Path) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let checked = checked?;
     let (episodes, rounds) = (HumanCount(checked.episodes), HumanCount(checked.rounds));
-    println!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
+    out!("{}: {episodes} episodes with {rounds} rounds were played again", db.display());
     if checked.is_sound() {
-        println!("sound: no damage was found");
+        out!("sound: no damage was found");
         return Ok(());
     }
     for Damage { subject, problem } in &checked.damages {
-        println!("damaged: {subject}: {problem}");
+        out!("damaged: {subject}: {problem}");
     }
     let count = checked.damages.len() as u64 + checked.more_damages;
     bail!("{} is damaged in {count} places; go back to a backup that is sound", db.display())
@@ -141,10 +141,10 @@ fn run_file(args: &Args, file: &Path) -> anyhow::Result<()> {
         ("end", end),
         ("head", report.head.to_string()),
     ];
-    println!("{}", fields(rows.into_iter().chain(holders)));
+    out!("{}", fields(rows.into_iter().chain(holders)));
     match head {
-        Some(_) => println!("verified: this is the journal with that head"),
-        None => println!("{CONSISTENT_JOURNAL}"),
+        Some(_) => out!("verified: this is the journal with that head"),
+        None => out!("{CONSISTENT_JOURNAL}"),
     }
     Ok(())
 }
@@ -184,7 +184,7 @@ fn run_competition(
         ("commitment", competition.commitment.clone()),
         ("head of the file", report.head.to_string()),
     ]);
-    println!("{about}");
+    out!("{about}");
     let mut board = table(&["rank", "name", "model", "attempt", "total, recomputed"]);
     for row in &report.rows {
         let entrant = report.entrants.iter().find(|entrant| entrant.id == row.entrant);
@@ -196,14 +196,14 @@ fn run_competition(
             total(row.total),
         ]);
     }
-    println!("{board}");
+    out!("{board}");
     match head {
-        Some(_) => println!("verified: this is the file with that head"),
-        None => println!("{UNPROVEN_FILE}"),
+        Some(_) => out!("verified: this is the file with that head"),
+        None => out!("{UNPROVEN_FILE}"),
     }
     match commitment {
-        Some(_) => println!("verified: the seeds are those of the published commitment"),
-        None => println!("{UNPROVEN_SEEDS}"),
+        Some(_) => out!("verified: the seeds are those of the published commitment"),
+        None => out!("{UNPROVEN_SEEDS}"),
     }
     Ok(())
 }

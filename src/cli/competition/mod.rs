@@ -7,9 +7,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use serde::Serialize;
 
 use super::options::ServerArgs;
+use super::output;
 use super::pages::{all, pages};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::competition::{
@@ -182,13 +182,13 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     let client = &args.server.client()?;
     match args.command {
         Command::Create { file } => create(client, &file).await?,
-        Command::List => println!("{}", tables::competitions(all(client, COMPETITIONS).await?)),
+        Command::List => out!("{}", tables::competitions(all(client, COMPETITIONS).await?)),
         Command::Show { id, json } => {
             let shown: Competition = client.get(&path(&id, "")).await?;
             if json {
-                print_json(&shown)?;
+                output::json(&shown)?;
             } else {
-                println!("{}", tables::competition(&shown));
+                out!("{}", tables::competition(&shown));
             }
         }
         Command::Codes { id, labels } => codes(client, &id, labels).await?,
@@ -197,10 +197,10 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             start(client, &id, AttemptRequest { entrant, attempt }).await?;
         }
         Command::Attempts(CompetitionId { id }) => {
-            println!("{}", tables::attempts(all(client, &path(&id, "/attempts")).await?));
+            out!("{}", tables::attempts(all(client, &path(&id, "/attempts")).await?));
         }
         Command::Entrants(CompetitionId { id }) => {
-            println!("{}", tables::entrants(all(client, &path(&id, "/entrants")).await?));
+            out!("{}", tables::entrants(all(client, &path(&id, "/entrants")).await?));
         }
         Command::Disqualify { entrant, reason } => {
             set_status(client, entrant, "disqualified", Some(reason)).await?;
@@ -216,7 +216,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         Command::Void { id, run, reason } => {
             let path = path(&id, &format!("/attempts/{run}/void"));
             let _: serde_json::Value = client.post(&path, &VoidRequest { reason }).await?;
-            println!("{run} does not count; its entrant may start that attempt again.");
+            out!("{run} does not count; its entrant may start that attempt again.");
         }
         Command::Board { id, csv: true, .. } => {
             print_board_csv(client, &path(&id, "/board")).await?;
@@ -224,29 +224,24 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         Command::Board { id, json, .. } => {
             let board = whole_board(client, &path(&id, "/board")).await?;
             if json {
-                print_json(&board)?;
+                output::json(&board)?;
             } else {
                 tables::print_board(&board);
             }
         }
         Command::Export(CompetitionId { id }) => {
             let path = format!("/api/v1/exports/competitions/{id}");
-            let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+            let mut out = std::io::BufWriter::new(output::stream());
             client.download(&path, &[], &mut out).await?;
         }
     }
     Ok(())
 }
 
-fn print_json(shown: &impl Serialize) -> anyhow::Result<()> {
-    println!("{}", serde_json::to_string_pretty(shown)?);
-    Ok(())
-}
-
 async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
     let created: Competition = client.post(COMPETITIONS, &definition::read(file)?).await?;
-    println!("{}", created.id);
-    eprintln!(
+    out!("{}", created.id);
+    note!(
         "\n{:?} opens at {} and closes at {}.\nIts commitment, to be published before anybody plays:\n  {}\n\
          Entrants register with POST {}api/v1/competitions/{}/entrants.",
         created.name,
@@ -261,8 +256,8 @@ async fn create(client: &Client, file: &Path) -> anyhow::Result<()> {
 
 async fn codes(client: &Client, id: &str, labels: Vec<String>) -> anyhow::Result<()> {
     let codes = client.post(&path(id, "/codes"), &CodesRequest { labels }).await?;
-    println!("{}", tables::codes(codes));
-    eprintln!("Each is valid for one entrant. They cannot be shown again.");
+    out!("{}", tables::codes(codes));
+    note!("Each is valid for one entrant. They cannot be shown again.");
     Ok(())
 }
 
@@ -277,9 +272,9 @@ async fn enter(client: &Client, id: &str, entrant: Declaration) -> anyhow::Resul
         EntrantRequest { name, model, temperature, top_p, agent_meta, prompt_template, code };
     let created: CreatedEntrant = client.post(&path(id, "/entrants"), &request).await?;
     if let Some(key) = &created.key {
-        println!("{key}");
+        out!("{key}");
     }
-    eprintln!(
+    note!(
         "{:?} takes part as {}. {}",
         created.entrant.name,
         created.entrant.id,
@@ -293,8 +288,8 @@ async fn enter(client: &Client, id: &str, entrant: Declaration) -> anyhow::Resul
 
 async fn start(client: &Client, id: &str, request: AttemptRequest) -> anyhow::Result<()> {
     let started: StartedAttempt = client.post(&path(id, "/attempts"), &request).await?;
-    println!("{}", started.swarm_token);
-    eprintln!(
+    out!("{}", started.swarm_token);
+    note!(
         "Attempt {} of {} has {} games, in {}. No round begins after {}.\nThis is its swarm token; a lost one is \
          replaced by POST /api/v1/runs/{}/token.",
         started.attempt,
@@ -321,7 +316,7 @@ async fn change(client: &Client, of: EntrantOf, change: EntrantChange) -> anyhow
     let path = path(&of.id, &format!("/entrants/{}", of.entrant));
     let entrant: EntrantSummary = client.patch(&path, &change).await?;
     let vouched = if entrant.vouched { ", vouched for" } else { "" };
-    println!("{} ({:?}) is {}{vouched}.", entrant.id, entrant.name, entrant.status);
+    out!("{} ({:?}) is {}{vouched}.", entrant.id, entrant.name, entrant.status);
     Ok(())
 }
 
@@ -342,7 +337,7 @@ async fn whole_board(client: &Client, path: &str) -> anyhow::Result<CompetitionB
 
 /// Prints all pages as CSV, with one header.
 async fn print_board_csv(client: &Client, path: &str) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = output::stream();
     let format = ("format", &"csv".to_owned());
     let mut next = client.download(path, &[format], &mut out).await?;
     while let Some(cursor) = next {

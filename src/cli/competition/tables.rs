@@ -96,7 +96,7 @@ pub(super) fn competition(competition: &Competition) -> Table {
 
 pub(super) fn print_board(board: &CompetitionBoard) {
     if board.shows == "nothing" {
-        println!("The board is hidden until the competition is closed.");
+        out!("The board is hidden until the competition is closed.");
         return;
     }
     let first = board.items.iter().find(|row| !row.tasks.is_empty());
@@ -143,11 +143,11 @@ pub(super) fn print_board(board: &CompetitionBoard) {
         ]);
         shown.add_row(cells);
     }
-    println!("{shown}");
+    out!("{shown}");
     if board.shows == "totals" {
-        println!("The scores of each task are shown when the competition is closed.");
+        out!("The scores of each task are shown when the competition is closed.");
     }
     if let Some(at) = board.frozen_at {
-        println!("The board is frozen: it shows attempts that ended before {at}.");
+        out!("The board is frozen: it shows attempts that ended before {at}.");
     }
 }

@@ -110,7 +110,7 @@ impl Hosted {
             // The other end is dropped when it is done.
             drop(stopped.await);
         }));
-        eprintln!("{} is served at {base} meanwhile: watch the games there", db.display());
+        note!("{} is served at {base} meanwhile: watch the games there", db.display());
         Ok(Self { base, has_keys, stop, serving })
     }
 

@@ -244,11 +244,11 @@ fn tell(reason: &StopReason, plan: &Plan, played: &[Played]) -> ExitCode {
     let left = format!("{done} of {all} games were played");
     match reason {
         StopReason::Requested => {
-            eprintln!("stopped: {left}; run the same command again to resume");
+            note!("stopped: {left}; run the same command again to resume");
             ExitCode::from(INTERRUPTED)
         }
         reason if reason.can_resume() => {
-            eprintln!("stopped: {reason}\n{left}; run the same command again to resume");
+            note!("stopped: {reason}\n{left}; run the same command again to resume");
             ExitCode::from(STOPPED)
         }
         reason => {
@@ -257,7 +257,7 @@ fn tell(reason: &StopReason, plan: &Plan, played: &[Played]) -> ExitCode {
                 StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
             );
             let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
-            eprintln!(
+            note!(
                 "error: {reason}{hint}\n{left}; fix that, then run the same command again to resume"
             );
             ExitCode::from(FAILED)
@@ -284,7 +284,7 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
         rounds += checked.rounds;
     }
     bar.finish_and_clear();
-    eprintln!("verified: {count} games, {rounds} rounds played again, every hash, act and score");
+    note!("verified: {count} games, {rounds} rounds played again, every hash, act and score");
     Ok(())
 }
 
@@ -296,7 +296,7 @@ fn stopping() -> CancellationToken {
         first.await;
         let second = super::asked_to_stop();
         token.cancel();
-        eprintln!("stopping; acts that were decided are sent. Once more stops at once");
+        note!("stopping; acts that were decided are sent. Once more stops at once");
         second.await;
         std::process::exit(INTERRUPTED.into());
     });

@@ -120,7 +120,7 @@ impl<'a> Progress<'a> {
     fn say(&self, line: &str) {
         // A line between bars is for the terminal, which has them; anything else has lines alone.
         if self.bars.is_hidden() || self.bars.println(line).is_err() {
-            eprintln!("{line}");
+            note!("{line}");
         }
     }
 
@@ -258,7 +258,7 @@ impl<'a> Progress<'a> {
             self.last_line = now;
             let (number, of) = self.run;
             let (done, planned) = (self.rounds.done(), self.rounds.planned);
-            eprintln!("run {number} of {of}, {done} of {planned} rounds, {line}");
+            note!("run {number} of {of}, {done} of {planned} rounds, {line}");
         }
     }
 

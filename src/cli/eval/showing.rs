@@ -73,8 +73,8 @@ impl Showing {
             return Ok(());
         }
         if self.output.is_some() || self.format == Format::Table {
-            println!("{}", headline(plan));
-            println!("{}", drawn(plan, report, terminal_width()));
+            out!("{}", headline(plan));
+            out!("{}", drawn(plan, report, terminal_width()));
         }
         let text = match self.format {
             Format::Table => format!("{}\n{}\n", headline(plan), drawn(plan, report, u16::MAX)),
@@ -85,11 +85,11 @@ impl Showing {
         match &self.output {
             Some(path) if is_whole => {
                 std::fs::write(path, text).with_context(|| format!("{}", path.display()))?;
-                eprintln!("the board is in {}", path.display());
+                note!("the board is in {}", path.display());
             }
-            Some(path) => eprintln!("not all was played, so {} is not written", path.display()),
+            Some(path) => note!("not all was played, so {} is not written", path.display()),
             None if self.format == Format::Table => {}
-            None => print!("{text}"),
+            None => super::super::output::text(&text),
         }
         Ok(())
     }
@@ -110,15 +110,15 @@ impl Showing {
                 (name, suite.rules.clone())
             })
             .collect();
-        eprintln!(
+        note!(
             "means over the seeds ± population standard deviation; among others, with intervals:"
         );
         for (name, rules) in suites.iter().take(SUITES_TOLD) {
             let rules = if rules == "paper" { String::new() } else { format!(" --rules {rules}") };
-            eprintln!("  swarmbench leaderboard --suite '{name}'{rules} {place}");
+            note!("  swarmbench leaderboard --suite '{name}'{rules} {place}");
         }
         if suites.len() > SUITES_TOLD {
-            eprintln!("  … and {} more suites", suites.len() - SUITES_TOLD);
+            note!("  … and {} more suites", suites.len() - SUITES_TOLD);
         }
     }
 }
@@ -180,7 +180,7 @@ fn laid_out(
 
 /// Shows what would be played.
 pub(super) fn dry_run(plan: &Plan) {
-    println!("{}", headline(plan));
+    out!("{}", headline(plan));
     let mut headings = vec!["model"];
     headings.extend(&plan.varied);
     headings.extend(["tasks", "seeds", "games", "asked at most"]);
@@ -206,10 +206,10 @@ pub(super) fn dry_run(plan: &Plan) {
         ]);
         shown.add_row(cells);
     }
-    println!("{shown}");
+    out!("{shown}");
     let runs = plan.runs.len();
-    println!("{runs} runs, {games} games; models would be asked at most {asked} times");
-    println!("nothing was played; without --dry-run it is");
+    out!("{runs} runs, {games} games; models would be asked at most {asked} times");
+    out!("nothing was played; without --dry-run it is");
 }
 
 #[cfg(test)]

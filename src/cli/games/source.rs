@@ -172,7 +172,7 @@ fn of_database<R: Reader>(db: &Path, wanted: &Wanted, mut reader: R) -> anyhow::
     bar.finish_and_clear();
     runtime.block_on(store.close());
     for (episode, problem) in &exported.broken {
-        eprintln!("left out: {episode} is damaged: {problem}");
+        note!("left out: {episode} is damaged: {problem}");
     }
     Ok(reader)
 }

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::asked_to_stop;
 use super::journals::{self, Journal, Outline};
 use super::options::ServerArgs;
-use super::output::{progress_bar, set};
+use super::output::{self, progress_bar, set};
 use super::partial::Partial;
 use page::GamePage;
 
@@ -241,7 +241,7 @@ impl Target {
             }
             Output { y4m: Some(path), .. } if path.as_os_str() == "-" => {
                 let begin: Begin = Box::new(move |canvas| {
-                    Ok(Box::new(Y4m::new(BufWriter::new(std::io::stdout()), canvas, fps)?))
+                    Ok(Box::new(Y4m::new(BufWriter::new(output::stream()), canvas, fps)?))
                 });
                 Ok(film(begin, None))
             }

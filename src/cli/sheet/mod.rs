@@ -2,7 +2,6 @@
 
 mod text;
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -102,12 +101,12 @@ impl Showing {
         let text = written(self.format, sheets, notes, width);
         match &self.output {
             Some(path) => std::fs::write(path, text).with_context(|| path.display().to_string())?,
-            None => std::io::stdout().lock().write_all(text.as_bytes())?,
+            None => super::output::text(&text),
         }
         if self.format == Format::Csv {
             // CSV has no place for sentences.
             for note in sheets.iter().flat_map(|sheet| &sheet.notes).chain(notes) {
-                eprintln!("{note}");
+                note!("{note}");
             }
         }
         Ok(())
