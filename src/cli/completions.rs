@@ -12,6 +12,7 @@ pub(super) struct Args {
     shell: Shell,
 }
 
+#[expect(clippy::unnecessary_wraps, reason = "all commands have the same shape")]
 pub(super) fn run(args: &Args, mut command: clap::Command) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "swarmbench", &mut script);
