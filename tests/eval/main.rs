@@ -10,3 +10,4 @@ mod experiments;
 mod models;
 mod players;
 mod resume;
+mod speed;

@@ -41,6 +41,7 @@ pub(crate) struct Reply {
     headers: Vec<(&'static str, String)>,
     body: Sent,
     stage: usize,
+    after: Duration,
 }
 
 enum Sent {
@@ -53,7 +54,13 @@ enum Sent {
 
 impl Reply {
     pub(crate) fn text(status: u16, body: impl Into<Bytes>) -> Self {
-        Self { status, headers: Vec::new(), body: Sent::Whole(body.into()), stage: 0 }
+        Self {
+            status,
+            headers: Vec::new(),
+            body: Sent::Whole(body.into()),
+            stage: 0,
+            after: Duration::ZERO,
+        }
     }
 
     pub(crate) fn json(status: u16, body: &Value) -> Self {
@@ -78,6 +85,12 @@ impl Reply {
     /// It comes only after so many calls of [`Endpoint::release`].
     pub(crate) fn held_until(mut self, stage: usize) -> Self {
         self.stage = stage;
+        self
+    }
+
+    /// It comes only after this time, for measurements.
+    pub(crate) fn after(mut self, after: Duration) -> Self {
+        self.after = after;
         self
     }
 
@@ -221,6 +234,9 @@ async fn serve(State(shared): State<Arc<Shared>>, request: Request) -> Response<
     let reply = (shared.act)(number, &seen);
     let mut stage = shared.stage.subscribe();
     stage.wait_for(|stage| *stage >= reply.stage).await.expect("it is there");
+    if !reply.after.is_zero() {
+        tokio::time::sleep(reply.after).await;
+    }
     shared.in_flight.lock().expect("a lock").0 -= 1;
     let mut response =
         Response::builder().status(StatusCode::from_u16(reply.status).expect("a status"));

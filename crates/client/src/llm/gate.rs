@@ -1,8 +1,10 @@
-//! The gate before an endpoint, which closes for all requests when the endpoint reports its rate limit.
+//! The gate before a model at an endpoint. It tells single refusals from an endpoint that is at its limit.
 //!
-//! When one request is refused for the endpoint's load (429, 503, 529), no other begins until the pause is over, and
-//! only half as many may be in flight then. Every answer lets the number grow again, by one for as many answers as may
-//! be in flight. So requests settle at what the endpoint bears, whatever its limit is.
+//! A request that is refused for the endpoint's load (429, 503, 529) pauses alone, and no other waits for it. Only when
+//! more than a third of the recent requests were refused does the gate close for all: no other request begins until the
+//! pause is over, and only half as many may be in flight then. While few are refused, answers let the number grow again,
+//! by one for as many answers as may be in flight. So requests settle at what the endpoint allows, and an endpoint that
+//! refuses one request in ten at random is asked at full speed.
 
 use std::sync::Mutex;
 use std::time::Duration;
@@ -12,6 +14,15 @@ use jiff::Timestamp;
 use tokio::sync::{Semaphore, SemaphorePermit};
 
 use swarmbench_clock::{Clock, after};
+
+#[cfg(test)]
+mod tests;
+
+/// How many of the last 32 requests may be refused before the gate closes: a third of them.
+const REFUSALS_MAX: u32 = 10;
+
+/// With so many refusals among the last 32 requests, no more may be in flight than before: an eighth of them.
+const REFUSALS_TO_STAY: u32 = 4;
 
 /// See the module.
 #[derive(Debug)]
@@ -29,13 +40,27 @@ struct State {
     owed: usize,
     /// Answers since the width changed.
     answers: usize,
+    /// All answers.
+    answers_ever: u64,
+    /// The last 32 requests, the latest in the lowest bit: 1 for a refusal.
+    recent: u32,
     /// When the next request may begin.
     open_at: Timestamp,
     /// How often it has closed. The refusal of a request that began before the last time is no news.
     closings: u64,
-    /// Refusals in a row, without an answer between them.
-    refusals: u32,
+    /// Closings in a row, without an answer between them.
+    closings_in_row: u32,
     /// The pauses of these.
+    pauses: Option<ExponentialBackoff>,
+}
+
+/// The refusals of one question.
+#[derive(Debug, Default)]
+pub(super) struct Refusals {
+    /// In a row, without an answer to any question between them.
+    in_row: u32,
+    /// [`State::answers_ever`] at the last of them.
+    answers: u64,
     pauses: Option<ExponentialBackoff>,
 }
 
@@ -54,9 +79,11 @@ impl Gate {
             width: most,
             owed: 0,
             answers: 0,
+            answers_ever: 0,
+            recent: 0,
             open_at: Timestamp::MIN,
             closings: 0,
-            refusals: 0,
+            closings_in_row: 0,
             pauses: None,
         };
         Self { most, turns: Semaphore::new(most), state: Mutex::new(state) }
@@ -89,12 +116,14 @@ impl Pass<'_> {
         clock.now() >= state.open_at
     }
 
-    /// The endpoint answered: more requests may be in flight.
+    /// The endpoint answered: more requests may be in flight, unless many are refused.
     pub(super) fn answered(self) {
         let mut state = self.gate.state();
-        state.refusals = 0;
+        state.closings_in_row = 0;
         state.pauses = None;
-        if state.width == self.gate.most {
+        state.answers_ever += 1;
+        state.recent <<= 1;
+        if state.width == self.gate.most || state.recent.count_ones() >= REFUSALS_TO_STAY {
             return;
         }
         state.answers += 1;
@@ -109,32 +138,51 @@ impl Pass<'_> {
         }
     }
 
-    /// The endpoint refused for its load, and may have `asked` for a pause. The error is the number of refusals in a
-    /// row after which no pauses are left.
+    /// The endpoint refused for its load, and may have `asked` for a pause. The pause of this question alone; none where
+    /// the gate is closed for all. The error is the number of refusals in a row after which no pauses are left.
     pub(super) fn refused(
         self,
         asked: Option<Duration>,
+        refusals: &mut Refusals,
         pauses: ExponentialBuilder,
+        retries: u32,
         clock: &dyn Clock,
-    ) -> Result<(), u32> {
+    ) -> Result<Option<Duration>, u32> {
         let mut state = self.gate.state();
         let now = clock.now();
-        let mut pause = asked.unwrap_or_default();
-        if self.closings == state.closings {
+        let asked = asked.unwrap_or_default();
+        let is_news = self.closings == state.closings;
+        if is_news {
+            state.recent = state.recent << 1 | 1;
+        }
+        if is_news && state.recent.count_ones() > REFUSALS_MAX {
             state.closings += 1;
-            state.refusals += 1;
+            state.closings_in_row += 1;
             let Some(grown) = state.pauses.get_or_insert_with(|| pauses.build()).next() else {
-                return Err(state.refusals);
+                return Err(state.closings_in_row);
             };
-            pause = pause.max(grown);
             let width = (state.width / 2).max(1);
             let fewer = state.width - width;
             state.width = width;
             state.answers = 0;
             state.owed += fewer - self.gate.turns.forget_permits(fewer);
+            state.open_at = state.open_at.max(after(now, asked.max(grown)));
+            return Ok(None);
         }
-        state.open_at = state.open_at.max(after(now, pause));
-        Ok(())
+        if now < state.open_at {
+            state.open_at = state.open_at.max(after(now, asked));
+            return Ok(None);
+        }
+        if refusals.answers != state.answers_ever {
+            refusals.answers = state.answers_ever;
+            refusals.in_row = 0;
+        }
+        refusals.in_row += 1;
+        if refusals.in_row > retries {
+            return Err(refusals.in_row);
+        }
+        let own = refusals.pauses.get_or_insert_with(|| pauses.without_max_times().build());
+        Ok(Some(own.next().unwrap_or_default().max(asked)))
     }
 }
 

@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::allowance::Allowance;
 use super::completion::{self, Refusal};
 use super::endpoint::{Endpoint, Kind, Passing, Trouble};
-use super::gate::Gate;
+use super::gate::{Gate, Refusals};
 use super::route::Route;
 use super::settings::Settings;
 use super::spent::Counters;
@@ -112,6 +112,7 @@ impl Requests {
         let clock = &**self.allowance.clock();
         let settings = self.settings();
         let mut pauses = settings.pauses().build();
+        let mut refusals = Refusals::default();
         let mut retries = 0;
         loop {
             let mut pass = self.unless_stopped(self.gate.pass()).await?;
@@ -147,7 +148,7 @@ impl Requests {
                 return Err(self.stop(self.come_later(wait, said)));
             }
             let pause = if kind == Kind::Load {
-                pass.refused(wait, settings.pauses(), clock).map(|()| None)
+                pass.refused(wait, &mut refusals, settings.pauses(), settings.retries, clock)
             } else if is_nobody && retries >= NOBODY_RETRIES {
                 Err(retries + 1)
             } else {

@@ -26,7 +26,8 @@ pub struct Settings {
     pub extra: Map<String, Value>,
     /// How long one request may take, from its beginning to the last byte of its answer.
     pub timeout: Duration,
-    /// How many times one question is asked again, and how many times in a row the endpoint may refuse for its load.
+    /// How many times one question is asked again. Refusals for the endpoint's load count only as long as the endpoint
+    /// answers no other question of the model.
     pub retries: u32,
     /// The longest pause before a question is asked again.
     pub patience: Duration,
@@ -35,8 +36,8 @@ pub struct Settings {
 impl Settings {
     /// 600 s for a request: reasoning models think for minutes.
     pub const TIMEOUT: Duration = Duration::from_mins(10);
-    /// Eight pauses are four to eight minutes.
-    pub const RETRIES: u32 = 8;
+    /// Nine pauses are three to six minutes.
+    pub const RETRIES: u32 = 9;
     /// Ten minutes.
     pub const PATIENCE: Duration = Duration::from_mins(10);
 
@@ -115,12 +116,12 @@ impl Settings {
         Ok(url)
     }
 
-    /// Pauses that grow, from 1 s to 60 s, with up to as much again by chance, and never longer than the patience.
+    /// Pauses that grow, from 0.5 s to 60 s, with up to as much again by chance, and never longer than the patience.
     pub(super) fn pauses(&self) -> ExponentialBuilder {
         let half = self.patience / 2;
         ExponentialBuilder::default()
             .with_jitter()
-            .with_min_delay(half.min(Duration::from_secs(1)))
+            .with_min_delay(half.min(Duration::from_millis(500)))
             .with_max_delay(half.min(Duration::from_mins(1)))
             .with_max_times(usize::try_from(self.retries).unwrap_or(usize::MAX))
     }
