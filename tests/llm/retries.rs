@@ -317,7 +317,9 @@ async fn who_waits_at_a_closed_gate_takes_no_turn_from_other_models() {
     held.await.expect("no panic").expect("an answer");
     bench.clock.pass(Duration::from_secs(100));
     waiting.await.expect("no panic").expect("an answer");
-    refused.into_iter().for_each(|asked| asked.abort());
+    for asked in refused {
+        asked.abort();
+    }
 }
 
 #[tokio::test]
