@@ -9,7 +9,7 @@ use swarmbench_analysis::{Embedder, Hash1};
 use tokio_util::sync::CancellationToken;
 
 use super::asked_to_stop;
-use super::options::{api_base, api_key};
+use super::options::{KEY_VARIABLE, api_base, api_key};
 use super::output::{progress_bar, set};
 use swarmbench_client::embed::{BATCHES_AT_ONCE, Embeddings, Error, VectorFile};
 use swarmbench_client::llm::{Allowance, Settings};
@@ -125,7 +125,12 @@ impl EmbedderArgs {
             Some(file) if self.embedder_play.is_some() => Embeddings::played(model.clone(), file),
             file => {
                 let base = api_base(self.embedder_url.as_deref(), model, "--embedder-url")?;
-                let key = api_key(self.embedder_key_env.as_deref(), model, "--embedder-key-env")?;
+                let key = api_key(
+                    self.embedder_key_env.as_deref(),
+                    KEY_VARIABLE,
+                    model,
+                    "--embedder-key-env",
+                )?;
                 let allowance = Allowance::new(BATCHES_AT_ONCE, None, Arc::new(SystemClock));
                 Embeddings::new(Settings::new(model, base, key), &allowance, file)?
             }

@@ -64,8 +64,13 @@ pub(super) fn api_base(named: Option<&str>, model: &str, option: &str) -> anyhow
 }
 
 /// The key for a model, from the variable that was named with `option`, or the usual one.
-pub(super) fn api_key(named: Option<&str>, model: &str, option: &str) -> anyhow::Result<ApiKey> {
-    let variable = named.unwrap_or(KEY_VARIABLE);
+pub(super) fn api_key(
+    named: Option<&str>,
+    usual: &str,
+    model: &str,
+    option: &str,
+) -> anyhow::Result<ApiKey> {
+    let variable = named.unwrap_or(usual);
     let value = std::env::var(variable).ok();
     if named.is_some() && value.is_none() {
         bail!(

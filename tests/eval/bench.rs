@@ -134,6 +134,13 @@ impl Running {
         rustix::process::kill_process(pid, signal).expect("it runs");
     }
 
+    /// Interrupts it, each time it is called.
+    pub(crate) fn interrupter(&self) -> impl Fn() + use<> {
+        let pid = rustix::process::Pid::from_child(&self.0);
+        // It may have ended.
+        move || drop(rustix::process::kill_process(pid, rustix::process::Signal::INT))
+    }
+
     pub(crate) async fn end(self) -> Done {
         let output = spawn_blocking(|| self.0.wait_with_output().expect("it ran")).await;
         let output = output.expect("no panic");

@@ -10,4 +10,5 @@ mod experiments;
 mod models;
 mod players;
 mod resume;
+mod side_by_side;
 mod speed;

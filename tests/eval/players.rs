@@ -75,8 +75,8 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
             Conductor { client: &serving.client, parallel: 3, again: false, stop: &stop };
         let mut acts = 0;
         let ended = conductor
-            .conduct(0, planned, None, &mut |news| match news {
-                News::Begins(_, _, how, run) => {
+            .conduct(planned, None, &mut |news| match news {
+                News::Begins(_, how, run) => {
                     ids.push(run.run.id.clone());
                     found.push(how.clone());
                 }

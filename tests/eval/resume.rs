@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use rustix::process::Signal;
 
@@ -46,6 +47,9 @@ async fn acts_by_answer(bench: &Bench) -> (usize, usize) {
     (count("ACTION: STAY before"), count("ACTION: STAY after"))
 }
 
+/// So long a program is watched that is to wait.
+const WHILE: Duration = Duration::from_millis(500);
+
 /// All acts of all games: four seeds, four rounds, two agents.
 const ALL: usize = 32;
 
@@ -89,16 +93,45 @@ async fn an_interruption_loses_nothing_that_was_answered() {
     let running = bench.start(&args(&endpoint, &["--requests", "1"]));
     endpoint.has_seen(8).await;
     running.signal(Signal::INT);
-    running
-        .end()
-        .await
-        .ends(130)
-        .says(&["run the same command again to resume", "of 4 games were played"]);
+    // The eighth is in flight, and paid for: it is waited for.
+    let ended = tokio::spawn(running.end());
+    tokio::time::sleep(WHILE).await;
+    assert!(!ended.is_finished());
+    endpoint.release();
+    ended.await.expect("no panic").ends(130).says(&[
+        "no more questions are asked. Waiting for the answers to 1, at most 600 s",
+        "run the same command again to resume",
+        "of 4 games were played",
+    ]);
+    assert_eq!(endpoint.seen().len(), 8);
+    let other = answers(usize::MAX, "ACTION: STAY after").await;
+    bench.eval(&args(&other, &[])).await.ends(0).says(&["resumes"]);
+    let (before, after) = acts_by_answer(&bench).await;
+    assert_eq!((before, after), (8, ALL - 8));
+    assert_eq!(other.seen().len(), after);
+}
+
+/// Interrupted twice: nothing is waited for.
+#[tokio::test]
+async fn a_second_interruption_stops_at_once() {
+    let bench = Bench::new();
+    let endpoint = answers(7, "ACTION: STAY before").await;
+    let running = bench.start(&args(&endpoint, &["--requests", "1"]));
+    endpoint.has_seen(8).await;
+    let interrupt = running.interrupter();
+    let mut ended = std::pin::pin!(running.end());
+    let done = loop {
+        interrupt();
+        tokio::select! {
+            done = &mut ended => break done,
+            () = tokio::time::sleep(WHILE) => {}
+        }
+    };
+    done.ends(130);
     let other = answers(usize::MAX, "ACTION: STAY after").await;
     bench.eval(&args(&other, &[])).await.ends(0).says(&["resumes"]);
     let (before, after) = acts_by_answer(&bench).await;
     assert_eq!((before, after), (7, ALL - 7));
-    assert_eq!(other.seen().len(), after);
 }
 
 /// What differs in anything that matters is another run, and it says so.
@@ -109,6 +142,7 @@ async fn another_definition_is_another_run() {
     let running = bench.start(&args(&endpoint, &["--temperature", "1", "--requests", "1"]));
     endpoint.has_seen(4).await;
     running.signal(Signal::INT);
+    endpoint.release();
     running.end().await.ends(130);
     let other = answers(usize::MAX, "ACTION: STAY after").await;
     let done = bench.eval(&args(&other, &["--temperature", "0.5"])).await.ends(0);
@@ -117,7 +151,7 @@ async fn another_definition_is_another_run() {
     // How much is done at once is no difference.
     let more = ["--temperature", "1", "--requests", "2", "--budget", "1000000", "--timeout", "60"];
     bench.eval(&args(&other, &more)).await.ends(0).says(&["resumes"]);
-    assert_eq!(other.seen().len(), ALL + ALL - 3);
+    assert_eq!(other.seen().len(), ALL + ALL - 4);
 }
 
 /// A full disk is reported, and the same command resumes once there is space. Here no file may become large.

@@ -2,6 +2,7 @@
 //! cassettes.
 
 mod answers;
+mod api;
 mod budget;
 mod cassettes;
 mod embed;

@@ -58,6 +58,9 @@ pub trait Swarm {
     /// Begins to decide for seats that wait for an act. Each seat and round comes once.
     fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Self::Error>>;
 
+    /// Whether decisions in flight are waited for when playing is stopped; else they are dropped.
+    const WAITS_WHEN_STOPPED: bool = false;
+
     /// Whether decisions in flight are waited for after one has failed like this; else they are dropped.
     fn waits_for_others(_error: &Self::Error) -> bool {
         false
@@ -103,8 +106,8 @@ pub enum End {
     Stopped,
 }
 
-/// Plays all seats of a swarm token until all games are over, or until `stop`: then decisions in flight are dropped,
-/// and decided acts are still sent.
+/// Plays all seats of a swarm token until all games are over, or until `stop`: then decisions in flight are dropped or
+/// waited for, as the swarm says, and decided acts are still sent.
 ///
 /// # Errors
 /// See [`DriveError`]; acts that were decided before are sent where that is possible.
@@ -211,7 +214,9 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
                 }
                 () = stop.cancelled(), if !is_stopping => {
                     is_stopping = true;
-                    self.thinking.clear();
+                    if !S::WAITS_WHEN_STOPPED {
+                        self.thinking.clear();
+                    }
                 }
             }
         }

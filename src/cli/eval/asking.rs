@@ -1,19 +1,27 @@
 //! The options for requests to models.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use anyhow::anyhow;
 use serde_json::{Map, Value};
+use tokio_util::sync::CancellationToken;
 
 use super::super::options::{KEY_VARIABLE, api_base, api_key};
 use swarmbench_client::eval::experiment::Experiment;
-use swarmbench_client::eval::plan::{ModelPlan, Plan, Who};
-use swarmbench_client::llm::{Allowance, ApiKey, Cassette, Model, Sampling, Settings};
+use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, REQUESTS_MAX, Who};
+use swarmbench_client::llm::{
+    Allowance, Api, ApiKey, Cassette, Headers, Model, Sampling, Settings,
+};
 use swarmbench_clock::SystemClock;
 
 /// An address for models that are never asked there, as a cassette answers.
 const NOWHERE: &str = "http://127.0.0.1:9/v1";
+
+/// Where Anthropic's own models are, and the variable with the key where nobody names one.
+const ANTHROPIC: (&str, &str) = ("https://api.anthropic.com/v1", "ANTHROPIC_API_KEY");
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Asking {
@@ -26,9 +34,20 @@ pub(super) struct Asking {
     #[arg(
         long,
         value_name = "NAME",
-        help = "The environment variable that holds its key (OPENAI_API_KEY)"
+        help = "The environment variable that holds its key (OPENAI_API_KEY; ANTHROPIC_API_KEY with --api anthropic)"
     )]
     api_key_env: Option<String>,
+    /// Its interface: openai for chat completions, anthropic for Anthropic's messages (openai).
+    #[arg(long)]
+    api: Option<Api>,
+    #[arg(
+        long = "header",
+        value_name = "NAME: VALUE",
+        value_parser = header,
+        help = "A further header of each request. $NAME in its value is an environment variable, so quote it: \
+                --header 'api-key: $AZURE_OPENAI_API_KEY'. Several are allowed"
+    )]
+    headers: Vec<(String, String)>,
     /// How freely a model draws; not sent where it is left out. Several are several runs.
     #[arg(long, value_delimiter = ',')]
     pub(super) temperature: Vec<f64>,
@@ -45,9 +64,12 @@ pub(super) struct Asking {
         help = "Further fields of each request as a JSON object, such as '{\"reasoning_effort\": \"low\"}'"
     )]
     extra: Option<Map<String, Value>>,
-    /// Questions at once, over all games (16).
-    #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    /// Questions at once to each endpoint, over all its models and games (16).
+    #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=REQUESTS_MAX.into()))]
     requests: Option<u32>,
+    /// Models of one endpoint that play at the same time (1). Models of different endpoints always do.
+    #[arg(long, value_name = "MODELS", value_parser = clap::value_parser!(u32).range(1..=MODELS_AT_ONCE_MAX.into()))]
+    models_at_once: Option<u32>,
     /// The token budget of this call, prompts and answers: stop when it is spent. The same command resumes with a new one.
     #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
     budget: Option<u64>,
@@ -72,6 +94,12 @@ fn object(text: &str) -> Result<Map<String, Value>, String> {
     serde_json::from_str(text).map_err(|error| format!("not a JSON object: {error}"))
 }
 
+/// A header as the command line has it.
+fn header(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once(':').ok_or("a header looks like 'api-key: $MY_KEY'")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
+}
+
 impl Asking {
     /// Whether a recording alone answers.
     pub(super) fn is_replay(&self) -> bool {
@@ -83,20 +111,24 @@ impl Asking {
         Experiment {
             api_base: self.api_base.clone(),
             api_key_env: self.api_key_env.clone(),
+            api: self.api,
+            headers: (!self.headers.is_empty()).then(|| self.headers.iter().cloned().collect()),
             max_tokens: self.max_tokens,
             extra: self.extra.clone(),
             requests: self.requests,
+            models_at_once: self.models_at_once,
             budget: self.budget,
             ..Experiment::default()
         }
     }
 
     /// The models of all runs, in order; none where a built-in player plays. All that can be checked without asking is
-    /// checked.
+    /// checked. After `stop` no question is asked any more.
     pub(super) fn models(
         &self,
         experiment: &Experiment,
         plan: &Plan,
+        stop: &CancellationToken,
     ) -> anyhow::Result<Vec<Option<Model>>> {
         let cassette = match (&self.cassette, &self.replay) {
             (Some(path), _) => Some(Cassette::record(path)?),
@@ -105,7 +137,8 @@ impl Asking {
         };
         let requests = experiment.requests.unwrap_or(super::REQUESTS);
         let at_once = usize::try_from(requests).unwrap_or(usize::MAX);
-        let allowance = Allowance::new(at_once, experiment.budget, Arc::new(SystemClock));
+        let (budget, clock) = (experiment.budget, Arc::new(SystemClock));
+        let allowance = Allowance::interrupted_by(stop.clone(), at_once, budget, clock);
         let model = |run: &swarmbench_client::eval::plan::Planned| match &run.who {
             Who::Player(_) => Ok(None),
             Who::Model(plan) => {
@@ -118,13 +151,24 @@ impl Asking {
 
     fn settings(&self, plan: &ModelPlan, cassette: Option<&Cassette>) -> anyhow::Result<Settings> {
         let key_variable = plan.api_key_env.as_deref();
-        let (base, key) = if cassette.is_some_and(Cassette::is_replay) {
-            (NOWHERE.to_owned(), ApiKey::new(key_variable.unwrap_or(KEY_VARIABLE), None))
+        let mut base = plan.api_base.as_deref();
+        let mut usual_variable = KEY_VARIABLE;
+        if plan.api == Api::Anthropic {
+            base = base.or(Some(ANTHROPIC.0));
+            usual_variable = ANTHROPIC.1;
+        }
+        let (base, key, headers) = if cassette.is_some_and(Cassette::is_replay) {
+            let key = ApiKey::new(key_variable.unwrap_or(usual_variable), None);
+            (NOWHERE.to_owned(), key, Headers::default())
         } else {
-            (
-                api_base(plan.api_base.as_deref(), &plan.name, "--api-base")?,
-                api_key(key_variable, &plan.name, "--api-key-env")?,
-            )
+            let headers = headers(&plan.headers).map_err(|wrong| anyhow!("{}: {wrong}", plan.name))?;
+            let key = if headers.has_secret() && key_variable.is_none() {
+                // The secret of a header is that of this endpoint; the usual key may be that of another.
+                ApiKey::new(usual_variable, None)
+            } else {
+                api_key(key_variable, usual_variable, &plan.name, "--api-key-env")?
+            };
+            (api_base(base, &plan.name, "--api-base")?, key, headers)
         };
         Ok(Settings {
             sampling: Sampling {
@@ -134,10 +178,17 @@ impl Asking {
                 seed: None,
             },
             extra: plan.extra.clone(),
+            api: plan.api,
+            headers,
+            requests: plan.requests.and_then(|requests| usize::try_from(requests).ok()),
             timeout: Duration::from_secs(self.timeout),
             retries: self.retries,
             patience: Duration::from_secs(self.patience),
             ..Settings::new(&plan.model, base, key)
         })
     }
+}
+
+fn headers(texts: &BTreeMap<String, String>) -> Result<Headers, String> {
+    Headers::parse(texts, |name| std::env::var(name).ok())
 }

@@ -5,8 +5,11 @@ mod hosting;
 mod progress;
 mod showing;
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use tokio_util::sync::CancellationToken;
@@ -19,11 +22,14 @@ use showing::Showing;
 use swarmbench_client::client::{Client, ClientError};
 use swarmbench_client::eval::conduct::{Conductor, News};
 use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
+use swarmbench_client::eval::lanes::runs_at_once;
 use swarmbench_client::eval::plan::{Plan, Planned};
 use swarmbench_client::eval::report::{Played, Report};
-use swarmbench_client::eval::stop_reason::StopReason;
+use swarmbench_client::eval::stop_reason::{Reach, StopReason};
 use swarmbench_client::eval::verify::{Fault, verify_run};
 use swarmbench_client::llm::Model;
+use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_protocol::run::RunDetail;
 
 /// The exit code when something has to be fixed first.
 const FAILED: u8 = 1;
@@ -37,8 +43,14 @@ const INTERRUPTED: u8 = 130;
 /// The default number of concurrent games.
 const PARALLEL: u32 = 4;
 
-/// The default number of concurrent requests to models.
+/// The default number of concurrent requests to an endpoint.
 const REQUESTS: u32 = 16;
+
+/// The default number of models of one endpoint that play at the same time.
+const MODELS_AT_ONCE: u32 = 1;
+
+/// How often it says what it still waits for after it was asked to stop.
+const WAITING_EVERY: Duration = Duration::from_secs(10);
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -182,12 +194,15 @@ pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     args.showing.check()?;
-    let models = args.asking.models(&experiment, &plan)?;
-    let stop = stopping();
+    let stop = CancellationToken::new();
+    let models = args.asking.models(&experiment, &plan, &stop)?;
+    stop_when_asked(stop.clone(), models.clone());
     let (client, hosted) = args.hosting.open().await?;
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
     let conductor = Conductor { client: &client, parallel, again: args.again, stop: &stop };
-    let ended = play(&conductor, &plan, &models, &args).await;
+    let models_at_once = experiment.models_at_once.unwrap_or(MODELS_AT_ONCE);
+    let models_at_once = usize::try_from(models_at_once).unwrap_or(usize::MAX);
+    let ended = play(&conductor, &plan, &models, models_at_once, &args).await;
     if let Some(hosted) = hosted {
         hosted.close().await?;
     }
@@ -199,69 +214,75 @@ async fn play(
     conductor: &Conductor<'_>,
     plan: &Plan,
     models: &[Option<Model>],
+    models_at_once: usize,
     args: &Args,
 ) -> anyhow::Result<ExitCode> {
-    let mut progress = Progress::new(plan, models);
-    let mut played: Vec<Played> = Vec::new();
-    let mut halted = None;
-    for (number, planned) in plan.runs.iter().enumerate() {
-        let mut stands = None;
-        let watch = &mut |news: News<'_>| {
-            if let News::Begins(.., run) | News::Polled(run) | News::Ends(_, run) = news {
-                stands = Some(run.clone());
-            }
-            progress.note(news);
-        };
-        let model = models[number].clone();
-        let ended = conductor.conduct(number, planned, model, watch).await;
-        let planned = planned.clone();
-        played.extend(stands.map(|run| Played { planned, run, verified: false }));
-        if let Err(reason) = ended {
-            halted = Some(reason);
-            break;
+    let mut progress = Progress::new(plan, models, runs_at_once(plan, models, models_at_once) > 1);
+    let mut last: BTreeMap<usize, RunDetail> = BTreeMap::new();
+    let watch = &mut |number: usize, news: News<'_>| {
+        if let News::Begins(.., run) | News::Polled(run) | News::Ends(run) = news {
+            last.insert(number, run.clone());
         }
-    }
+        progress.note(number, news);
+    };
+    let failures = conductor.conduct_all(plan, models, models_at_once, watch).await;
     progress.finish();
-    if halted.is_none() && args.verify {
+    let of_run = |(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false };
+    let mut played: Vec<Played> = last.into_iter().map(of_run).collect();
+    let is_whole = failures.is_empty() && !conductor.stop.is_cancelled();
+    if is_whole && args.verify {
         verify_all(conductor.client, plan, &mut played).await?;
     }
     let report = Report::of(plan, &played);
-    args.showing.show(plan, &report, halted.is_none())?;
-    match halted {
-        None => {
-            args.showing.tell_more(&played, &args.hosting);
-            Ok(ExitCode::SUCCESS)
-        }
-        Some(reason) => Ok(tell(&reason, plan, &played)),
+    args.showing.show(plan, &report, is_whole)?;
+    if is_whole {
+        args.showing.tell_more(&played, &args.hosting);
+        return Ok(ExitCode::SUCCESS);
     }
+    Ok(tell(&failures, plan, &played))
 }
 
 /// Prints why it stopped, and how to resume.
-fn tell(reason: &StopReason, plan: &Plan, played: &[Played]) -> ExitCode {
+fn tell(failures: &[(usize, StopReason)], plan: &Plan, played: &[Played]) -> ExitCode {
     let games = |run: &Planned| run.suite.tasks.len() * run.suite.seeds.len();
     let all: usize = plan.runs.iter().map(games).sum();
     let done: u32 = played.iter().map(|played| played.run.run.played).sum();
     let left = format!("{done} of {all} games were played");
-    match reason {
-        StopReason::Requested => {
-            note!("stopped: {left}; run the same command again to resume");
-            ExitCode::from(INTERRUPTED)
+    let names: BTreeSet<String> = plan.runs.iter().map(Planned::name).collect();
+    let mut told = BTreeSet::new();
+    let mut must_fix = false;
+    for (number, reason) in failures {
+        if matches!(reason, StopReason::Requested) {
+            continue;
         }
-        reason if reason.can_resume() => {
-            note!("stopped: {reason}\n{left}; run the same command again to resume");
-            ExitCode::from(STOPPED)
+        must_fix |= !reason.can_resume();
+        let is_keyless = matches!(
+            reason,
+            StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
+        );
+        let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
+        let head = if reason.can_resume() { "stopped" } else { "error" };
+        // What ends everything is the same for all.
+        let of = match reason.reach() {
+            Reach::Player | Reach::Endpoint if names.len() > 1 => {
+                format!("{}: ", plan.runs[*number].name())
+            }
+            Reach::Player | Reach::Endpoint | Reach::All => String::new(),
+        };
+        let line = format!("{head}: {of}{reason}{hint}");
+        if told.insert(line.clone()) {
+            note!("{line}");
         }
-        reason => {
-            let is_keyless = matches!(
-                reason,
-                StopReason::Client(ClientError::Refused { problem, .. }) if problem.code == "unauthorized"
-            );
-            let hint = if is_keyless { "; give it with --key or SWARMBENCH_KEY" } else { "" };
-            note!(
-                "error: {reason}{hint}\n{left}; fix that, then run the same command again to resume"
-            );
-            ExitCode::from(FAILED)
-        }
+    }
+    if must_fix {
+        note!("{left}; fix that, then run the same command again to resume");
+        ExitCode::from(FAILED)
+    } else if told.is_empty() {
+        note!("stopped: {left}; run the same command again to resume");
+        ExitCode::from(INTERRUPTED)
+    } else {
+        note!("{left}; run the same command again to resume");
+        ExitCode::from(STOPPED)
     }
 }
 
@@ -288,17 +309,38 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
     Ok(())
 }
 
-/// Cancelled when the process is asked to stop; a second Ctrl-C does not wait.
-fn stopping() -> CancellationToken {
-    let stop = CancellationToken::new();
-    let (token, first) = (stop.clone(), super::asked_to_stop());
+/// Stops when the process is asked to: no question begins any more, and those in flight are waited for. The second time
+/// it ends at once.
+fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
+    let first = super::asked_to_stop();
     tokio::spawn(async move {
         first.await;
         let second = super::asked_to_stop();
-        token.cancel();
-        note!("stopping; acts that were decided are sent. Once more stops at once");
-        second.await;
+        stop.cancel();
+        let in_flight = || models.iter().flatten().map(|model| model.spent().in_flight).sum::<u64>();
+        let longest = models.iter().flatten().map(Model::timeout).max().unwrap_or_default();
+        match in_flight() {
+            0 => note!("stopping: acts that were decided are sent. Ctrl-C again stops at once"),
+            asked => note!(
+                "stopping: no more questions are asked. Waiting for the answers to {asked}, at most {} s; their acts are \
+                 sent. Ctrl-C again stops at once, and they are lost",
+                longest.as_secs()
+            ),
+        }
+        let waiting = async {
+            loop {
+                SystemClock.sleep_until(after(SystemClock.now(), WAITING_EVERY)).await;
+                // On a terminal the line for all games says it.
+                if std::io::stderr().is_terminal() {
+                    continue;
+                }
+                note!("stopping: waiting for {} answers", in_flight());
+            }
+        };
+        tokio::select! {
+            () = second => {}
+            () = waiting => {}
+        }
         std::process::exit(INTERRUPTED.into());
     });
-    stop
 }

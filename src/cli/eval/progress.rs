@@ -40,8 +40,19 @@ pub(super) struct Progress<'a> {
     last_line: Timestamp,
     /// Rounds of the plan, and those of them that need not be played any more.
     rounds: Rounds,
-    /// Which run is played, of how many.
-    run: (usize, usize),
+    /// The runs that are being played, by their numbers in the plan.
+    runs: BTreeMap<usize, Run>,
+    /// Runs of the plan.
+    of: usize,
+    /// Whether several runs may be played at the same time.
+    is_several: bool,
+}
+
+/// A run that is being played.
+struct Run {
+    name: String,
+    /// Rounds that need not be played any more.
+    rounds: u64,
 }
 
 /// Rounds of all games that were planned: a game that has ended has no rounds left, however few it took.
@@ -50,21 +61,13 @@ struct Rounds {
     planned: u64,
     /// Of runs that are over.
     over: u64,
-    /// Of the run that is played.
-    now: u64,
     /// What was played before this call.
     before: u64,
-    /// The progress of the run that is played when it was resumed.
-    found: u64,
-}
-
-impl Rounds {
-    const fn done(&self) -> u64 {
-        self.over + self.now
-    }
 }
 
 struct Game {
+    /// The number of its run.
+    run: usize,
     bar: ProgressBar,
     name: String,
     round: u32,
@@ -79,7 +82,7 @@ struct Game {
 }
 
 impl<'a> Progress<'a> {
-    pub(super) fn new(plan: &Plan, models: &'a [Option<Model>]) -> Self {
+    pub(super) fn new(plan: &Plan, models: &'a [Option<Model>], is_several: bool) -> Self {
         let bars = MultiProgress::new();
         let planned = plan.runs.iter().map(Planned::rounds_max).sum();
         let total = bars.add(ProgressBar::new(planned).with_style(style(if is_wide() {
@@ -96,17 +99,23 @@ impl<'a> Progress<'a> {
             begun: now,
             last_line: now,
             rounds: Rounds { planned, ..Rounds::default() },
-            run: (0, plan.runs.len()),
+            runs: BTreeMap::new(),
+            of: plan.runs.len(),
+            is_several,
         }
     }
 
-    pub(super) fn note(&mut self, news: News<'_>) {
+    pub(super) fn note(&mut self, number: usize, news: News<'_>) {
         match news {
-            News::Begins(number, planned, found, run) => self.begin(number, planned, found, run),
-            News::Looked(looked) => looked.iter().for_each(|seen| self.look(&seen.sight)),
-            News::Acted(act, receipt) => self.act(act, receipt),
-            News::Polled(run) => self.stand(run),
-            News::Ends(_, run) => self.end(run),
+            News::Begins(planned, found, run) => self.begin(number, planned, found, run),
+            News::Looked(looked) => {
+                for seen in looked {
+                    self.look(number, &seen.sight);
+                }
+            }
+            News::Acted(act, receipt) => self.act(number, act, receipt),
+            News::Polled(run) => self.stand(number, run),
+            News::Ends(run) => self.end(number, run),
         }
     }
 
@@ -125,7 +134,6 @@ impl<'a> Progress<'a> {
     }
 
     fn begin(&mut self, number: usize, planned: &Planned, found: &Found, run: &RunDetail) {
-        self.run.0 = number + 1;
         let id = &run.run.id;
         let how = match found {
             Found::Finished => format!("{id} was played before"),
@@ -139,42 +147,63 @@ impl<'a> Progress<'a> {
                 format!("{id} is new; the unfinished {other} is another: {}", how.join(", "))
             }
         };
-        let (number, of) = self.run;
-        self.say(&format!(
-            "run {number} of {of}: {}, {}: {how}",
-            planned.name(),
-            planned.suite.name
-        ));
-        self.total.set_prefix(format!("{number}/{of} {}", planned.name()));
-        self.rounds.found = done(run);
-        self.rounds.before += self.rounds.found;
-        self.rounds.now = self.rounds.found;
+        let name = planned.name();
+        let of = self.of;
+        self.say(&format!("run {} of {of}: {name}, {}: {how}", number + 1, planned.suite.name));
+        let rounds = done(run);
+        self.rounds.before += rounds;
+        self.runs.insert(number, Run { name, rounds });
         if *found == Found::Finished {
-            self.leave();
+            self.leave(number);
         } else {
-            self.stand(run);
+            self.stand(number, run);
         }
         self.tell();
     }
 
-    /// The run that was played is over.
-    fn leave(&mut self) {
-        self.rounds.over += self.rounds.now;
-        self.rounds.now = 0;
-        for (_, game) in std::mem::take(&mut self.games) {
-            game.bar.finish_and_clear();
+    /// A run is over.
+    fn leave(&mut self, number: usize) {
+        self.rounds.over += self.runs.remove(&number).map_or(0, |run| run.rounds);
+        self.games.retain(|_, game| {
+            let stays = game.run != number;
+            if !stays {
+                game.bar.finish_and_clear();
+            }
+            stays
+        });
+    }
+
+    /// Rounds that need not be played any more.
+    fn done(&self) -> u64 {
+        self.rounds.over + self.runs.values().map(|run| run.rounds).sum::<u64>()
+    }
+
+    /// The name of a game: with its player where several play.
+    fn name_of(&self, number: usize, game: String) -> String {
+        match self.runs.get(&number).filter(|_| self.is_several) {
+            Some(run) => format!("{game} {}", run.name),
+            None => game,
         }
     }
 
-    fn game(&mut self, episode: &str, task: &str, max_round: u32, round: u32) -> &mut Game {
+    fn game(
+        &mut self,
+        number: usize,
+        episode: &str,
+        task: &str,
+        max_round: u32,
+        round: u32,
+    ) -> &mut Game {
+        let name = self.name_of(number, task.to_owned());
         let (bars, total) = (&self.bars, &self.total);
         self.games.entry(episode.to_owned()).or_insert_with(|| {
             let bar = ProgressBar::new(max_round.into())
                 .with_style(style(if is_wide() { WIDE.1 } else { NARROW.1 }))
-                .with_prefix(task.to_owned());
+                .with_prefix(name.clone());
             Game {
+                run: number,
                 bar: bars.insert_before(total, bar),
-                name: task.to_owned(),
+                name,
                 round,
                 since: (round, SystemClock.now()),
                 max_round,
@@ -187,8 +216,9 @@ impl<'a> Progress<'a> {
         })
     }
 
-    fn look(&mut self, sight: &Sight) {
-        let game = self.game(&sight.episode, &sight.task.name, sight.max_round, sight.round);
+    fn look(&mut self, number: usize, sight: &Sight) {
+        let Sight { episode, task, max_round, round, .. } = sight;
+        let game = self.game(number, episode, &task.name, *max_round, *round);
         if game.round != sight.round || sight.round == 0 {
             game.round = sight.round;
             game.score = sight.score;
@@ -196,7 +226,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    fn act(&mut self, act: &SwarmAct, receipt: &Receipt) {
+    fn act(&mut self, number: usize, act: &SwarmAct, receipt: &Receipt) {
         let Some(game) = self.games.get_mut(&act.episode) else { return };
         let usage = act.usage.unwrap_or_default();
         game.prompt_tokens += usage.prompt_tokens.unwrap_or(0);
@@ -204,21 +234,26 @@ impl<'a> Progress<'a> {
         game.invalid += u64::from(!receipt.valid);
         if receipt.waiting_for == 0 {
             game.tell();
-            self.rounds.now += 1;
+            if let Some(run) = self.runs.get_mut(&number) {
+                run.rounds += 1;
+            }
             self.tell();
         }
     }
 
-    /// Takes over how the server says that all games stand.
-    fn stand(&mut self, run: &RunDetail) {
-        self.rounds.now = done(run);
+    /// Takes over how the server says that all games of a run stand.
+    fn stand(&mut self, number: usize, run: &RunDetail) {
+        if let Some(known) = self.runs.get_mut(&number) {
+            known.rounds = done(run);
+        }
         let max_round = u32::try_from(run.run.suite.settings.max_round).unwrap_or(u32::MAX);
         for game in &run.games {
             let (Some(episode), Some(score)) = (&game.episode, game.score) else { continue };
             if game.status == "running" || self.games.contains_key(episode) {
-                let known = self.game(episode, &game.task, max_round, game.round);
                 let seed = game.seed.map_or_else(String::new, |seed| format!(" {seed}"));
-                known.name = format!("{}{seed}", game.task);
+                let name = self.name_of(number, format!("{}{seed}", game.task));
+                let known = self.game(number, episode, &game.task, max_round, game.round);
+                known.name = name;
                 known.bar.set_prefix(known.name.clone());
                 if is_over(game) && !known.is_over {
                     known.is_over = true;
@@ -238,27 +273,38 @@ impl<'a> Progress<'a> {
         self.tell();
     }
 
-    fn end(&mut self, run: &RunDetail) {
+    fn end(&mut self, number: usize, run: &RunDetail) {
         let result = run.run.tasks.iter().filter_map(|task| {
             Some(format!("{} {:.2} ± {:.2}", task.task, task.mean?, task.deviation?))
         });
         let line = result.collect::<Vec<_>>().join(", ");
         self.say(&format!("{}: {line}", run.run.model));
-        self.leave();
+        self.leave(number);
         self.tell();
     }
 
     /// How all of it goes.
     fn tell(&mut self) {
-        self.total.set_position(self.rounds.done());
+        self.total.set_position(self.done());
+        self.total.set_prefix(self.which());
         let now = SystemClock.now();
         let line = self.pace(now);
         self.total.set_message(line.clone());
         if self.bars.is_hidden() && until(self.last_line, now) >= LINE_EVERY {
             self.last_line = now;
-            let (number, of) = self.run;
-            let (done, planned) = (self.rounds.done(), self.rounds.planned);
-            note!("run {number} of {of}, {done} of {planned} rounds, {line}");
+            let (done, planned) = (self.done(), self.rounds.planned);
+            note!("{}: {done} of {planned} rounds, {line}", self.which());
+        }
+    }
+
+    /// Which runs are played.
+    fn which(&self) -> String {
+        let of = self.of;
+        let mut runs = self.runs.iter();
+        match (runs.next(), runs.next()) {
+            (None, _) => format!("{of} runs"),
+            (Some((number, run)), None) => format!("{}/{of} {}", number + 1, run.name),
+            (Some(_), Some(_)) => format!("{} of {of} runs", self.runs.len()),
         }
     }
 
@@ -283,8 +329,8 @@ impl<'a> Progress<'a> {
                 parts.push(format!("{count} {what}"));
             }
         }
-        let played = self.rounds.done().saturating_sub(self.rounds.before);
-        let left = self.rounds.planned.saturating_sub(self.rounds.done());
+        let played = self.done().saturating_sub(self.rounds.before);
+        let left = self.rounds.planned.saturating_sub(self.done());
         parts.extend(time_left(until(self.begun, now), played, left));
         parts.join(", ")
     }

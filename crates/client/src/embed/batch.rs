@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use data_encoding::BASE64;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use swarmbench_protocol::act::Usage;
 
 use crate::llm::Request;
@@ -74,8 +74,8 @@ impl Request for Batch<'_> {
         format!("vectors of {} texts", self.texts.len())
     }
 
-    fn field(&self) -> (&'static str, Value) {
-        ("input", json!(self.texts))
+    fn fields(&self) -> Map<String, Value> {
+        Map::from_iter([("input".to_owned(), json!(self.texts))])
     }
 
     fn parse(&self, body: &[u8]) -> Option<Value> {

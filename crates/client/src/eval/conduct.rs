@@ -1,4 +1,4 @@
-//! Plays the runs of a plan, one after the other, each resumed where it stopped.
+//! Plays a run of a plan, resumed where it stopped. `lanes` plays all runs of a plan.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -41,8 +41,8 @@ pub enum Found {
 /// Progress events.
 #[derive(Clone, Copy, Debug)]
 pub enum News<'a> {
-    /// A run was found or created; its place in the plan.
-    Begins(usize, &'a Planned, &'a Found, &'a RunDetail),
+    /// A run was found or created.
+    Begins(&'a Planned, &'a Found, &'a RunDetail),
     /// Seats wait for an act.
     Looked(&'a [Observation]),
     /// An act is durable.
@@ -50,7 +50,7 @@ pub enum News<'a> {
     /// The state of the run, polled.
     Polled(&'a RunDetail),
     /// All of it was played.
-    Ends(usize, &'a RunDetail),
+    Ends(&'a RunDetail),
 }
 
 /// Plays runs on a server.
@@ -72,13 +72,12 @@ impl Conductor<'_> {
     /// See [`StopReason`].
     pub async fn conduct(
         &self,
-        number: usize,
         planned: &Planned,
         model: Option<Model>,
         watch: &mut dyn FnMut(News<'_>),
     ) -> Result<RunDetail, StopReason> {
         let (found, run, token) = self.find(planned).await?;
-        watch(News::Begins(number, planned, &found, &run));
+        watch(News::Begins(planned, &found, &run));
         if found == Found::Finished {
             return Ok(run);
         }
@@ -109,7 +108,7 @@ impl Conductor<'_> {
             }
             return Err(StopReason::Ended { id: run.run.id, status: run.run.status });
         }
-        watch(News::Ends(number, &run));
+        watch(News::Ends(&run));
         Ok(run)
     }
 

@@ -47,6 +47,9 @@ impl Conversation {
 impl Swarm for Conversation {
     type Error = StopReason;
 
+    // What is in flight is paid for; the allowance lets nothing else begin.
+    const WAITS_WHEN_STOPPED: bool = true;
+
     fn reads_prompts(&self) -> bool {
         true
     }
@@ -61,7 +64,10 @@ impl Swarm for Conversation {
 
     fn waits_for_others(error: &StopReason) -> bool {
         // What is under way is paid for, and nothing more is asked.
-        matches!(error, StopReason::Budget { .. } | StopReason::Model(_))
+        matches!(
+            error,
+            StopReason::Requested | StopReason::Budget { .. } | StopReason::Model(_)
+        )
     }
 }
 

@@ -10,6 +10,8 @@ use serde::de::{Error, MapAccess};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
+use crate::llm::Api;
+
 pub use super::list::{Item, List};
 
 /// An experiment, from a file or the command line. Everything has a default; the command line overrides the file.
@@ -34,6 +36,10 @@ pub struct Experiment {
     pub api_base: Option<String>,
     /// The environment variable with the key of that endpoint.
     pub api_key_env: Option<String>,
+    /// The interface of that endpoint.
+    pub api: Option<Api>,
+    /// Further headers for that endpoint, by name; `$NAME` is an environment variable.
+    pub headers: Option<BTreeMap<String, String>>,
     /// The maximum number of tokens of an answer, for models that set none.
     pub max_tokens: Option<u64>,
     /// Further fields of each request, for models that set none.
@@ -46,8 +52,10 @@ pub struct Experiment {
     pub vary: Vec<Axes>,
     /// Games that are open at a time.
     pub parallel: Option<u32>,
-    /// Concurrent requests to models.
+    /// Concurrent requests to each endpoint.
     pub requests: Option<u32>,
+    /// Models of one endpoint that play at the same time.
+    pub models_at_once: Option<u32>,
     /// The token budget.
     pub budget: Option<u64>,
     /// The shape of the board.
@@ -141,6 +149,8 @@ impl Experiment {
             player_seed: said.player_seed.or(self.player_seed),
             api_base: said.api_base.or(self.api_base),
             api_key_env: said.api_key_env.or(self.api_key_env),
+            api: said.api.or(self.api),
+            headers: said.headers.or(self.headers),
             max_tokens: said.max_tokens.or(self.max_tokens),
             extra: said.extra.or(self.extra),
             prompt_template: said.prompt_template.or(self.prompt_template),
@@ -148,6 +158,7 @@ impl Experiment {
             settings: said.settings.over(&self.settings),
             parallel: said.parallel.or(self.parallel),
             requests: said.requests.or(self.requests),
+            models_at_once: said.models_at_once.or(self.models_at_once),
             budget: said.budget.or(self.budget),
             board: said.board.or(self.board),
         }
@@ -177,6 +188,12 @@ pub struct ModelEntry {
     pub api_base: Option<String>,
     /// The environment variable with the key of that endpoint.
     pub api_key_env: Option<String>,
+    /// The interface of that endpoint.
+    pub api: Option<Api>,
+    /// Further headers for that endpoint, by name; `$NAME` is an environment variable.
+    pub headers: Option<BTreeMap<String, String>>,
+    /// Concurrent requests to this model, beside those to other models of the endpoint.
+    pub requests: Option<u32>,
     /// Its temperature, which overrides the settings.
     pub temperature: Option<f64>,
     /// Its nucleus of sampling, which overrides the settings.

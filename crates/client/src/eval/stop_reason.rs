@@ -40,7 +40,41 @@ pub enum StopReason {
     Play(String),
 }
 
+/// What a failure ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// The runs of the player.
+    Player,
+    /// Those of further models at the same endpoint, too.
+    Endpoint,
+    /// Everything.
+    All,
+}
+
 impl StopReason {
+    /// What it ends.
+    #[must_use]
+    pub const fn reach(&self) -> Reach {
+        match self {
+            Self::Requested | Self::Budget { .. } | Self::Client(_) => Reach::All,
+            Self::Model(stop) => match stop {
+                Stop::WrongKey { .. }
+                | Stop::NoCredit { .. }
+                | Stop::Elsewhere { .. }
+                | Stop::OnlyStreams { .. }
+                | Stop::Unreachable { .. } => Reach::Endpoint,
+                Stop::Cassette { .. } | Stop::BudgetSpent { .. } | Stop::Interrupted => Reach::All,
+                Stop::Forbidden { .. }
+                | Stop::NotFound { .. }
+                | Stop::BadRequest { .. }
+                | Stop::ComeLater { .. }
+                | Stop::NotOnCassette { .. }
+                | Stop::Settings(_) => Reach::Player,
+            },
+            Self::Ended { .. } | Self::Play(_) => Reach::Player,
+        }
+    }
+
     /// Whether the same command resumes, and nothing has to be fixed first.
     #[must_use]
     pub fn can_resume(&self) -> bool {
@@ -60,6 +94,7 @@ impl StopReason {
 impl From<Stop> for StopReason {
     fn from(stop: Stop) -> Self {
         match stop {
+            Stop::Interrupted => Self::Requested,
             Stop::BudgetSpent { spent, budget } => Self::Budget { spent, budget },
             stop => Self::Model(stop),
         }

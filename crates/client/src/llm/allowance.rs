@@ -1,26 +1,41 @@
-//! The limits that all models of one evaluation share.
+//! The limits of one evaluation: requests at once at each endpoint, and tokens over all.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use tokio::sync::{Semaphore, SemaphorePermit};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_util::sync::{CancellationToken, WaitForCancellationFuture};
 
 use super::gate::Gate;
 use super::stop::Stop;
 use swarmbench_clock::Clock;
 
-/// The limits of concurrent requests and of all tokens, and the clock for waiting. Cloning shares it.
+/// The limits of concurrent requests and of all tokens, the clock for waiting, and an interruption. Cloning shares it.
 #[derive(Clone)]
 pub struct Allowance(Arc<Inner>);
 
 struct Inner {
     clock: Arc<dyn Clock>,
     at_once: usize,
-    turns: Semaphore,
     budget: Option<u64>,
     spent: AtomicU64,
-    gates: Mutex<BTreeMap<(String, String), Arc<Gate>>>,
+    interruption: CancellationToken,
+    /// By server.
+    turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
+    /// By address, model, and the limit that a model has for itself.
+    gates: Mutex<BTreeMap<(String, String, Option<usize>), Arc<Gate>>>,
+}
+
+/// Permits for requests to one endpoint, first come, first served; none for a model with a limit of its own.
+#[derive(Debug)]
+pub(super) struct Turns(Option<Arc<Semaphore>>);
+
+impl Turns {
+    pub(super) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
+        let turns = self.0.clone()?;
+        Some(turns.acquire_owned().await.expect("it is never closed"))
+    }
 }
 
 impl std::fmt::Debug for Allowance {
@@ -34,16 +49,29 @@ impl std::fmt::Debug for Allowance {
 }
 
 impl Allowance {
-    /// At most `at_once` requests in flight (at least one), and at most `budget` tokens of prompts and answers in all.
+    /// At most `at_once` requests in flight at each endpoint (at least one), and at most `budget` tokens of prompts and
+    /// answers in all.
     #[must_use]
     pub fn new(at_once: usize, budget: Option<u64>, clock: Arc<dyn Clock>) -> Self {
-        let at_once = at_once.clamp(1, Semaphore::MAX_PERMITS);
+        Self::interrupted_by(CancellationToken::new(), at_once, budget, clock)
+    }
+
+    /// An allowance with which no request begins after an interruption: questions that are not in flight by then end
+    /// with [`Stop::Interrupted`].
+    #[must_use]
+    pub fn interrupted_by(
+        interruption: CancellationToken,
+        at_once: usize,
+        budget: Option<u64>,
+        clock: Arc<dyn Clock>,
+    ) -> Self {
         Self(Arc::new(Inner {
             clock,
-            at_once,
-            turns: Semaphore::new(at_once),
+            at_once: at_once.clamp(1, Semaphore::MAX_PERMITS),
             budget,
             spent: AtomicU64::new(0),
+            interruption,
+            turns: Mutex::default(),
             gates: Mutex::default(),
         }))
     }
@@ -66,15 +94,26 @@ impl Allowance {
     }
 
     /// The gate before a model at an endpoint; models that differ in how they are asked share it.
-    pub(super) fn gate(&self, url: &str, model: &str) -> Arc<Gate> {
+    pub(super) fn gate(&self, url: &str, model: &str, own: Option<usize>) -> Arc<Gate> {
         let mut gates = self.0.gates.lock().expect("nothing panics while it holds this");
-        let place = (url.to_owned(), model.to_owned());
-        gates.entry(place).or_insert_with(|| Arc::new(Gate::new(self.0.at_once))).clone()
+        let most = own.map_or(self.0.at_once, |own| own.clamp(1, Semaphore::MAX_PERMITS));
+        let place = (url.to_owned(), model.to_owned(), own);
+        gates.entry(place).or_insert_with(|| Arc::new(Gate::new(most))).clone()
     }
 
-    /// Waits for a permit to make a request, first come, first served.
-    pub(super) async fn turn(&self) -> SemaphorePermit<'_> {
-        self.0.turns.acquire().await.expect("it is never closed")
+    /// The permits for requests to a server.
+    pub(super) fn turns(&self, server: String, has_own_limit: bool) -> Turns {
+        if has_own_limit {
+            return Turns(None);
+        }
+        let mut turns = self.0.turns.lock().expect("nothing panics while it holds this");
+        let new = || Arc::new(Semaphore::new(self.0.at_once));
+        Turns(Some(turns.entry(server).or_insert_with(new).clone()))
+    }
+
+    /// Completes once everything is interrupted.
+    pub(super) fn interrupted(&self) -> WaitForCancellationFuture<'_> {
+        self.0.interruption.cancelled()
     }
 
     /// Whether another request may begin.

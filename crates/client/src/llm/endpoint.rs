@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap, LOCATION, RETRY_AFTER};
+use reqwest::header::{CONTENT_TYPE, HeaderMap, HeaderValue, LOCATION, RETRY_AFTER};
 use reqwest::{Client, StatusCode, Url, redirect};
 use serde_json::{Map, Value};
 
+use super::api::Api;
 use super::completion::{Refusal, error_of, one_line, refusal};
 use super::key::NoKey;
 use super::requests::Request;
@@ -94,10 +95,12 @@ impl Endpoint {
         shown.set_fragment(None);
         let shown = shown.to_string();
         let mut headers = HeaderMap::new();
-        match settings.key.header() {
+        let api = if route == Route::Embeddings { Api::OpenAi } else { settings.api };
+        let (key_header, prefix) = api.key_header();
+        match settings.key.header(prefix) {
             None => {}
             Some(Ok(header)) => {
-                headers.insert(AUTHORIZATION, header);
+                headers.insert(key_header, header);
             }
             Some(Err(NoKey)) => {
                 return Err(Stop::Settings(format!(
@@ -106,6 +109,12 @@ impl Endpoint {
                     settings.key.variable()
                 )));
             }
+        }
+        if let Some((name, version)) = api.version_header() {
+            headers.insert(name, HeaderValue::from_static(version));
+        }
+        for (name, value) in settings.headers.values() {
+            headers.insert(name, value.clone());
         }
         let mut http = Client::builder();
         if url.host_str().is_some_and(is_loopback) {
@@ -121,6 +130,11 @@ impl Endpoint {
             .build()
             .map_err(|error| Stop::Settings(format!("no HTTP client: {error}")))?;
         Ok(Self { http, url, shown, settings, route, body, has_spoken: AtomicBool::new(false) })
+    }
+
+    /// The server: limits of concurrent requests are for all that is there.
+    pub(super) fn origin(&self) -> String {
+        self.url.origin().ascii_serialization()
     }
 
     /// Asks once; the answer, and how long it took.
@@ -147,8 +161,7 @@ impl Endpoint {
         clock: &dyn Clock,
     ) -> Result<R::Answer, Trouble> {
         let mut body = self.body.clone();
-        let (field, value) = asked.field();
-        body.insert(field.to_owned(), value);
+        body.extend(asked.fields());
         let request = self.http.post(self.url.clone()).json(&body);
         let response = request.send().await.map_err(|error| self.broken(error))?;
         self.has_spoken.store(true, Ordering::Relaxed);
@@ -157,11 +170,18 @@ impl Endpoint {
             return Err(Trouble::Final(self.elsewhere(status, &headers)));
         }
         let wait = wait_of(&headers, clock.now());
+        if status.is_success() && is_event_stream(&headers) {
+            // It is not read: it may never end.
+            return Err(Trouble::Final(self.only_streams(Said::default())));
+        }
         if !status.is_success() {
             let body = self.body_of(response, REFUSAL_BYTES_MAX).await.unwrap_or_default();
             return self.refused(asked, status.as_u16(), &refusal(&body.bytes), wait);
         }
         let body = self.body_of(response, BODY_BYTES_MAX).await?;
+        if body.bytes.starts_with(b"data: ") || body.bytes.starts_with(b"event: ") {
+            return Err(Trouble::Final(self.only_streams(Said::default())));
+        }
         if body.is_cut {
             let said = format!("an answer of more than {BODY_BYTES_MAX} bytes");
             return Err(Passing::trouble(Kind::Unreadable, said));
@@ -200,12 +220,15 @@ impl Endpoint {
     ) -> Result<R::Answer, Trouble> {
         let route = self.route;
         let url = self.shown.clone();
-        let key = &self.settings.key;
+        let key = self.settings.credential();
         let (variable, state) = (key.variable().to_owned(), key.state());
         let model = self.settings.model.clone();
         let said = Said(self.quoted(&refusal.said));
         if let Some(answer) = asked.excuse(status, refusal, &said) {
             return Ok(answer);
+        }
+        if [400, 422].contains(&status) && wants_stream(&refusal.said) {
+            return Err(Trouble::Final(self.only_streams(said)));
         }
         let passing = |kind| {
             let Said(said) = &said;
@@ -221,11 +244,18 @@ impl Endpoint {
             408 | 409 | 425 | 500.. => return passing(Kind::Server),
             401 => Stop::WrongKey { url, route, variable, state, said },
             402 => Stop::NoCredit { url, status, said },
+            400 if refusal.said.contains("credit balance is too low") => {
+                Stop::NoCredit { url, status, said }
+            }
             403 => Stop::Forbidden { url, variable, state, model, said },
             404 | 405 => Stop::NotFound { url, status, model, hint: self.not_found(refusal), said },
             _ => Stop::BadRequest { url, status, hint: hint(route, refusal), said },
         };
         Err(Trouble::Final(stop))
+    }
+
+    fn only_streams(&self, said: Said) -> Stop {
+        Stop::OnlyStreams { url: self.shown.clone(), route: self.route, said }
     }
 
     /// What to try where nothing was found.
@@ -285,9 +315,9 @@ impl Endpoint {
         Ok(body)
     }
 
-    /// A quotation without the key, which is removed before the text is cut: a cut could leave a part of it.
+    /// A quotation without secrets, which are removed before the text is cut: a cut could leave a part of it.
     fn quoted(&self, text: &str) -> String {
-        one_line(&self.settings.key.redacted(text))
+        one_line(&self.settings.redacted(text))
     }
 }
 
@@ -295,6 +325,19 @@ impl Endpoint {
 struct Body {
     bytes: Vec<u8>,
     is_cut: bool,
+}
+
+/// Whether an answer comes as events, one after the other.
+fn is_event_stream(headers: &HeaderMap) -> bool {
+    let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
+    kind.is_some_and(|kind| kind.trim_start().to_ascii_lowercase().starts_with("text/event-stream"))
+}
+
+/// Whether a refusal asks for `"stream": true`. One that names `stream_options` is about a further field.
+fn wants_stream(said: &str) -> bool {
+    let said = said.to_ascii_lowercase();
+    let demands = ["true", "only", "must", "require"].iter().any(|word| said.contains(word));
+    said.contains("stream") && demands && !said.contains("stream_options")
 }
 
 /// Whether a 429 is about money.
@@ -327,7 +370,7 @@ fn hint(route: Route, refusal: &Refusal) -> String {
     let of_all: &[(&[&str], &str)] =
         &[(&["valid model"], "see whether the endpoint has a model of this name")];
     let hints = match route {
-        Route::Chat => of_chats,
+        Route::Chat | Route::Messages => of_chats,
         Route::Embeddings => &[],
     };
     let is_meant = |words: &[&str]| words.iter().all(|word| refusal.said.contains(word));

@@ -44,11 +44,16 @@ impl ApiKey {
         self.secret.is_some()
     }
 
-    /// The header with the key. A key must be ASCII: endpoints decode and quote other characters in ways in which the
+    /// The key itself.
+    pub(super) fn text(&self) -> Option<&str> {
+        self.secret.as_ref().map(ExposeSecret::expose_secret)
+    }
+
+    /// The header with the key after `prefix`. A key must be ASCII: endpoints decode and quote other characters in ways in which the
     /// key could not be recognized and removed.
-    pub(super) fn header(&self) -> Option<Result<HeaderValue, NoKey>> {
-        let secret = self.secret.as_ref()?.expose_secret();
-        let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("Bearer {secret}")));
+    pub(super) fn header(&self, prefix: &str) -> Option<Result<HeaderValue, NoKey>> {
+        let secret = self.text()?;
+        let value = secret.is_ascii().then(|| HeaderValue::try_from(format!("{prefix}{secret}")));
         let Some(Ok(mut header)) = value else { return Some(Err(NoKey)) };
         header.set_sensitive(true);
         Some(Ok(header))

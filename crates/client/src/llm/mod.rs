@@ -11,17 +11,20 @@
 //! A question has one message, the prompt, and no history: what an agent remembers is for the rules of the game to
 //! say, and it is in the prompt. The public toolkit asks the same way.
 //!
-//! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown.
-//! - [`allowance`]: requests at once and tokens, shared by all models of an evaluation.
+//! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown. [`headers`]: further
+//!   headers. [`api`]: what differs between the interfaces of endpoints.
+//! - [`allowance`]: requests at once at each endpoint, and tokens, shared by all models of an evaluation.
 //! - `requests`: how requests of any kind are sent, tried again and given up. `route`: the kinds.
 //! - [`cassette`]: answers in a file.
 //! - [`completion`]: what an endpoint's answer says. [`stop`]: why there is none.
 
 pub mod allowance;
+pub mod api;
 pub mod cassette;
 pub mod completion;
 mod endpoint;
 mod gate;
+pub mod headers;
 pub mod key;
 mod requests;
 pub mod route;
@@ -30,8 +33,10 @@ pub mod spent;
 pub mod stop;
 
 pub use allowance::Allowance;
+pub use api::Api;
 pub use cassette::Cassette;
 pub use completion::{Answer, Failure};
+pub use headers::Headers;
 pub use key::ApiKey;
 pub(crate) use requests::{Request, Requests};
 pub use route::Route;
@@ -40,8 +45,9 @@ pub use spent::Spent;
 pub use stop::Stop;
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value};
 
 use cassette::RecordedModel;
 use completion::{Completion, Refusal};
@@ -84,7 +90,17 @@ impl Model {
         allowance: &Allowance,
         cassette: Option<&Cassette>,
     ) -> Result<Self, Stop> {
-        let requests = Requests::new(settings, Route::Chat, allowance)?;
+        if settings.api == Api::Anthropic
+            && settings.sampling.max_tokens.is_none()
+            && !settings.extra.contains_key("max_tokens")
+        {
+            return Err(Stop::Settings(format!(
+                "the messages of Anthropic need a limit of tokens for each answer of {}: name one, such as --max-tokens 4096",
+                settings.model
+            )));
+        }
+        let route = settings.api.route();
+        let requests = Requests::new(settings, route, allowance)?;
         let recorded = cassette.map(|cassette| cassette.model(requests.body())).transpose()?;
         Ok(Self(Arc::new(Inner { requests, recorded })))
     }
@@ -95,11 +111,23 @@ impl Model {
         &self.0.requests.settings().model
     }
 
+    /// The server that is asked, as `https://api.openai.com`: its limits are for all of its models.
+    #[must_use]
+    pub fn server(&self) -> String {
+        self.0.requests.origin()
+    }
+
+    /// How long one request may take.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        self.0.requests.settings().timeout
+    }
+
     /// Sends a request. Dropping the future cancels it; an answer that has arrived is on the cassette by then.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::NotOnCassette`] and [`Stop::BudgetSpent`] are also the errors of all
-    /// later questions to this model.
+    /// Why no answer can be had. All but [`Stop::NotOnCassette`], [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also
+    /// the errors of all later questions to this model.
     pub async fn answer(&self, question: &Question) -> Result<Answer, Stop> {
         let Inner { requests, recorded } = &*self.0;
         if let Some(recorded) = recorded
@@ -108,7 +136,7 @@ impl Model {
             requests.counters.replayed(&answer);
             return Ok(answer);
         }
-        let chat = Chat { question, key: &requests.settings().key };
+        let chat = Chat { question, settings: requests.settings() };
         let Answered { answer: Completion { mut answer, tokens }, latency, retries } =
             requests.send(&chat).await?;
         answer.usage.latency_ms = Some(millis(latency));
@@ -137,7 +165,7 @@ impl Model {
 /// A question on its way.
 struct Chat<'a> {
     question: &'a Question,
-    key: &'a ApiKey,
+    settings: &'a Settings,
 }
 
 impl Request for Chat<'_> {
@@ -147,14 +175,15 @@ impl Request for Chat<'_> {
         format!("{} in round {}", self.question.agent, self.question.round)
     }
 
-    fn field(&self) -> (&'static str, Value) {
-        ("messages", json!([{ "role": "user", "content": self.question.prompt }]))
+    fn fields(&self) -> Map<String, Value> {
+        self.settings.api.fields(None, &self.question.prompt)
     }
 
     fn read(&self, body: &Value) -> Option<Completion> {
-        let Completion { mut answer, tokens } = completion::read(body)?;
-        answer.response = self.key.redacted_answer(answer.response);
-        answer.reasoning = answer.reasoning.map(|text| self.key.redacted_answer(text));
+        let Completion { mut answer, tokens } =
+            completion::read(&*self.settings.api.completion(body)?)?;
+        answer.response = self.settings.redacted_answer(answer.response);
+        answer.reasoning = answer.reasoning.map(|text| self.settings.redacted_answer(text));
         Some(Completion { answer: answer.bounded(), tokens })
     }
 

@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::allowance::Allowance;
 use super::completion::{self, Refusal};
 use super::endpoint::{Endpoint, Kind, Passing, Trouble};
+use super::allowance::Turns;
 use super::gate::{Gate, Refusals};
 use super::route::Route;
 use super::settings::Settings;
@@ -29,8 +30,8 @@ pub(crate) trait Request {
     /// What it asks for, for the log.
     fn subject(&self) -> String;
 
-    /// The field of the body that differs from request to request.
-    fn field(&self) -> (&'static str, Value);
+    /// The fields of the body that differ from request to request.
+    fn fields(&self) -> Map<String, Value>;
 
     /// Reads JSON; `None` if it is none.
     fn parse(&self, body: &[u8]) -> Option<Value> {
@@ -63,6 +64,7 @@ pub(crate) struct Requests {
     endpoint: Endpoint,
     allowance: Allowance,
     gate: Arc<Gate>,
+    turns: Turns,
     pub(crate) counters: Counters,
     /// Why it stopped for ever; the error of all later requests.
     stop: OnceLock<Stop>,
@@ -79,11 +81,14 @@ impl Requests {
         allowance: &Allowance,
     ) -> Result<Self, Stop> {
         let endpoint = Endpoint::new(settings, route)?;
-        let gate = allowance.gate(&endpoint.shown, &endpoint.settings.model);
+        let Settings { model, requests, .. } = &endpoint.settings;
+        let gate = allowance.gate(&endpoint.shown, model, *requests);
+        let turns = allowance.turns(endpoint.origin(), requests.is_some());
         Ok(Self {
             endpoint,
             allowance: allowance.clone(),
             gate,
+            turns,
             counters: Counters::default(),
             stop: OnceLock::new(),
             stopped: CancellationToken::new(),
@@ -92,6 +97,11 @@ impl Requests {
 
     pub(crate) fn settings(&self) -> &Settings {
         &self.endpoint.settings
+    }
+
+    /// The server that is asked.
+    pub(crate) fn origin(&self) -> String {
+        self.endpoint.origin()
     }
 
     /// The address that is asked, as it may be shown.
@@ -107,7 +117,8 @@ impl Requests {
     /// Sends a request until it is answered. Dropping the future cancels it.
     ///
     /// # Errors
-    /// Why no answer can be had. All but [`Stop::BudgetSpent`] are also the errors of all later requests.
+    /// Why no answer can be had. All but [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also the errors of all later
+    /// requests.
     pub(crate) async fn send<R: Request>(&self, request: &R) -> Result<Answered<R::Answer>, Stop> {
         let clock = &**self.allowance.clock();
         let settings = self.settings();
@@ -118,7 +129,7 @@ impl Requests {
             let mut pass = self.unless_stopped(self.gate.pass()).await?;
             let turn = loop {
                 self.unless_stopped(pass.opened(clock)).await?;
-                let turn = self.unless_stopped(self.allowance.turn()).await?;
+                let turn = self.unless_stopped(self.turns.turn()).await?;
                 // The gate may have closed meanwhile; a request that waits for it returns its permit.
                 if pass.is_open(clock) {
                     break turn;
@@ -173,13 +184,14 @@ impl Requests {
         }
     }
 
-    /// Waits for something, or until this model has stopped.
+    /// Waits for something, or until this model has stopped or everything is interrupted.
     async fn unless_stopped<T>(&self, what: impl Future<Output = T>) -> Result<T, Stop> {
         tokio::select! {
             biased;
             () = self.stopped.cancelled() => {
                 Err(self.stop.get().expect("it is set before anybody is woken").clone())
             }
+            () = self.allowance.interrupted() => Err(Stop::Interrupted),
             done = what => Ok(done),
         }
     }

@@ -5,6 +5,8 @@
 pub enum Route {
     /// Chat completions, for `swarmbench eval`.
     Chat,
+    /// Messages of Anthropic, for `swarmbench eval`.
+    Messages,
     /// Vectors of texts, for `swarmbench metrics`.
     Embeddings,
 }
@@ -14,6 +16,7 @@ impl Route {
     pub(super) const fn path(self) -> &'static str {
         match self {
             Self::Chat => "/chat/completions",
+            Self::Messages => "/messages",
             Self::Embeddings => "/embeddings",
         }
     }
@@ -22,20 +25,21 @@ impl Route {
     pub(super) const fn answer(self) -> &'static str {
         match self {
             Self::Chat => "chat completion",
+            Self::Messages => "message",
             Self::Embeddings => "list of embeddings",
         }
     }
 
     pub(super) const fn address_option(self) -> &'static str {
         match self {
-            Self::Chat => "--api-base",
+            Self::Chat | Self::Messages => "--api-base",
             Self::Embeddings => "--embedder-url",
         }
     }
 
     pub(super) const fn key_option(self) -> &'static str {
         match self {
-            Self::Chat => "--api-key-env",
+            Self::Chat | Self::Messages => "--api-key-env",
             Self::Embeddings => "--embedder-key-env",
         }
     }
@@ -43,7 +47,7 @@ impl Route {
     /// What remains after requests were given up.
     pub(super) const fn kept(self) -> &'static str {
         match self {
-            Self::Chat => "No move was lost",
+            Self::Chat | Self::Messages => "No move was lost",
             Self::Embeddings => "Vectors that came before are in the cache, if there is one",
         }
     }
@@ -51,7 +55,7 @@ impl Route {
     /// How to wait for longer, after "run the same command again then".
     pub(super) const fn longer_pauses(self) -> &'static str {
         match self {
-            Self::Chat => ", or allow longer pauses with --patience",
+            Self::Chat | Self::Messages => ", or allow longer pauses with --patience",
             Self::Embeddings => "",
         }
     }

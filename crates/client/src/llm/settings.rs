@@ -6,6 +6,8 @@ use backon::ExponentialBuilder;
 use reqwest::Url;
 use serde_json::{Map, Value, json};
 
+use super::api::Api;
+use super::headers::Headers;
 use super::key::ApiKey;
 use super::route::Route;
 use super::stop::Stop;
@@ -15,11 +17,18 @@ use super::stop::Stop;
 pub struct Settings {
     /// The name of the model, as the endpoint knows it.
     pub model: String,
-    /// The address of the endpoint up to `/chat/completions` or `/embeddings`, such as `https://api.openai.com/v1`. `/v1` is not
+    /// The interface of the endpoint for conversations.
+    pub api: Api,
+    /// The address of the endpoint up to `/chat/completions`, `/messages` or `/embeddings`, such as `https://api.openai.com/v1`. `/v1` is not
     /// added; a slash at the end is ignored, and a query stays.
     pub api_base: String,
     /// The key, if the endpoint wants one.
     pub key: ApiKey,
+    /// Further headers of each request.
+    pub headers: Headers,
+    /// How many requests to this model may be in flight, beside those to other models of its endpoint; by default all
+    /// models of an endpoint share the number of the allowance.
+    pub requests: Option<usize>,
     /// The sampling.
     pub sampling: Sampling,
     /// Further fields of the request's body, such as `reasoning_effort`.
@@ -46,8 +55,11 @@ impl Settings {
     pub fn new(model: impl Into<String>, api_base: impl Into<String>, key: ApiKey) -> Self {
         Self {
             model: model.into(),
+            api: Api::default(),
             api_base: api_base.into(),
             key,
+            headers: Headers::default(),
+            requests: None,
             sampling: Sampling::default(),
             extra: Map::new(),
             timeout: Self::TIMEOUT,
@@ -72,7 +84,7 @@ impl Settings {
         let own = own.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
         let mut body: Map<String, Value> = own.collect();
         for (name, value) in &self.extra {
-            if ["model", "messages", "stream", "n"].contains(&name.as_str()) {
+            if ["model", "messages", "system", "stream", "n"].contains(&name.as_str()) {
                 return Err(Stop::Settings(format!(
                     "the further field {name:?} of the request's body has its own value here"
                 )));
@@ -83,13 +95,34 @@ impl Settings {
                 )));
             }
         }
-        if self.key.is_in(&Value::Object(body.clone()).to_string()) {
-            let variable = self.key.variable();
+        let text = Value::Object(body.clone()).to_string();
+        if let Some(key) = self.secrets().find(|key| key.is_in(&text)) {
+            let variable = key.variable();
             return Err(Stop::Settings(format!(
                 "the request's body holds the key of {variable}, and bodies are written to cassettes"
             )));
         }
         Ok(body)
+    }
+
+    /// All that is secret.
+    fn secrets(&self) -> impl Iterator<Item = &ApiKey> {
+        std::iter::once(&self.key).chain(self.headers.secrets())
+    }
+
+    /// What proves who asks: the key, or the first secret of a header.
+    pub(super) fn credential(&self) -> &ApiKey {
+        self.secrets().find(|key| key.is_there()).unwrap_or(&self.key)
+    }
+
+    /// A text without secrets.
+    pub(super) fn redacted(&self, text: &str) -> String {
+        self.secrets().fold(text.to_owned(), |text, key| key.redacted(&text))
+    }
+
+    /// The words of a model without secrets.
+    pub(super) fn redacted_answer(&self, text: String) -> String {
+        self.secrets().fold(text, |text, key| key.redacted_answer(text))
     }
 
     /// Where questions go.

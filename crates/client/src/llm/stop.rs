@@ -82,6 +82,21 @@ pub enum Stop {
         /// What the endpoint said.
         said: Said,
     },
+    /// The endpoint answers with a stream of events, though none was asked for, or refuses to answer without one.
+    #[error(
+        "{url} answers with a stream of events only, and only whole answers are read; turn streaming off at the \
+         endpoint (many proxies have a setting for it), or name another endpoint with {}{}",
+        route.address_option(),
+        if said.0.is_empty() { String::new() } else { format!(". {said}") }
+    )]
+    OnlyStreams {
+        /// What was asked.
+        url: String,
+        /// For what.
+        route: Route,
+        /// What the endpoint said, if it refused.
+        said: Said,
+    },
     /// 3xx: the endpoint is elsewhere, and a key is not carried there unasked.
     #[error(
         "{url} sends on to {to} ({status}), and keys are not carried to other addresses; if you trust that address, \
@@ -98,6 +113,9 @@ pub enum Stop {
         /// Where it sends.
         to: String,
     },
+    /// It was interrupted before this question was asked.
+    #[error("interrupted; run the same command again to resume")]
+    Interrupted,
     /// The tokens that may be spent are spent.
     #[error(
         "the token budget is spent: {spent} of {budget} tokens; run the same command with a larger budget to resume"

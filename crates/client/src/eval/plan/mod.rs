@@ -28,6 +28,15 @@ pub use suite::ranges;
 /// As a player's or a task's name: all of them.
 pub const ALL: &str = "all";
 
+/// Games of a run that are open at a time, at most.
+pub const PARALLEL_MAX: u32 = 64;
+
+/// Concurrent requests to an endpoint or a model, at most.
+pub const REQUESTS_MAX: u32 = 4096;
+
+/// Models of one endpoint that play at the same time, at most.
+pub const MODELS_AT_ONCE_MAX: u32 = 16;
+
 /// Everything that is wrong with an experiment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanError(pub Vec<String>);
@@ -70,6 +79,7 @@ impl Plan {
             problems.check(run);
         }
         problems.namesakes(&runs);
+        problems.at_once(experiment);
         let mut known = BTreeSet::new();
         runs.retain(|run| known.insert(run.identity()));
         problems.none()?;
@@ -152,13 +162,18 @@ fn model(
     temperature: Option<f64>,
     top_p: Option<f64>,
 ) -> ModelPlan {
-    // The experiment's key is for the experiment's address only.
-    let shared_key = experiment.api_key_env.clone().filter(|_| entry.api_base.is_none());
+    // The experiment's key and headers are for the experiment's address only.
+    let is_shared = entry.api_base.is_none();
+    let shared_key = experiment.api_key_env.clone().filter(|_| is_shared);
+    let shared_headers = experiment.headers.clone().filter(|_| is_shared);
     ModelPlan {
         name: entry.name.clone(),
         model: entry.model.clone().unwrap_or_else(|| entry.name.clone()),
         api_base: entry.api_base.clone().or_else(|| experiment.api_base.clone()),
         api_key_env: entry.api_key_env.clone().or(shared_key),
+        api: entry.api.or(experiment.api.filter(|_| is_shared)).unwrap_or_default(),
+        headers: entry.headers.clone().or(shared_headers).unwrap_or_default(),
+        requests: entry.requests,
         temperature: entry.temperature.or(temperature),
         top_p: entry.top_p.or(top_p),
         max_tokens: entry.max_tokens.or(experiment.max_tokens),

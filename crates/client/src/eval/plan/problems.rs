@@ -6,7 +6,7 @@ use swarmbench_engine::{Config, Seed, TaskName};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::settings::{axes, standard};
-use super::{ALL, ModelPlan, PlanError, Planned, PlayerPlan, Who};
+use super::{ALL, MODELS_AT_ONCE_MAX, ModelPlan, PARALLEL_MAX, PlanError, Planned, PlayerPlan, REQUESTS_MAX, Who};
 use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds};
 
 /// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it
@@ -30,6 +30,22 @@ impl Problems {
     /// Whether there are none.
     pub(super) fn none(self) -> Result<(), PlanError> {
         if self.0.is_empty() { Ok(()) } else { Err(PlanError(self.0)) }
+    }
+
+    /// Limits of what happens at once, which the command line checks by itself.
+    pub(super) fn at_once(&mut self, experiment: &Experiment) {
+        let models = experiment.models.iter().flat_map(|List(models)| models);
+        let of_models = models.map(|model| ("requests", model.requests, REQUESTS_MAX));
+        let of_all = [
+            ("parallel", experiment.parallel, PARALLEL_MAX),
+            ("requests", experiment.requests, REQUESTS_MAX),
+            ("models_at_once", experiment.models_at_once, MODELS_AT_ONCE_MAX),
+        ];
+        for (name, value, most) in of_all.into_iter().chain(of_models) {
+            if let Some(value) = value.filter(|value| !(1..=most).contains(value)) {
+                self.add(format!("{name} is {value}, and may be 1 to {most}"));
+            }
+        }
     }
 
     /// The tasks in their usual order, if any are named.

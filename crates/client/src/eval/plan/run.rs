@@ -10,6 +10,7 @@ use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
 use super::settings::value;
+use crate::llm::Api;
 
 /// The field of `agent_meta` with the identity of a run.
 pub const META: &str = "eval";
@@ -32,6 +33,12 @@ pub struct ModelPlan {
     pub api_base: Option<String>,
     /// The environment variable with its key, if one was named.
     pub api_key_env: Option<String>,
+    /// The interface of the endpoint.
+    pub api: Api,
+    /// Further headers, by name, as they were given: with the names of environment variables, not their values.
+    pub headers: BTreeMap<String, String>,
+    /// Concurrent requests to this model, if it has a limit of its own.
+    pub requests: Option<u32>,
     /// The sampling temperature.
     pub temperature: Option<f64>,
     /// The nucleus of sampling.
@@ -133,8 +140,8 @@ impl Planned {
         fields.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
     }
 
-    /// The identity: the first 16 hexadecimal digits of SHA-256 of who plays what, and how. The endpoint's address, the
-    /// number of concurrent requests and the budget are no part of it.
+    /// The identity: the first 16 hexadecimal digits of SHA-256 of who plays what, and how. The endpoint's address,
+    /// interface and headers, the number of concurrent requests and the budget are no part of it.
     #[must_use]
     pub fn identity(&self) -> String {
         let text =
