@@ -65,10 +65,10 @@ pub(super) struct Asking {
     )]
     extra: Option<Map<String, Value>>,
     /// Questions at once to each endpoint, over all its models and games (16).
-    #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=REQUESTS_MAX.into()))]
+    #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=i64::from(REQUESTS_MAX)))]
     requests: Option<u32>,
     /// Models of one endpoint that play at the same time (1). Models of different endpoints always do.
-    #[arg(long, value_name = "MODELS", value_parser = clap::value_parser!(u32).range(1..=MODELS_AT_ONCE_MAX.into()))]
+    #[arg(long, value_name = "MODELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(MODELS_AT_ONCE_MAX)))]
     models_at_once: Option<u32>,
     /// The token budget of this call, prompts and answers: stop when it is spent. The same command resumes with a new one.
     #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]

@@ -327,20 +327,16 @@ fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
                 longest.as_secs()
             ),
         }
-        let waiting = async {
-            loop {
-                SystemClock.sleep_until(after(SystemClock.now(), WAITING_EVERY)).await;
-                // On a terminal the line for all games says it.
-                if std::io::stderr().is_terminal() {
-                    continue;
-                }
+        let mut second = std::pin::pin!(second);
+        loop {
+            tokio::select! {
+                () = &mut second => std::process::exit(INTERRUPTED.into()),
+                () = SystemClock.sleep_until(after(SystemClock.now(), WAITING_EVERY)) => {}
+            }
+            // On a terminal the line for all games says it.
+            if !std::io::stderr().is_terminal() {
                 note!("stopping: waiting for {} answers", in_flight());
             }
-        };
-        tokio::select! {
-            () = second => {}
-            () = waiting => {}
         }
-        std::process::exit(INTERRUPTED.into());
     });
 }

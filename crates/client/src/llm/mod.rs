@@ -181,7 +181,7 @@ impl Request for Chat<'_> {
 
     fn read(&self, body: &Value) -> Option<Completion> {
         let Completion { mut answer, tokens } =
-            completion::read(&*self.settings.api.completion(body)?)?;
+            completion::read(&self.settings.api.completion(body)?)?;
         answer.response = self.settings.redacted_answer(answer.response);
         answer.reasoning = answer.reasoning.map(|text| self.settings.redacted_answer(text));
         Some(Completion { answer: answer.bounded(), tokens })

@@ -16,6 +16,8 @@ use std::fmt;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_protocol::suite::Suite;
 
+use crate::llm::Api;
+
 use super::experiment::{Experiment, List, ModelEntry, Shape};
 use problems::Problems;
 pub use run::{META, ModelPlan, Planned, PlayerPlan, Who};
@@ -163,15 +165,16 @@ fn model(
     top_p: Option<f64>,
 ) -> ModelPlan {
     // The experiment's key and headers are for the experiment's address only.
-    let is_shared = entry.api_base.is_none();
+    let shared_api = experiment.api.unwrap_or_default();
+    let is_shared = entry.api_base.is_none() && entry.api.is_none_or(|api| api == shared_api);
     let shared_key = experiment.api_key_env.clone().filter(|_| is_shared);
     let shared_headers = experiment.headers.clone().filter(|_| is_shared);
     ModelPlan {
         name: entry.name.clone(),
         model: entry.model.clone().unwrap_or_else(|| entry.name.clone()),
-        api_base: entry.api_base.clone().or_else(|| experiment.api_base.clone()),
+        api_base: entry.api_base.clone().or_else(|| experiment.api_base.clone().filter(|_| is_shared)),
         api_key_env: entry.api_key_env.clone().or(shared_key),
-        api: entry.api.or(experiment.api.filter(|_| is_shared)).unwrap_or_default(),
+        api: entry.api.unwrap_or(if is_shared { shared_api } else { Api::default() }),
         headers: entry.headers.clone().or(shared_headers).unwrap_or_default(),
         requests: entry.requests,
         temperature: entry.temperature.or(temperature),
