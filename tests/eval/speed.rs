@@ -49,6 +49,10 @@ async fn measured(endpoint: &Endpoint) -> (f64, usize) {
 #[ignore = "a measurement of some minutes"]
 async fn evaluations_take() {
     println!("| endpoint | seconds | refusals |\n| --- | ---: | ---: |");
+    // What an evaluation takes by itself.
+    let endpoint = Endpoint::start(|_, _| Reply::says("ACTION: STAY")).await;
+    let (seconds, _) = measured(&endpoint).await;
+    println!("| answers at once | {seconds:.1} | 0 |");
     for percent in [0, 1, 3, 10] {
         let random = Mutex::new(ChaCha8Rng::seed_from_u64(1));
         let endpoint = Endpoint::start(move |_, _| {
