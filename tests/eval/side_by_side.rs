@@ -7,7 +7,8 @@ use rustix::process::Signal;
 use super::bench::Bench;
 use super::endpoint::{Endpoint, Reply};
 
-const GAME: &str = "tasks = 'Synchronization'\nseeds = [1, 2]\n[settings]\nnum_agents = 2\nmax_round = 2\n";
+const GAME: &str =
+    "tasks = 'Synchronization'\nseeds = [1, 2]\n[settings]\nnum_agents = 2\nmax_round = 2\n";
 
 /// Questions of a model: two seeds, two rounds, two agents.
 const ALL: usize = 8;
@@ -47,7 +48,8 @@ async fn models_of_different_endpoints_play_side_by_side() {
 async fn models_of_one_endpoint_play_one_after_the_other_unless_it_is_said() {
     for (at_once, together) in [("1", false), ("2", true)] {
         let bench = Bench::new();
-        let endpoint = Endpoint::start(|number, _| stays().held_until(usize::from(number < 4))).await;
+        let endpoint =
+            Endpoint::start(|number, _| stays().held_until(usize::from(number < 4))).await;
         bench.write("two.toml", &file(&[("one", &endpoint), ("two", &endpoint)]));
         let running = bench.start(&["two.toml", "--models-at-once", at_once]);
         endpoint.has_seen(if together { 8 } else { 4 }).await;
@@ -72,7 +74,8 @@ async fn a_model_that_fails_loses_nobody_elses_games() {
     bad.has_seen(2).await;
     good.release();
     let done = running.end().await.ends(1);
-    let done = done.says(&["error: bad: ", "error: worse: ", "2 of 6 games were played", "fix that"]);
+    let done =
+        done.says(&["error: bad: ", "error: worse: ", "2 of 6 games were played", "fix that"]);
     assert!(done.out.contains("good"), "{}", done.out);
     assert_eq!(good.seen().len(), ALL);
 }
@@ -121,6 +124,9 @@ async fn each_endpoint_and_each_model_has_its_own_limit() {
     other.release();
     running.end().await.ends(0);
     assert!(one.most_at_once() <= 1 && other.most_at_once() <= 3);
-    bench.write("wrong.toml", &file(&[("one", &one)]).replace("[settings]", "requests = 0\n[settings]"));
+    bench.write(
+        "wrong.toml",
+        &file(&[("one", &one)]).replace("[settings]", "requests = 0\n[settings]"),
+    );
     bench.eval(&["wrong.toml"]).await.ends(1).says(&["requests is 0, and may be 1 to 4096"]);
 }

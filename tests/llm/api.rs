@@ -131,7 +131,10 @@ async fn headers_are_sent_and_their_secrets_are_shown_nowhere() {
     let answer = model.answer(&question(0, 0)).await.expect("an answer");
     assert_eq!(answer.response, "[key] ACTION: UP");
     let seen = &endpoint.seen()[0];
-    assert_eq!((&seen.headers["api-key"], &seen.headers["x-title"]), (&SECRET.parse().expect("a header"), &"swarms".parse().expect("a header")));
+    assert_eq!(
+        (&seen.headers["api-key"], &seen.headers["x-title"]),
+        (&SECRET.parse().expect("a header"), &"swarms".parse().expect("a header"))
+    );
     assert!(!seen.headers.contains_key("authorization"));
     let stop = stop_of(&model).await;
     let text = format!("{stop} {stop:?} {:?} {:?}", bench.settings, model.trouble());

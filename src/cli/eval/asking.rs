@@ -161,7 +161,8 @@ impl Asking {
             let key = ApiKey::new(key_variable.unwrap_or(usual_variable), None);
             (NOWHERE.to_owned(), key, Headers::default())
         } else {
-            let headers = headers(&plan.headers).map_err(|wrong| anyhow!("{}: {wrong}", plan.name))?;
+            let headers =
+                headers(&plan.headers).map_err(|wrong| anyhow!("{}: {wrong}", plan.name))?;
             let key = if headers.has_secret() && key_variable.is_none() {
                 // The secret of a header is that of this endpoint; the usual key may be that of another.
                 ApiKey::new(usual_variable, None)

@@ -227,7 +227,8 @@ async fn play(
     };
     let failures = conductor.conduct_all(plan, models, models_at_once, watch).await;
     progress.finish();
-    let of_run = |(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false };
+    let of_run =
+        |(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false };
     let mut played: Vec<Played> = last.into_iter().map(of_run).collect();
     let is_whole = failures.is_empty() && !conductor.stop.is_cancelled();
     if is_whole && args.verify {
@@ -317,7 +318,8 @@ fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
         first.await;
         let second = super::asked_to_stop();
         stop.cancel();
-        let in_flight = || models.iter().flatten().map(|model| model.spent().in_flight).sum::<u64>();
+        let in_flight =
+            || models.iter().flatten().map(|model| model.spent().in_flight).sum::<u64>();
         let longest = models.iter().flatten().map(Model::timeout).max().unwrap_or_default();
         match in_flight() {
             0 => note!("stopping: acts that were decided are sent. Ctrl-C again stops at once"),

@@ -64,10 +64,7 @@ impl Swarm for Conversation {
 
     fn waits_for_others(error: &StopReason) -> bool {
         // What is under way is paid for, and nothing more is asked.
-        matches!(
-            error,
-            StopReason::Requested | StopReason::Budget { .. } | StopReason::Model(_)
-        )
+        matches!(error, StopReason::Requested | StopReason::Budget { .. } | StopReason::Model(_))
     }
 }
 

@@ -7,7 +7,7 @@ use futures::StreamExt;
 use futures::stream;
 
 use super::conduct::{Conductor, News};
-use super::plan::{Plan, Who};
+use super::plan::Plan;
 use super::stop_reason::{Reach, StopReason};
 use crate::llm::Model;
 

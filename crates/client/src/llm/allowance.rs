@@ -23,9 +23,11 @@ struct Inner {
     interruption: CancellationToken,
     /// By server.
     turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
-    /// By address, model, and the limit that a model has for itself.
-    gates: Mutex<BTreeMap<(String, String, Option<usize>), Arc<Gate>>>,
+    gates: Mutex<BTreeMap<Place, Arc<Gate>>>,
 }
+
+/// The place of a gate: an address, a model, and the limit that the model has for itself.
+type Place = (String, String, Option<usize>);
 
 /// Permits for requests to one endpoint, first come, first served; none for a model with a limit of its own.
 #[derive(Debug)]

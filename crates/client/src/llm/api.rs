@@ -96,7 +96,8 @@ fn completion_of_message(message: &Value) -> Option<Value> {
     // What was read from a cache or written into it is counted apart.
     let read = ["input_tokens", "cache_creation_input_tokens", "cache_read_input_tokens"];
     let counts: Vec<u64> = read.iter().filter_map(|name| usage[*name].as_u64()).collect();
-    let read = (!counts.is_empty()).then(|| counts.iter().fold(0, |sum: u64, n| sum.saturating_add(*n)));
+    let read =
+        (!counts.is_empty()).then(|| counts.iter().fold(0, |sum: u64, n| sum.saturating_add(*n)));
     Some(json!({
         "choices": [{ "message": answer, "finish_reason": finish_reason }],
         "usage": { "prompt_tokens": read, "completion_tokens": usage["output_tokens"] },

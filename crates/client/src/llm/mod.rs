@@ -180,8 +180,8 @@ impl Request for Chat<'_> {
     }
 
     fn read(&self, body: &Value) -> Option<Completion> {
-        let Completion { mut answer, tokens } =
-            completion::read(&self.settings.api.completion(body)?)?;
+        let body = self.settings.api.completion(body)?;
+        let Completion { mut answer, tokens } = completion::read(&body)?;
         answer.response = self.settings.redacted_answer(answer.response);
         answer.reasoning = answer.reasoning.map(|text| self.settings.redacted_answer(text));
         Some(Completion { answer: answer.bounded(), tokens })

@@ -8,9 +8,9 @@ use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
 use super::allowance::Allowance;
+use super::allowance::Turns;
 use super::completion::{self, Refusal};
 use super::endpoint::{Endpoint, Kind, Passing, Trouble};
-use super::allowance::Turns;
 use super::gate::{Gate, Refusals};
 use super::route::Route;
 use super::settings::Settings;

@@ -172,7 +172,10 @@ fn model(
     ModelPlan {
         name: entry.name.clone(),
         model: entry.model.clone().unwrap_or_else(|| entry.name.clone()),
-        api_base: entry.api_base.clone().or_else(|| experiment.api_base.clone().filter(|_| is_shared)),
+        api_base: entry
+            .api_base
+            .clone()
+            .or_else(|| experiment.api_base.clone().filter(|_| is_shared)),
         api_key_env: entry.api_key_env.clone().or(shared_key),
         api: entry.api.unwrap_or(if is_shared { shared_api } else { Api::default() }),
         headers: entry.headers.clone().or(shared_headers).unwrap_or_default(),

@@ -6,7 +6,10 @@ use swarmbench_engine::{Config, Seed, TaskName};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::settings::{axes, standard};
-use super::{ALL, MODELS_AT_ONCE_MAX, ModelPlan, PARALLEL_MAX, PlanError, Planned, PlayerPlan, REQUESTS_MAX, Who};
+use super::{
+    ALL, MODELS_AT_ONCE_MAX, ModelPlan, PARALLEL_MAX, PlanError, Planned, PlayerPlan, REQUESTS_MAX,
+    Who,
+};
 use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds};
 
 /// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it
