@@ -138,7 +138,7 @@ impl Running {
     pub(crate) fn interrupter(&self) -> impl Fn() + use<> {
         let pid = rustix::process::Pid::from_child(&self.0);
         // It may have ended.
-        move || drop(rustix::process::kill_process(pid, rustix::process::Signal::INT))
+        move || _ = rustix::process::kill_process(pid, rustix::process::Signal::INT)
     }
 
     pub(crate) async fn end(self) -> Done {

@@ -227,9 +227,9 @@ async fn play(
     };
     let failures = conductor.conduct_all(plan, models, models_at_once, watch).await;
     progress.finish();
-    let of_run =
-        |(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false };
-    let mut played: Vec<Played> = last.into_iter().map(of_run).collect();
+    let mut played: Vec<Played> = (last.into_iter())
+        .map(|(number, run)| Played { planned: plan.runs[number].clone(), run, verified: false })
+        .collect();
     let is_whole = failures.is_empty() && !conductor.stop.is_cancelled();
     if is_whole && args.verify {
         verify_all(conductor.client, plan, &mut played).await?;
