@@ -1,5 +1,5 @@
 //! How long evaluations take beside their endpoints, measured with the real program:
-//! `cargo test --release --test eval -- --ignored --nocapture evaluations_take`.
+//! `cargo test --test eval -- --ignored --nocapture evaluations_take`.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
