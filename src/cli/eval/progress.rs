@@ -31,6 +31,9 @@ const WIDE: (&str, &str) = (
 const NARROW: (&str, &str) =
     ("{prefix:22!} {percent:>3} % {wide_msg}", "  {prefix:18!} {pos:>3}/{len:3} {wide_msg}");
 
+/// That of one game where several models play and there is no room for bars: with the name of the model.
+const NARROW_WITH_MODEL: &str = "  {prefix:30!} {pos:>3}/{len:3} {wide_msg}";
+
 pub(super) struct Progress<'a> {
     models: &'a [Option<Model>],
     bars: MultiProgress,
@@ -195,10 +198,11 @@ impl<'a> Progress<'a> {
         round: u32,
     ) -> &mut Game {
         let name = self.name_of(number, task.to_owned());
+        let narrow = if self.is_several { NARROW_WITH_MODEL } else { NARROW.1 };
         let (bars, total) = (&self.bars, &self.total);
         self.games.entry(episode.to_owned()).or_insert_with(|| {
             let bar = ProgressBar::new(max_round.into())
-                .with_style(style(if is_wide() { WIDE.1 } else { NARROW.1 }))
+                .with_style(style(if is_wide() { WIDE.1 } else { narrow }))
                 .with_prefix(name.clone());
             Game {
                 run: number,
