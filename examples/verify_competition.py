@@ -21,12 +21,14 @@ FIELDS = {
     "competition": "kind format id definition created_at revealed_at commitment salt seeds",
     "definition": "name description tasks seeds rules settings idle_timeout_ms opens_at closes_at entry attempts"
     " parallel counts board board_freezes_at? entries_per_key",
-    "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms",
+    "settings": "control num_agents width height view_size memory max_round noise max_delay round_deadline_ms bank_ms"
+    " answer_reader?",
     "entrant": "kind id name model temperature? top_p? agent_meta? prompt_template? status reason? vouched"
     " registered_at",
     "attempt": "kind entrant attempt run status created_at ended_at voided? games",
     "game": "slot episode voided?", "episode": "kind slot episode lines head",
-    "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?",
+    "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?"
+    " prompt_revision?",
     "act": "agent source action message? to? valid response? usage? reasoning? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }

@@ -219,7 +219,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
     // The server vouches for a hosted player only under the player's own name.
     let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
     let is_own_name = own_name.as_ref() == Some(&definition.model);
-    let template = definition.template_digest();
+    let prompt = definition.prompt();
     let is_human = is_human(&definition.meta);
     let run = Run {
         player: Player {
@@ -227,7 +227,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             model: definition.model,
             temperature: definition.temperature,
             top_p: definition.top_p,
-            template,
+            prompt,
         },
         id: stored.id,
         status: stored.status,
@@ -239,6 +239,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             _ => Some(Decentralization::Declared),
         },
         is_human,
+        answer_reader: Some(definition.suite.settings.answer_reader.clone()),
     };
     let result = RunResult::new(run, &plan, &games, true);
     let suite = suite(&definition.suite, plan);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use comfy_table::{CellAlignment, ContentArrangement, Table};
-use swarmbench_engine::TaskName;
+use swarmbench_engine::{AnswerReader, TaskName};
 
 use super::options::{ServerArgs, Source, open_database};
 use super::output::{mean, rank, table, total};
@@ -218,7 +218,8 @@ fn player(row: &BoardRow) -> String {
         row.owner.as_ref().map(|owner| format!("by {owner}")),
         row.temperature.map(|temperature| format!("T {temperature}")),
         row.top_p.map(|top_p| format!("top_p {top_p}")),
-        row.prompt_template.as_ref().map(|digest| format!("prompt {digest}")),
+        row.prompt.clone().filter(|name| name != "default").map(|name| format!("prompt {name}")),
+        row.answer_reader.clone().filter(|name| !AnswerReader::is_usual(name)),
     ];
     let run = [
         row.imported.then(|| "from files".to_owned()),
@@ -333,6 +334,8 @@ mod tests {
             temperature: Some(0.7),
             top_p: None,
             prompt_template: None,
+            prompt: Some("default".to_owned()),
+            answer_reader: Some("last-marker".to_owned()),
             vouched: Some(false),
             decentralization: Some("declared".to_owned()),
             kind: None,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use serde_json::{Map, json};
 use swarmbench_engine::{
-    Action, AgentId, AgentState, Config, Digest, Observation, RuleSet, Seen, World,
+    Action, AgentId, AgentState, AnswerReader, Config, Digest, Observation, RuleSet, Seen, World,
 };
 
 use super::format::{AgentAt, AgentRow, GameRow, Meta, Said};
@@ -123,6 +123,13 @@ impl Game {
             ("max_delay", json!(config.max_delay)),
             ("status", json!(status)),
         ];
+        // Settings that came later are there only where a game has them: the same game, exported again, is imported once.
+        if !AnswerReader::is_usual(&config.answer_reader) {
+            rest.push(("answer_reader", json!(config.answer_reader)));
+        }
+        if opening.prompt_revision > 1 {
+            rest.push(("prompt", json!(self.header.prompt().to_string())));
+        }
         if let Some(run) = &opening.run {
             rest.push(("run", json!(run)));
         }

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeSet;
 
+use swarmbench_boards::run::SYSTEM_MESSAGE;
 use swarmbench_engine::AgentId;
 use swarmbench_journal::record::{HeldSeat, Opening, Record, SeatHolder, Seats};
+use swarmbench_prompt::Identity;
 
 use crate::store::port::StoredEpisode;
 
@@ -53,6 +55,13 @@ impl Header {
     /// Whether the seats had more than one holder.
     pub fn is_mixed(&self) -> bool {
         self.holders.len() > 1
+    }
+
+    /// Which prompt the creator's player could ask for.
+    pub fn prompt(&self) -> Identity {
+        let Opening { config, prompt_template, prompt_revision, agent_meta, .. } = &self.opening;
+        let template = config.custom_template.then_some(prompt_template.as_str());
+        Identity::of(template, *prompt_revision, agent_meta.get(SYSTEM_MESSAGE))
     }
 
     /// All models that held seats.

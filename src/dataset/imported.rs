@@ -251,6 +251,7 @@ fn settings(meta: &Meta) -> ImportConfig {
         memory: number("memory"),
         noise: meta.rest.get("noise").and_then(Value::as_f64),
         max_delay: number("max_delay"),
+        answer_reader: word("answer_reader"),
     }
 }
 

@@ -161,6 +161,8 @@ const OF_EPISODES: &[Column] = &[
     ("completion_tokens", Kind::Whole),
     ("metrics_revision", Kind::Whole),
     ("embedder", Kind::Text),
+    ("prompt", Kind::Text),
+    ("answer_reader", Kind::Text),
 ];
 
 const OF_ACTS: &[Column] = &[
@@ -356,6 +358,8 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
         tally.completion_tokens.into(),
         METRICS_REVISION.into(),
         embedder.into(),
+        header.prompt().to_string().into(),
+        (&config.answer_reader).into(),
     ]);
     for metric in Metric::ALL {
         let (value, rounds) = measured.value(Definition::Paper, metric);

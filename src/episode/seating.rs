@@ -185,6 +185,7 @@ mod tests {
             model: "m".to_owned(),
             agent_meta: serde_json::Map::new(),
             prompt_template: "".into(),
+            prompt_revision: swarmbench_prompt::REVISION,
             custom_template: false,
             run: None,
             salt: None,

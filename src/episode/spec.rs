@@ -29,6 +29,8 @@ pub struct Spec {
     /// What else is known of who plays.
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     pub prompt_template: Arc<str>,
+    /// The revision of the program's own words in prompts when it was created.
+    pub prompt_revision: u32,
     /// Whether the template is the episode's own.
     pub custom_template: bool,
     /// The public id of the run to which it belongs.
@@ -128,6 +130,7 @@ impl Spec {
             config: self.recorded(),
             agent_meta: self.agent_meta.clone(),
             prompt_template: self.prompt_template.to_string(),
+            prompt_revision: self.prompt_revision,
             digest: world.digest().to_string(),
             run: self.run.clone(),
             salt: self.salt.clone(),
@@ -142,6 +145,7 @@ impl Spec {
         Ok(Self {
             run: opening.run.clone(),
             salt: opening.salt.clone(),
+            prompt_revision: opening.prompt_revision,
             ..Self::of(&opening.config, &opening.agent_meta, &opening.prompt_template)?
         })
     }
@@ -163,6 +167,7 @@ impl Spec {
             model: config.model.clone(),
             agent_meta: agent_meta.clone(),
             prompt_template: prompt_template.into(),
+            prompt_revision: swarmbench_prompt::REVISION,
             custom_template: config.custom_template,
             run: None,
             salt: None,

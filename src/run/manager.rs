@@ -503,6 +503,7 @@ mod tests {
             top_p: None,
             meta: serde_json::Map::new(),
             prompt_template: None,
+            prompt_revision: swarmbench_prompt::REVISION,
             player: None,
             parallel,
             visibility: "public".to_owned(),

@@ -2,7 +2,9 @@
 
 use bolero::TypeGenerator;
 use swarmbench_engine::answer::{self, Answer};
-use swarmbench_engine::{Act, Action, AgentId, Config, Control, Message, Settings, TaskName};
+use swarmbench_engine::{
+    Act, Action, AgentId, AnswerReader, Config, Control, Message, Settings, TaskName,
+};
 
 /// What makes a difference to the reader.
 const PIECES: [&str; 47] = [
@@ -74,9 +76,10 @@ fn text(parts: &[Part]) -> String {
     parts.iter().map(part).collect()
 }
 
-fn config(task: TaskName, control: Control) -> Config {
-    let control = control.name().to_owned();
-    Config::check(&Settings { control, ..Settings::standard(task, 1) }).expect("standard settings")
+fn config(task: TaskName, control: Control, reader: AnswerReader) -> Config {
+    let (control, answer_reader) = (control.name().to_owned(), reader.name().to_owned());
+    let settings = Settings { control, answer_reader, ..Settings::standard(task, 1) };
+    Config::check(&settings).expect("standard settings")
 }
 
 /// What the rules say of every answer.
@@ -102,7 +105,9 @@ fn check(text: &str, config: &Config, agent: AgentId) -> Answer {
 fn answers_are_read_by_the_rules() {
     let configs: Vec<Config> = [TaskName::Synchronization, TaskName::Transport]
         .into_iter()
-        .flat_map(|task| Control::ALL.map(|control| config(task, control)))
+        .flat_map(|task| {
+            Control::ALL.map(|control| config(task, control, AnswerReader::LastMarker))
+        })
         .collect();
     bolero::check!().with_iterations(4_000).with_type::<(Vec<Part>, String, u8, bool)>().for_each(
         |(parts, prose, setting, commands)| {
@@ -143,8 +148,29 @@ fn answers_are_read_by_the_rules() {
 
 #[test]
 fn any_bytes_are_read() {
-    let config = config(TaskName::Synchronization, Control::Centralized);
+    let configs = AnswerReader::ALL
+        .map(|reader| config(TaskName::Synchronization, Control::Centralized, reader));
     bolero::check!().with_iterations(2_000).for_each(|bytes: &[u8]| {
-        check(&String::from_utf8_lossy(bytes), &config, AgentId::COMMANDER);
+        for config in &configs {
+            check(&String::from_utf8_lossy(bytes), config, AgentId::COMMANDER);
+        }
     });
+}
+
+/// The first place of a marker decides, whatever follows on later lines.
+#[test]
+fn the_first_marker_is_read_by_the_rules() {
+    let config =
+        config(TaskName::Synchronization, Control::Decentralized, AnswerReader::FirstMarker);
+    bolero::check!().with_iterations(4_000).with_type::<(Vec<Part>, String)>().for_each(
+        |(parts, prose)| {
+            let text = text(parts);
+            check(&text, &config, AgentId(5));
+            let prose = prose.replace([':', '\n'], " ");
+            let own = format!("{prose}\naction: DOWN\nmsg: so be it\n{text}");
+            let read = check(&own, &config, AgentId(5));
+            assert_eq!(read.act.action, Some(Action::Down));
+            assert_eq!(read.act.message, Message::new("so be it"));
+        },
+    );
 }

@@ -18,6 +18,7 @@ pub(crate) fn spec(config: Config) -> Spec {
         model: "a test".to_owned(),
         agent_meta: serde_json::Map::new(),
         prompt_template: "".into(),
+        prompt_revision: 1,
         custom_template: false,
         run: None,
         salt: None,

@@ -27,6 +27,7 @@ pub mod scale;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Seed, TaskName};
+use swarmbench_prompt::Identity;
 use swarmbench_protocol::suite::{Game as Planned, Suite};
 
 /// Who answers for a run: the holder of a key, or an entrant of a competition.
@@ -49,8 +50,8 @@ pub struct Player {
     pub temperature: Option<f64>,
     /// Its `top_p`, if declared.
     pub top_p: Option<f64>,
-    /// The digest of its prompt template; `None` for the built-in one.
-    pub template: Option<String>,
+    /// Which prompt it has.
+    pub prompt: Identity,
 }
 
 /// The id of a row. A player has the same id on every board.
@@ -59,9 +60,9 @@ pub struct RowId(pub [u8; 16]);
 
 impl RowId {
     /// The id of a row with these properties.
-    fn of(parts: &[&[u8]]) -> Self {
+    fn of(parts: &[impl AsRef<[u8]>]) -> Self {
         let mut hash = Sha256::new();
-        for part in parts {
+        for part in parts.iter().map(AsRef::as_ref) {
             hash.update((part.len() as u64).to_be_bytes());
             hash.update(part);
         }
@@ -93,13 +94,22 @@ impl Player {
         let number = |number: Option<f64>| {
             number.map_or(Vec::new(), |number| (number + 0.0).to_be_bytes().to_vec())
         };
-        RowId::of(&[
-            self.owner.as_ref().map_or(&[], |owner| owner.id.as_bytes()),
-            self.model.as_bytes(),
-            &number(self.temperature),
-            &number(self.top_p),
-            self.template.as_ref().map_or(&[], |digest| digest.as_bytes()),
-        ])
+        let Identity { template, revision, system } = &self.prompt;
+        let text =
+            |text: &Option<String>| text.as_ref().map_or(Vec::new(), |t| t.as_bytes().to_vec());
+        let mut parts = vec![
+            self.owner.as_ref().map_or(Vec::new(), |owner| owner.id.as_bytes().to_vec()),
+            self.model.as_bytes().to_vec(),
+            number(self.temperature),
+            number(self.top_p),
+            text(template),
+        ];
+        // Rows without these keep the names that they have always had.
+        if revision.is_some() || system.is_some() {
+            parts.push(revision.map_or(Vec::new(), |revision| revision.to_be_bytes().to_vec()));
+            parts.push(text(system));
+        }
+        RowId::of(&parts)
     }
 }
 
@@ -131,6 +141,8 @@ pub struct Run {
     pub decentralization: Option<Decentralization>,
     /// Whether its owner declares that people played.
     pub is_human: bool,
+    /// The name of the reader of its answers; `None` for games of files.
+    pub answer_reader: Option<String>,
 }
 
 /// A game that a run is to play.

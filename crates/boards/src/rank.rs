@@ -276,6 +276,7 @@ pub(super) mod tests {
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
     use super::*;
     use swarmbench_engine::Seed;
+    use swarmbench_prompt::Identity;
 
     pub(in super::super) fn player(model: &str) -> Player {
         Player {
@@ -283,7 +284,7 @@ pub(super) mod tests {
             model: model.to_owned(),
             temperature: Some(1.0),
             top_p: None,
-            template: None,
+            prompt: Identity::default(),
         }
     }
 
@@ -296,6 +297,7 @@ pub(super) mod tests {
             vouched: true,
             decentralization: Some(Decentralization::Declared),
             is_human: false,
+            answer_reader: None,
         }
     }
 
@@ -371,6 +373,7 @@ pub(super) mod tests {
     #[test]
     fn players_are_told_apart_by_all_that_they_declare() {
         let same = player("a");
+        let with = |prompt| Player { prompt, ..same.clone() };
         let others = [
             player("b"),
             Player { owner: None, ..same.clone() },
@@ -380,7 +383,10 @@ pub(super) mod tests {
             },
             Player { temperature: None, ..same.clone() },
             Player { top_p: Some(1.0), temperature: None, ..same.clone() },
-            Player { template: Some("u".to_owned()), ..same.clone() },
+            with(Identity { template: Some("u".to_owned()), ..Identity::default() }),
+            with(Identity { revision: Some(2), ..Identity::default() }),
+            with(Identity { revision: Some(3), ..Identity::default() }),
+            with(Identity { system: Some("u".to_owned()), ..Identity::default() }),
         ];
         let mut ids: Vec<_> = others.iter().chain([&same]).map(Player::row).collect();
         ids.sort_unstable();

@@ -5,10 +5,18 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use swarmbench_engine::{Config, SettingErrors};
 use swarmbench_journal::record::RecordedConfig;
+use swarmbench_journal::record::{first_prompt_revision, is_first_prompt_revision};
+use swarmbench_prompt::Identity;
 use swarmbench_protocol::suite::{Game, Suite, digest_of_template};
 
 /// The `kind` in an `agent_meta`, and of a row, where people played.
 pub const HUMAN: &str = "human";
+
+/// The field of an `agent_meta` with the system message that a model gets: a text, or an object with one for each task.
+pub const SYSTEM_MESSAGE: &str = "system_message";
+
+/// How the names of built-in players begin where models are named.
+const BUILT_IN_PREFIX: &str = "built-in/";
 
 /// Whether an `agent_meta` declares that people played.
 #[must_use]
@@ -36,6 +44,9 @@ pub struct Definition {
     /// A prompt template of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prompt_template: Option<String>,
+    /// The revision of the program's own words in prompts when it was created; runs before revision 2 name none.
+    #[serde(default = "first_prompt_revision", skip_serializing_if = "is_first_prompt_revision")]
+    pub prompt_revision: u32,
     /// The built-in player with which the server plays all seats; `default` is each task's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub player: Option<String>,
@@ -78,6 +89,16 @@ impl Definition {
         let sampling = [("temperature", self.temperature), ("top_p", self.top_p)].into_iter();
         meta.extend(sampling.filter_map(|(name, value)| Some((name.to_owned(), json!(value?)))));
         meta
+    }
+
+    /// Which prompt its player has: the same for all revisions of the program's words where the player reads no prompts.
+    #[must_use]
+    pub fn prompt(&self) -> Identity {
+        let reads_none = self.player.is_some()
+            || self.model.starts_with(BUILT_IN_PREFIX)
+            || is_human(&self.meta);
+        let revision = if reads_none { 1 } else { self.prompt_revision };
+        Identity::of(self.prompt_template.as_deref(), revision, self.meta.get(SYSTEM_MESSAGE))
     }
 
     /// The digest of the prompt template: the first 12 hexadecimal digits of SHA-256; `None` for the built-in one.

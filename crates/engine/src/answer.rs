@@ -1,14 +1,16 @@
 //! Answers of language models (rules: *Answers of language models*).
 //!
 //! An answer is free text with markers, `ACTION: …`, `MSG: …` and, under centralized control,
-//! `TO: …`. What may stand around a marker or a value is what models are seen to write: white space,
-//! list signs, Markdown emphasis and headings, quotes, brackets.
+//! `TO: …`. An episode names the [`AnswerReader`] that finds them:
+//!
+//! - `last-marker`: the last of each kind. What may stand around a marker or a value is what models are seen to write:
+//!   white space, list signs, Markdown emphasis and headings, quotes, brackets.
+//! - `first-marker`: the first of each kind as a part of the text, as the public toolkit reads.
 
 use crate::act::{Act, Action, AgentId};
 use crate::config::Config;
 use crate::message::Message;
-use crate::names::Control;
-use crate::names::TaskName;
+use crate::names::{AnswerReader, Control, TaskName};
 
 /// What an answer says.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,25 +24,64 @@ pub struct Answer {
 /// Reads the answer of `agent` to a prompt. Takes time proportional to the length of the text.
 #[must_use]
 pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
-    let task = config.task();
-    let centralized = config.control() == Control::Centralized;
-    let markers = markers(text, centralized);
+    let read = match config.answer_reader() {
+        AnswerReader::LastMarker => last_markers(text, config),
+        AnswerReader::FirstMarker => first_markers(text, config),
+    };
+    if !read.valid {
+        return Answer { act: Act::default(), valid: false };
+    }
+    let commands = config.control() == Control::Centralized && agent == AgentId::COMMANDER;
+    let to = (read.to.filter(|_| commands))
+        .and_then(receiver)
+        .filter(|to| *to != agent && to.0 < config.num_agents());
+    Answer { act: Act { action: read.action, message: read.message, to }, valid: true }
+}
+
+/// What a reader finds in a text.
+struct Read<'a> {
+    action: Option<Action>,
+    message: Option<Message>,
+    /// The value of `TO`.
+    to: Option<&'a str>,
+    valid: bool,
+}
+
+fn last_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
+    let markers = markers(text, config.control() == Control::Centralized);
     let last = |kind| markers.iter().rev().find(|marker| marker.kind == kind);
     let message = last(Kind::Message).and_then(|marker| Message::new(unwrapped(marker.value)));
-    let action = last(Kind::Action);
-    let taken = action.and_then(|marker| words(marker.value).find_map(|word| named(task, word)));
-    let is_only_message = action.is_none_or(|marker| {
+    let said = last(Kind::Action);
+    let action =
+        said.and_then(|marker| words(marker.value).find_map(|word| named(config.task(), word)));
+    let is_only_message = said.is_none_or(|marker| {
         words(marker.value).any(|word| word.eq_ignore_ascii_case("MSG")) || marker.announces_message
     });
-    let valid = taken.is_some() || (is_only_message && message.is_some());
-    if !valid {
-        return Answer { act: Act::default(), valid };
-    }
-    let commands = centralized && agent == AgentId::COMMANDER;
-    let to = (last(Kind::To).filter(|_| commands))
-        .and_then(|marker| receiver(marker.value))
-        .filter(|to| *to != agent && to.0 < config.num_agents());
-    Answer { act: Act { action: taken, message, to }, valid }
+    let valid = action.is_some() || (is_only_message && message.is_some());
+    Read { action, message, to: last(Kind::To).map(|marker| marker.value), valid }
+}
+
+/// Reads as the public toolkit does: a marker is found wherever its letters stand, in three spellings, and a later
+/// spelling overrides an earlier one. An action is found by its letters, too.
+fn first_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
+    let actions = Action::of_task(config.task());
+    let action = (values(text, ["ACTION:", "Action:", "action:"]).rev())
+        .find_map(|value| actions.iter().copied().find(|action| value.contains(action.name())));
+    let message = values(text, ["MSG:", "Msg:", "msg:"]).next_back().and_then(Message::new);
+    let to = values(text, ["TO:", "To:", "to:"]).next_back();
+    let valid = action.is_some() || message.is_some();
+    Read { action, message, to, valid }
+}
+
+/// The values behind the first places of these markers, each up to the end of its line.
+fn values<'a, const N: usize>(
+    text: &'a str,
+    spellings: [&'static str; N],
+) -> impl DoubleEndedIterator<Item = &'a str> {
+    spellings.into_iter().filter_map(move |marker| {
+        let (_, rest) = text.split_once(marker)?;
+        rest.split('\n').next()
+    })
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 use std::fmt;
 
 use crate::config::Config;
-use crate::names::{Control, RuleSet, TaskName};
+use crate::names::{AnswerReader, Control, RuleSet, TaskName};
 use crate::settings::Settings;
 use crate::tasks;
 
@@ -135,6 +135,8 @@ impl Config {
         let task = check.name("task", &s.task, &TaskName::ALL, TaskName::name);
         let rules = check.name("rules", &s.rules, &RuleSet::ALL, RuleSet::name);
         let control = check.name("control", &s.control, &Control::ALL, Control::name);
+        let (readers, reader) = (&AnswerReader::ALL, AnswerReader::name);
+        let reader = check.name("answer_reader", &s.answer_reader, readers, reader);
         check.range("seed", s.seed, &limits::SEED);
         check.range("num_agents", s.num_agents, &limits::AGENTS);
         check.range("width", s.width, &limits::SIZE);
@@ -150,7 +152,9 @@ impl Config {
             let is = s.view_size;
             check.fail("view_size", format!("must be odd and from 3 to {largest}, is {is}"));
         }
-        let (Some(task), Some(rules), Some(control)) = (task, rules, control) else {
+        let (Some(task), Some(rules), Some(control), Some(answer_reader)) =
+            (task, rules, control, reader)
+        else {
             return Err(SettingErrors(check.0));
         };
         check.done()?;
@@ -167,6 +171,7 @@ impl Config {
             max_round: cast(s.max_round),
             noise: s.noise,
             max_delay: cast(s.max_delay),
+            answer_reader,
             settings: s.clone(),
         };
         config.check_combinations()?;

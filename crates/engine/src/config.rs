@@ -1,6 +1,6 @@
 //! The settings of an episode, checked, as the rest of the engine uses them.
 
-use crate::names::{Control, RuleSet, TaskName};
+use crate::names::{AnswerReader, Control, RuleSet, TaskName};
 use crate::seed::Seed;
 use crate::settings::Settings;
 
@@ -19,6 +19,7 @@ pub struct Config {
     pub(crate) max_round: u32,
     pub(crate) noise: f64,
     pub(crate) max_delay: u32,
+    pub(crate) answer_reader: AnswerReader,
     /// As they were asked for: journals and clients are shown these.
     pub(crate) settings: Settings,
 }
@@ -64,6 +65,12 @@ impl Config {
     #[must_use]
     pub const fn memory(&self) -> usize {
         self.memory
+    }
+
+    /// How answers of language models are read.
+    #[must_use]
+    pub const fn answer_reader(&self) -> AnswerReader {
+        self.answer_reader
     }
 
     /// How far an agent sees in each direction: half its window, rounded down.

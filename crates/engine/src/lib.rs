@@ -76,7 +76,7 @@ pub use digest::Digest;
 pub use grid::{BodyId, Direction, Grid, Pos};
 pub use mail::Delivery;
 pub use message::Message;
-pub use names::{Control, RuleSet, TaskName};
+pub use names::{AnswerReader, Control, RuleSet, TaskName};
 pub use observe::{
     AgentState, Landmarks, Observation, PastView, Remembered, Seen, SpectatorView, View,
 };

@@ -1,4 +1,4 @@
-//! The settings that have names: task, rule set and control. This module uses no other module of the engine.
+//! The settings that have names: task, rule set, control and reader of answers. This module uses no other module of the engine.
 
 /// Declares an enum whose values have names on the wire, each written behind its value, with `ALL` of them in order,
 /// [`name`](TaskName::name) and [`parse`](TaskName::parse).
@@ -69,5 +69,31 @@ named! {
         Decentralized = "decentralized",
         /// Everybody sees the whole map and talks to the commander alone, and the commander to all.
         Centralized = "centralized",
+    }
+}
+
+named! {
+    /// How the free text of a language model is read (rules: *Answers of language models*).
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub enum AnswerReader {
+        /// The last marker of each kind counts, whatever Markdown stands around it.
+        #[default]
+        LastMarker = "last-marker",
+        /// The first marker of each kind counts, wherever it stands: how the public toolkit reads.
+        FirstMarker = "first-marker",
+    }
+}
+
+impl AnswerReader {
+    /// The name of the reader of games that name none: the setting is not written where it is this one.
+    #[must_use]
+    pub fn usual() -> String {
+        Self::default().name().to_owned()
+    }
+
+    /// Whether games that name no reader have the one with this name.
+    #[must_use]
+    pub fn is_usual(name: &str) -> bool {
+        name == Self::default().name()
     }
 }

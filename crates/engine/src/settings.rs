@@ -1,6 +1,6 @@
 //! The settings that anyone may send, unchecked; `check.rs` makes a [`Config`](crate::Config) of them.
 
-use crate::names::{Control, RuleSet, TaskName};
+use crate::names::{AnswerReader, Control, RuleSet, TaskName};
 
 /// The settings of a game that are numbers, in the order in which suites and journals have them. Every struct that has
 /// them among its fields is made from this list.
@@ -55,6 +55,8 @@ macro_rules! define_settings {
             /// The seed of the layout, 0 to 2⁵³ − 1.
             pub seed: i64,
             $($($(#[doc = $doc])* pub $setting: $asked,)*)*
+            /// How answers of language models are read, `last-marker` or `first-marker`.
+            pub answer_reader: String,
         }
 
         impl Default for Settings {
@@ -65,13 +67,14 @@ macro_rules! define_settings {
                     control: Control::Decentralized.name().to_owned(),
                     seed: 0,
                     $($($setting: $usual,)*)*
+                    answer_reader: AnswerReader::usual(),
                 }
             }
         }
 
         impl Settings {
             /// The names of all settings but task, rules and seed, in order.
-            pub const NAMES: &[&str] = &["control", $($(stringify!($setting),)*)*];
+            pub const NAMES: &[&str] = &["control", $($(stringify!($setting),)*)* "answer_reader"];
 
             /// The value of the setting with one of [`Self::NAMES`], as text.
             #[must_use]
@@ -79,6 +82,7 @@ macro_rules! define_settings {
                 match name {
                     "control" => Some(self.control.clone()),
                     $($(stringify!($setting) => Some(self.$setting.to_string()),)*)*
+                    "answer_reader" => Some(self.answer_reader.clone()),
                     _ => None,
                 }
             }

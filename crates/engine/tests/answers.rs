@@ -2,7 +2,9 @@
 
 use proptest::prelude::*;
 use swarmbench_engine::answer::{self, Answer};
-use swarmbench_engine::{AgentId, Config, Control, Settings, TaskName};
+use swarmbench_engine::{
+    Action, AgentId, AnswerReader, Config, Control, Message, Settings, TaskName,
+};
 
 /// An answer, and what it says in the form of [`shown`].
 type Row = (&'static str, &'static str);
@@ -24,6 +26,16 @@ fn shown(answer: &Answer) -> String {
 fn config(task: TaskName, control: Control) -> Config {
     let control = control.name().to_owned();
     Config::check(&Settings { control, ..Settings::standard(task, 1) }).expect("standard settings")
+}
+
+fn first_marker(task: TaskName, control: Control) -> Config {
+    let [control, answer_reader] = [control.name(), AnswerReader::FirstMarker.name()];
+    let settings = Settings {
+        control: control.to_owned(),
+        answer_reader: answer_reader.to_owned(),
+        ..Settings::standard(task, 1)
+    };
+    Config::check(&settings).expect("standard settings")
 }
 
 fn check(config: &Config, agent: AgentId, rows: &[Row]) {
@@ -244,14 +256,69 @@ fn others_write_to_the_commander_whomever_they_name() {
 }
 
 #[test]
+fn the_first_marker_is_found_wherever_its_letters_stand() {
+    let rows = [
+        ("ACTION: UP", "UP"),
+        ("ACTION: UP\nACTION: DOWN", "UP"),
+        ("I plan ACTION: LEFT here.\nACTION: RIGHT", "LEFT"),
+        ("MY_ACTION: UP", "UP"),
+        ("**ACTION:** [DOWN]\n**MSG:** \"go\"", "DOWN: ** \"go\""),
+        // An action is found by its letters, in the order of the actions and not of the text.
+        ("ACTION: DOWN or UP", "UP"),
+        ("ACTION: SUPPORT", "UP"),
+        ("ACTION: SWITCH", "SWITCH"),
+        ("ACTION: up", "invalid"),
+        ("ACTION:\nUP", "invalid"),
+        // Three spellings; a later one overrides where it names an action.
+        ("Action: UP", "UP"),
+        ("action: UP", "UP"),
+        ("aCTION: UP", "invalid"),
+        ("ACTION : UP", "invalid"),
+        ("ACTION：UP", "invalid"),
+        ("action: LEFT\nACTION: RIGHT", "LEFT"),
+        ("action: nothing\nACTION: RIGHT", "RIGHT"),
+        // A message is what follows, as it is; the action need not be one.
+        ("MSG: hello", "none: hello"),
+        ("ACTION: JUMP\nMSG: hello", "none: hello"),
+        ("ACTION: UP MSG: hello", "UP: hello"),
+        ("MSG: first\nMSG: second\nACTION: UP", "UP: first"),
+        ("MSG: [hello]\r\nACTION: UP", "UP: [hello]"),
+        ("msg: small\nMSG: large\nACTION: UP", "UP: small"),
+        ("MSG: said\nmsg:\nACTION: UP", "UP"),
+        ("MSG: a\rb\nACTION: UP", "UP: a b"),
+        ("MSG:", "invalid"),
+        ("I think UP is best.", "invalid"),
+        ("", "invalid"),
+    ];
+    let config = first_marker(TaskName::Synchronization, Control::Decentralized);
+    check(&config, AgentId(5), &rows);
+    let without = first_marker(TaskName::Transport, Control::Decentralized);
+    check(
+        &without,
+        AgentId(5),
+        &[("ACTION: SWITCH", "invalid"), ("MSG: hi TO: 3", "none: hi TO: 3")],
+    );
+    let centralized = first_marker(TaskName::Transport, Control::Centralized);
+    let rows = [
+        ("ACTION: UP\nMSG: go\nTO: Agent_3\nTO: Agent_4", "UP: go -> Agent_3"),
+        ("ACTION: UP\nMSG: go\nTo: 99", "UP: go"),
+    ];
+    check(&centralized, AgentId::COMMANDER, &rows);
+    check(&centralized, AgentId(5), &[("MSG: go\nTO: Agent_3", "none: go")]);
+}
+
+#[test]
 fn a_long_message_is_cut() {
-    let config = config(TaskName::Transport, Control::Decentralized);
+    let last = config(TaskName::Transport, Control::Decentralized);
+    let first = first_marker(TaskName::Transport, Control::Decentralized);
     for (sign, length, cut) in
         [("x", 120, ""), ("x", 121, "..."), ("é", 50_000, "..."), ("🚀", 119, "")]
     {
-        let answer = format!("ACTION: UP\nMSG: \"{}\"", sign.repeat(length));
         let expected = format!("UP: {}{cut}", sign.repeat(length.min(120)));
-        assert_eq!(shown(&answer::parse(&answer, &config, AgentId(0))), expected);
+        for (config, quote) in [(&last, "\""), (&first, "")] {
+            let answer = format!("ACTION: UP\nMSG: {quote}{}{quote}", sign.repeat(length));
+            assert_eq!(shown(&answer::parse(&answer, config, AgentId(0))), expected);
+        }
     }
 }
 
@@ -260,6 +327,7 @@ fn a_long_message_is_cut() {
 #[test]
 fn long_answers_are_read_in_linear_time() {
     let config = config(TaskName::Synchronization, Control::Centralized);
+    let first = first_marker(TaskName::Synchronization, Control::Centralized);
     let parts = [
         "ACTION:",
         "MSG:",
@@ -305,6 +373,8 @@ fn long_answers_are_read_in_linear_time() {
             let text = format!("{start}{}\nACTION: SWITCH", part.repeat(200_000 / part.len()));
             let answer = answer::parse(&text, &config, AgentId::COMMANDER);
             assert!(answer.valid, "{start:?}, {part:?}");
+            // The first marker may be one without a value.
+            let _ = answer::parse(&text, &first, AgentId::COMMANDER);
         }
     }
 }
@@ -319,17 +389,36 @@ proptest! {
         agent in 0..12_u16,
     ) {
         let control = if centralized { Control::Centralized } else { Control::Decentralized };
-        let config = config(TaskName::Synchronization, control);
-        let answer = answer::parse(&text, &config, AgentId(agent));
-        let act = &answer.act;
-        prop_assert_eq!(answer.valid, act.action.is_some() || act.message.is_some());
-        if let Some(message) = &act.message {
-            let text = message.as_str();
-            prop_assert!(!text.trim().is_empty() && text.chars().count() <= 123);
-            prop_assert!(!text.chars().any(char::is_control));
+        let task = TaskName::Synchronization;
+        for config in [config(task, control), first_marker(task, control)] {
+            let answer = answer::parse(&text, &config, AgentId(agent));
+            let act = &answer.act;
+            prop_assert_eq!(answer.valid, act.action.is_some() || act.message.is_some());
+            if let Some(message) = &act.message {
+                let text = message.as_str();
+                prop_assert!(!text.trim().is_empty() && text.chars().count() <= 123);
+                prop_assert!(!text.chars().any(char::is_control));
+            }
+            if let Some(to) = act.to {
+                prop_assert!(agent == 0 && centralized && (1..12).contains(&to.0));
+            }
         }
-        if let Some(to) = act.to {
-            prop_assert!(agent == 0 && centralized && (1..12).contains(&to.0));
-        }
+    }
+
+    /// What comes after the first marker of a spelling does not matter, nor does prose before it.
+    #[test]
+    fn with_the_first_marker_nothing_later_counts(
+        before in "[a-z .!\n]{0,20}",
+        after in "([A-Z]{2}|[ \n*])?(ACTION:|MSG:| |UP|DOWN|\n|\\PC){0,20}",
+        action in 0..6_usize,
+    ) {
+        let config = first_marker(TaskName::Synchronization, Control::Decentralized);
+        let action = Action::ALL[action];
+        let text = format!("{before}ACTION: {}\nMSG: so be it\n{after}", action.name());
+        let lower = ["Action:", "action:", "Msg:", "msg:"].iter().any(|marker| after.contains(marker));
+        prop_assume!(!lower);
+        let answer = answer::parse(&text, &config, AgentId(3));
+        prop_assert_eq!(answer.act.action, Some(action));
+        prop_assert_eq!(answer.act.message, Message::new("so be it"));
     }
 }

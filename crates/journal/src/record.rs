@@ -95,6 +95,9 @@ pub struct Opening {
     pub agent_meta: serde_json::Map<String, serde_json::Value>,
     /// The text of the prompt template.
     pub prompt_template: String,
+    /// The revision of the words that the program itself puts into prompts; journals before revision 2 name none.
+    #[serde(default = "first_prompt_revision", skip_serializing_if = "is_first_prompt_revision")]
+    pub prompt_revision: u32,
     /// The digest of the layout, in hexadecimal.
     pub digest: String,
     /// The public id of the run to which it belongs.
@@ -104,6 +107,19 @@ pub struct Opening {
     /// match.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub salt: Option<String>,
+}
+
+/// The revision of prompts in journals that name none.
+#[must_use]
+pub const fn first_prompt_revision() -> u32 {
+    1
+}
+
+/// Whether journals leave this revision out.
+#[must_use]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes it so")]
+pub const fn is_first_prompt_revision(revision: &u32) -> bool {
+    *revision == 1
 }
 
 impl Opening {

@@ -10,8 +10,12 @@
 //!   lists, no calls, no concatenation, no includes;
 //! - its instructions, the bytes that it reads and the bytes that it writes are bounded.
 
+mod identity;
+mod table;
 pub mod tasks;
 mod work;
+
+pub use identity::Identity;
 
 use std::io;
 use std::sync::Arc;
@@ -29,6 +33,23 @@ use swarmbench_protocol::observation::{Cell, HistoryEntry, Sight};
 
 /// The built-in template.
 pub const BUILT_IN: &str = include_str!("prompt.txt.j2");
+
+/// The template `toolkit`: what the public toolkit's prompt says, in its order and form and in words of our own.
+pub const TOOLKIT: &str = include_str!("toolkit.txt.j2");
+
+/// The revision of the program's own words: the built-in template, the descriptions of the tasks and the meanings of the
+/// actions. Any change of them is a new one, since a model may play differently.
+pub const REVISION: u32 = 2;
+
+/// The text of the template that was asked for by its text or by its name, `toolkit`; `None` for the built-in one, which
+/// has the name `default`.
+#[must_use]
+pub fn chosen(asked: Option<String>) -> Option<String> {
+    asked.filter(|name| name != "default").map(|name| match name.as_str() {
+        "toolkit" => TOOLKIT.to_owned(),
+        _ => name,
+    })
+}
 
 /// Bytes of a template.
 pub const TEMPLATE_BYTES_MAX: usize = 32 * 1024;
@@ -50,8 +71,8 @@ pub const PROMPT_JSON_FACTOR_MAX: usize = 2;
 const CONSTANT_BYTES_MAX: usize = 1024;
 
 /// Filters that a template may use; none of them can make a value larger than its parts.
-const FILTERS: [&str; 8] =
-    ["length", "upper", "lower", "trim", "first", "last", "default", "round"];
+const FILTERS: [&str; 9] =
+    ["length", "upper", "lower", "trim", "first", "last", "default", "round", "int"];
 
 /// Tests that a template may use.
 const TESTS: [&str; 9] =
@@ -97,15 +118,16 @@ pub fn render(template: &str, sight: &Sight, config: &Config) -> Result<String, 
 
 /// Fills a template until it ends or fails.
 fn fill(
-    template: &str,
+    text_of_template: &str,
     sight: &Sight,
     config: &Config,
     text: &mut Bounded,
 ) -> Result<(), TemplateError> {
     let work = Work::new();
     let environment = environment(&work);
-    let template = environment.template_from_str(template)?;
-    let context = minijinja::Value::from(minijinja::value::Serde(Context::new(sight, config)));
+    let template = environment.template_from_str(text_of_template)?;
+    let context = Context::new(sight, config, text_of_template.contains("padded"));
+    let context = minijinja::Value::from(minijinja::value::Serde(context));
     let rendered = template.render_captured_to(counted(context, &work), &mut *text).map(drop);
     if work.is_over() {
         return Err(TemplateError(format!("the template reads more than {READ_BYTES_MAX} bytes")));
@@ -285,7 +307,10 @@ fn check_expression(expression: &Expr<'_>) -> Result<(), TemplateError> {
 struct Context<'a> {
     agent: &'a str,
     task: &'a swarmbench_protocol::observation::Task,
+    rules: &'static str,
+    num_agents: u16,
     round: u32,
+    round_from_1: u32,
     max_round: u32,
     memory: usize,
     score: f64,
@@ -294,7 +319,7 @@ struct Context<'a> {
     carrying_food: Option<bool>,
     messages: &'a [String],
     /// The oldest first.
-    history: Vec<&'a HistoryEntry>,
+    history: Vec<HistoryContext<'a>>,
     /// The current one first.
     views: Vec<ViewContext<'a>>,
     actions: Vec<ActionContext>,
@@ -303,6 +328,15 @@ struct Context<'a> {
     width: usize,
     centralized: bool,
     commander: bool,
+    /// Rows of `A`, an agent, and `.`; empty in all tasks but Flocking.
+    target: Vec<Vec<&'static str>>,
+}
+
+#[derive(Serialize)]
+struct HistoryContext<'a> {
+    #[serde(flatten)]
+    entry: &'a HistoryEntry,
+    round_from_1: u32,
 }
 
 #[derive(Serialize)]
@@ -316,6 +350,9 @@ struct ViewContext<'a> {
     cells: &'a [Vec<Cell>],
     /// A table with the numbers of rows and columns at its edges.
     text: String,
+    /// The same in the form of the public toolkit; only drawn for templates that name it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    padded: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -325,7 +362,7 @@ struct ActionContext {
 }
 
 impl<'a> Context<'a> {
-    fn new(sight: &'a Sight, config: &Config) -> Self {
+    fn new(sight: &'a Sight, config: &Config, has_padded: bool) -> Self {
         let now = sight.view.iter().map(|view| (sight.round, view.origin, &view.cells));
         let past = sight.past_views.iter().map(|past| (past.round, past.origin, &past.cells));
         let view = |(round, origin, cells): (u32, Position, &'a Vec<Vec<Cell>>)| {
@@ -335,7 +372,9 @@ impl<'a> Context<'a> {
                 1 => "1 step ago".to_owned(),
                 _ => format!("{ago} steps ago"),
             };
-            ViewContext { round, ago, label, origin, cells, text: table(origin, cells) }
+            let padded = has_padded.then(|| table::padded(origin, cells));
+            let text = table::plain(origin, cells);
+            ViewContext { round, ago, label, origin, cells, text, padded }
         };
         let centralized = config.control() == Control::Centralized;
         let current = sight.view.as_ref().map(|view| &view.cells);
@@ -343,7 +382,10 @@ impl<'a> Context<'a> {
         Self {
             agent: &sight.agent,
             task: &sight.task,
+            rules: config.rules().name(),
+            num_agents: config.num_agents(),
             round: sight.round,
+            round_from_1: sight.round + 1,
             max_round: sight.max_round,
             memory: config.memory(),
             score: sight.score,
@@ -351,7 +393,9 @@ impl<'a> Context<'a> {
             light_on: sight.light_on,
             carrying_food: sight.carrying_food,
             messages: &sight.messages,
-            history: sight.history.iter().rev().collect(),
+            history: (sight.history.iter().rev())
+                .map(|entry| HistoryContext { entry, round_from_1: entry.round + 1 })
+                .collect(),
             views: now.chain(past).map(view).collect(),
             actions: (Action::of_task(config.task()).iter())
                 .map(|&action| ActionContext {
@@ -363,310 +407,10 @@ impl<'a> Context<'a> {
             width: cells.and_then(|rows| rows.first()).map_or(0, Vec::len),
             centralized,
             commander: centralized && sight.agent == AgentId::COMMANDER.to_string(),
+            target: tasks::target(config),
         }
     }
-}
-
-/// Cells as a table with the numbers of rows and columns at its edges.
-fn table(origin: Position, cells: &[Vec<Cell>]) -> String {
-    use std::fmt::Write;
-    const WIDTH: usize = 5;
-    let width = cells.first().map_or(0, Vec::len);
-    let mut text = String::with_capacity(WIDTH * (width + 1) * (cells.len() + 1));
-    text.push_str("     ");
-    let write = |text: &mut String, what: &dyn std::fmt::Display| {
-        let end = text.len() + WIDTH;
-        write!(text, "{what}").expect("a string takes everything");
-        while text.len() < end {
-            text.push(' ');
-        }
-    };
-    for (j, _) in (origin.j..).zip(0..width) {
-        write(&mut text, &j);
-    }
-    for (i, row) in (origin.i..).zip(cells) {
-        text.truncate(text.trim_end().len());
-        text.push('\n');
-        write(&mut text, &i);
-        for cell in row {
-            write(&mut text, &cell.0);
-        }
-    }
-    text.truncate(text.trim_end().len());
-    text
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use swarmbench_engine::{Act, Message, Settings, TaskName, World};
-
-    use super::*;
-    use swarmbench_protocol::status::Status;
-
-    fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
-        let config = Config::check(settings).expect("valid settings");
-        let mut world = World::new(Arc::new(config.clone()));
-        for _ in 0..rounds {
-            let act =
-                |n| Act { message: Message::new(&format!("I am {n}")), ..Act::of(Action::Up) };
-            world.step(&(0..config.num_agents()).map(act).collect::<Vec<_>>());
-        }
-        let seen = world.observe(AgentId(agent));
-        let description = tasks::description(&config);
-        let sight = Sight::of(&seen, "ep_1".to_owned(), description, Status::Running, None);
-        (sight, config)
-    }
-
-    /// The sections of the paper's Appendix "Prompt Design", in its order.
-    const SECTIONS: [&str; 14] = [
-        "You are Agent_3",
-        "Task description:",
-        "Round: 2",
-        "What you saw in the last 3 steps",
-        "Your current observation:",
-        "Messages you received:",
-        "What you did lately:",
-        "Symbols:",
-        "Actions:",
-        "Physics:",
-        "Messages:\n1.",
-        "Further rules:",
-        "Think it through",
-        "Finish with your choice",
-    ];
-
-    #[test]
-    fn the_built_in_prompt_has_all_sections_in_order() {
-        for task in TaskName::ALL {
-            let (sight, config) = sight(&Settings::standard(task, 27), 2, 3);
-            let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
-            let mut rest = prompt.as_str();
-            for section in SECTIONS {
-                let at = rest.find(section);
-                rest = &rest[at
-                    .unwrap_or_else(|| panic!("{section:?} is not where it belongs: {prompt}"))..];
-            }
-            for action in Action::of_task(task) {
-                assert!(prompt.contains(&format!(". {}: ", action.name())), "{prompt}");
-            }
-            let light = task == TaskName::Synchronization;
-            assert_eq!(prompt.contains("Your light is"), light, "{prompt}");
-            assert_eq!(
-                prompt.contains("You carry no food"),
-                task == TaskName::Foraging,
-                "{prompt}"
-            );
-            assert!(prompt.contains("message \"I am 3\""), "{prompt}");
-        }
-    }
-
-    #[test]
-    fn views_are_tables_with_rows_and_columns_at_their_edges() {
-        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 0, 8);
-        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
-        let table = "\
-            \n     5    6    7    8    9\
-            \n5    0    3    .    10   W\
-            \n6    .    .    .    .    W\
-            \n7    .    4    Y    .    W\
-            \n8    .    .    .    .    W\
-            \n9    W    W    W    W    W\n";
-        assert!(prompt.contains(table), "{prompt}");
-    }
-
-    #[test]
-    fn escaped_and_centralized_agents_have_prompts_too() {
-        let settings = Settings {
-            control: "centralized".to_owned(),
-            ..Settings::standard(TaskName::Pursuit, 1)
-        };
-        let (mut sight, config) = sight(&settings, 1, 0);
-        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
-        assert!(prompt.contains("You are the commander"), "{prompt}");
-        (sight.view, sight.position, sight.alive) = (None, None, false);
-        sight.past_views.clear();
-        let prompt = render(BUILT_IN, &sight, &config).expect("it renders");
-        assert!(prompt.contains("no longer on the map"), "{prompt}");
-    }
-
-    #[test]
-    fn the_built_in_template_passes_the_check_that_others_must_pass() {
-        assert_eq!(check(BUILT_IN), Ok(()));
-    }
-
-    #[test]
-    fn templates_may_do_nothing_that_grows() {
-        for refused in [
-            "{% set x = 1 %}",
-            "{% set x %}a{% endset %}",
-            "{% with x = 1 %}{% endwith %}",
-            "{% include 'prompt' %}",
-            "{% import 'prompt' as p %}",
-            "{% extends 'prompt' %}",
-            "{% block a %}{% endblock %}",
-            "{% filter upper %}a{% endfilter %}",
-            "{% autoescape true %}{% endautoescape %}",
-            "{% for a in views recursive %}{% endfor %}",
-            "{% for a in [1, 2] %}{% endfor %}",
-            "{% for a in range(1000000000) %}{% endfor %}",
-            "{{ agent ~ agent }}",
-            "{{ agent * 1000000000 }}",
-            "{{ 10 ** 10 }}",
-            "{{ agent + agent }}",
-            "{{ {'a': 1} }}",
-            "{{ agent[1:] }}",
-            "{{ agent|replace('A', 'AAAA') }}",
-            "{{ messages|join(agent) }}",
-            "{{ agent|center(1000000000) }}",
-            "{{ debug() }}",
-            "{{ agent.upper() }}",
-            "{{ agent is matching('a') }}",
-            &format!("{{{{ '{}' in agent }}}}", "a".repeat(1025)),
-        ] {
-            assert!(check(refused).is_err(), "{refused}");
-        }
-        assert!(check("{{ unclosed").is_err());
-        assert!(check(&"a".repeat(TEMPLATE_BYTES_MAX)).is_ok());
-        assert!(check(&"a".repeat(TEMPLATE_BYTES_MAX + 1)).is_err());
-    }
-
-    #[test]
-    fn templates_are_bounded_when_they_run() {
-        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 5, 3);
-        let fails = |template: &str| {
-            assert_eq!(check(template), Ok(()), "{template}");
-            render(template, &sight, &config).expect_err(template).to_string()
-        };
-        let views = "{% for a in views[0].cells %}".repeat(12);
-        let ends = "{% endfor %}".repeat(12);
-        let fuel = fails(&format!("{views}{ends}"));
-        assert!(fuel.contains("fuel"), "{fuel}");
-        let (loops, ends) = ("{% for a in views[0].cells %}".repeat(4), "{% endfor %}".repeat(4));
-        let long = fails(&format!("{loops}{}{ends}", "long ".repeat(5000)));
-        assert!(long.contains("more than 132"), "{long}");
-        let missing = fails("{{ seed }}");
-        assert!(missing.contains("undefined"), "{missing}");
-    }
-
-    /// Custom templates read their input in all these ways: lists, fields, keys, whole values.
-    #[test]
-    fn what_is_counted_looks_as_if_it_were_not() {
-        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 2, 3);
-        let template = "{{ views[-1].round }} {{ views|length }} {{ views|first == views[0] }} {{ 'P' in views[0].text }} \
-            {{ position }} {% for key in position %}{{ key }}{% endfor %} {{ task.name is defined }} \
-            {{ task.nothing is defined }} {{ messages }} {{ views[0].cells[0] }} {{ 'x' in messages }} {{ views == views }}";
-        assert_eq!(check(template), Ok(()));
-        let environment = environment(&Work::new());
-        let native = minijinja::Value::from(minijinja::value::Serde(Context::new(&sight, &config)));
-        let native = environment.template_from_str(template).expect("a template").render(native);
-        assert_eq!(render(template, &sight, &config), Ok(native.expect("it renders")));
-    }
-
-    #[test]
-    fn the_built_in_prompt_fits_for_all_that_can_be_seen() {
-        let standard = Settings::standard(TaskName::Foraging, 1);
-        let large = Settings { width: 256, height: 256, ..standard.clone() };
-        for settings in [
-            Settings { num_agents: 1, view_size: 513, memory: 0, ..large.clone() },
-            Settings { num_agents: 1, view_size: 255, memory: 1, ..large.clone() },
-            Settings { num_agents: 1, view_size: 3, memory: 50, ..large.clone() },
-            Settings { control: "centralized".to_owned(), memory: 1, num_agents: 16, ..large },
-            Settings {
-                num_agents: 362,
-                view_size: 51,
-                memory: 1,
-                width: 40,
-                height: 40,
-                ..standard
-            },
-        ] {
-            Config::admit(&settings).expect("settings of a new game");
-            let (mut sight, config) = sight(&settings, settings.memory.try_into().expect("few"), 0);
-            for message in &mut sight.messages {
-                *message = "\u{1f41d}".repeat(123);
-            }
-            let prompt = render(BUILT_IN, &sight, &config);
-            let prompt = prompt.unwrap_or_else(|error| panic!("{settings:?}: {error}"));
-            assert!(prompt.len() <= bytes_max(&sight));
-        }
-    }
-
-    #[test]
-    fn what_templates_read_is_bounded() {
-        let settings = Settings { view_size: 21, ..Settings::standard(TaskName::Transport, 27) };
-        let (sight, config) = sight(&settings, 5, 3);
-        for reads in [
-            "{% if views == views %}{% endif %}",
-            "{% if agent in views[0].text %}{% endif %}",
-            "{% if views[0].text|upper|lower|trim|length == 0 %}{% endif %}",
-            "{% if views[0].cells|upper == views[1] %}{% endif %}",
-            "{% if score|round(-300) %}{% endif %}",
-        ] {
-            let (loops, ends) =
-                ("{% for a in views[0].cells %}".repeat(4), "{% endfor %}".repeat(4));
-            let template = format!("{loops}{reads}{ends}");
-            assert_eq!(check(&template), Ok(()), "{template}");
-            let reads = render(&template, &sight, &config).expect_err(reads).to_string();
-            assert!(reads.contains("reads more than 16777216 bytes"), "{template}: {reads}");
-        }
-    }
-
-    /// The widest window that there is.
-    fn widest() -> Settings {
-        let foraging = Settings::standard(TaskName::Foraging, 1);
-        Settings { num_agents: 3, width: 256, height: 256, view_size: 513, memory: 0, ..foraging }
-    }
-
-    #[test]
-    fn the_instructions_of_a_prompt_are_counted() {
-        let (sight, config) = sight(&widest(), 0, 0);
-        let template = "{% for a in views[0].cells %}{% for b in a %}x{% endfor %}{% endfor %}";
-        assert_eq!(check(template), Ok(()));
-        let mut text = Bounded::new(bytes_max(&sight));
-        let fuel = fill(template, &sight, &config, &mut text).expect_err("513² are too many");
-        assert!(fuel.to_string().contains("fuel"), "{fuel}");
-        // Each letter takes at least three: the next item, the text, the way back.
-        let printed = text.bytes.len();
-        assert!((10_000..=200_000 / 3).contains(&printed), "{printed} letters");
-    }
-
-    #[test]
-    fn a_prompt_is_bounded_as_it_is_written() {
-        let (sight, config) = sight(&widest(), 0, 0);
-        let most = bytes_max(&sight);
-        let template =
-            |text: &str| format!("{{% for row in views[0].cells %}}{text}{{% endfor %}}");
-        for (text, times) in [("x", 1), ("\"", 2), ("\n", 2), ("\t\\", 4)] {
-            let template = template(&text.repeat(4_000 / text.len()));
-            let prompt = render(&template, &sight, &config).expect("ordinary text");
-            assert!(prompt.len() > most * 9 / 10, "{} of {most} bytes", prompt.len());
-            let json = serde_json::to_string(&prompt).expect("a text");
-            assert_eq!(json.len(), 2 + prompt.len() * times / text.len());
-            assert!(json.len() <= 5_000_000, "{}", json.len());
-        }
-        let mut text = Bounded::new(most);
-        let control = template(&"\u{1}".repeat(4_000));
-        let problem = fill(&control, &sight, &config, &mut text).expect_err("six bytes each");
-        assert_eq!(
-            problem.to_string(),
-            format!("the prompt takes more than {} bytes as JSON", 2 * most)
-        );
-        assert!(6 * text.bytes.len() <= 2 * most);
-        let long = render(&template(&"x".repeat(5_000)), &sight, &config).expect_err("too long");
-        assert_eq!(long.to_string(), format!("the prompt has more than {most} bytes"));
-    }
-
-    #[test]
-    fn a_template_of_ones_own_sees_the_observation() {
-        let (sight, config) = sight(&Settings::standard(TaskName::Transport, 27), 1, 3);
-        let template = "{{ agent }} {{ round }}/{{ max_round }} ({{ position.i }},{{ position.j }}) \
-            {% for row in views[0].cells %}{% for cell in row %}{{ cell }}{% endfor %}/{% endfor %} \
-            {{ actions|length }} {{ messages|first|default('-') }} {{ views[1].label|upper }}";
-        assert_eq!(check(template), Ok(()));
-        let text = render(template, &sight, &config).expect("it renders");
-        assert!(text.starts_with("Agent_3 1/100 ("), "{text}");
-        assert!(text.ends_with(" 1 STEP AGO"), "{text}");
-    }
-}
+mod tests;

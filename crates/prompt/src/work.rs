@@ -17,7 +17,7 @@ pub(super) const READ_BYTES_MAX: u64 = 16 * 1024 * 1024;
 /// What reading an item of a list or a field costs beside its text.
 const ITEM_BYTES: u64 = 64;
 
-/// What a call of the filter `round` costs: it may write a number with a thousand digits.
+/// What a call of the filters `round` and `int` costs: `round` may write a number with a thousand digits.
 const ROUND_BYTES: u64 = 2048;
 
 /// The rest of [`READ_BYTES_MAX`].
@@ -130,4 +130,13 @@ pub(super) fn count_filters(environment: &mut Environment<'static>, work: &Arc<W
             counts.read(ROUND_BYTES).and_then(|()| filters::round(value, precision, method, more))
         },
     );
+    let counts = of(work);
+    environment
+        .add_filter("int", move |number: f64| counts.read(ROUND_BYTES).map(|()| whole(number)));
+}
+
+/// A number without its decimal places; the nearest that there is where it has too many digits.
+#[expect(clippy::cast_possible_truncation, reason = "it is at the ends of the range then")]
+const fn whole(number: f64) -> i64 {
+    number.trunc() as i64
 }

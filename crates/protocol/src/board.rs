@@ -67,6 +67,14 @@ pub struct BoardRow {
     pub top_p: Option<f64>,
     /// The first 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in one.
     pub prompt_template: Option<String>,
+    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1` for
+    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for rows
+    /// of the paper and of files.
+    #[serde(default)]
+    pub prompt: Option<String>,
+    /// How answers were read: `last-marker` or `first-marker`; null for rows of the paper and of files.
+    #[serde(default)]
+    pub answer_reader: Option<String>,
     /// False if only its owner says that this was the model. Null for rows of the paper.
     pub vouched: Option<bool>,
     /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible;
@@ -169,7 +177,7 @@ impl Table for Leaderboard {
         );
         let last = names(
             "difference difference_low difference_high difference_pairs invalid_share timeout_share voided row \
-             difference_to row_rules converted other_rules kind",
+             difference_to row_rules converted other_rules kind prompt answer_reader",
         );
         let metrics = self.tasks.iter().flat_map(|task| {
             self.metrics.iter().map(move |metric| format!("{}_{metric}", task.to_lowercase()))
@@ -223,6 +231,8 @@ impl Table for Leaderboard {
             row.converted.join(" "),
             row.other_rules.join(" "),
             maybe(row.kind.as_deref().map(text)),
+            maybe(row.prompt.as_deref().map(text)),
+            maybe(row.answer_reader.as_deref().map(text)),
         ]);
         for task in &self.tasks {
             let of = row.metrics.get(task);

@@ -50,6 +50,8 @@ pub struct ImportConfig {
     pub memory: Option<i64>,
     pub noise: Option<f64>,
     pub max_delay: Option<i64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub answer_reader: Option<String>,
 }
 
 game_settings! {

@@ -214,6 +214,10 @@ pub struct RunSummary {
     pub agent_meta: Map<String, Value>,
     /// The digest of the prompt template; null for the built-in one.
     pub template_digest: Option<String>,
+    /// The name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for
+    /// the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256.
+    #[serde(default)]
+    pub prompt: String,
     /// The built-in player with which the server plays all seats.
     pub player: Option<String>,
     /// How many games are open at a time.

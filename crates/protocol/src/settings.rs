@@ -8,7 +8,8 @@
 /// - `checked`: the types of checked settings. From a [`Config`], and back to [`Settings`].
 ///
 /// Where a struct is made from settings, its other fields have their defaults. It has a field `control`, optional in
-/// partial structs; where the wire has it after `max_round`, it is written `..settings { pub control: String }`.
+/// partial structs; where the wire has it after `max_round`, it is written `..settings { pub control: String }`. After the
+/// settings comes `answer_reader`, which old journals and suites do not have.
 ///
 /// [`Config`]: swarmbench_engine::Config
 /// [`Settings`]: swarmbench_engine::Settings
@@ -55,6 +56,9 @@ macro_rules! game_settings {
                 )*
                 $($inner)*
             )*
+            /// How answers of language models are read: `last-marker` or `first-marker`.
+            #[cfg_attr(feature = "openapi", schema(default = "last-marker"))]
+            pub answer_reader: Option<String>,
             $($after)*
         }
 
@@ -65,6 +69,7 @@ macro_rules! game_settings {
                 swarmbench_engine::Settings {
                     control: self.control.clone().unwrap_or(usual.control),
                     $($($setting: self.$setting.unwrap_or(usual.$setting),)*)*
+                    answer_reader: self.answer_reader.clone().unwrap_or(usual.answer_reader),
                     ..usual
                 }
             }
@@ -75,8 +80,10 @@ macro_rules! game_settings {
                 let mut all = Self {
                     $($other: Default::default(),)*
                     $($($setting: Some(settings.$setting),)*)*
+                    answer_reader: None,
                 };
                 all.control = Some(settings.control.clone());
+                all.answer_reader = Some(settings.answer_reader.clone());
                 all
             }
         }
@@ -99,8 +106,10 @@ macro_rules! game_settings {
                 let mut all = Self {
                     $($other: Default::default(),)*
                     $($($setting: settings.$setting,)*)*
+                    answer_reader: String::new(),
                 };
                 all.control = settings.control.clone();
+                all.answer_reader = settings.answer_reader.clone();
                 all
             }
         }
@@ -124,8 +133,10 @@ macro_rules! game_settings {
                 let mut all = Self {
                     $($other: Default::default(),)*
                     $($($setting: settings.$setting.try_into().expect("it was checked"),)*)*
+                    answer_reader: String::new(),
                 };
                 all.control = settings.control;
+                all.answer_reader = settings.answer_reader;
                 all
             }
         }
@@ -142,6 +153,12 @@ macro_rules! game_settings {
                 $($(#[$setting_meta])* pub $setting: $type,)*
                 $($inner)*
             )*
+            /// How answers of language models are read, `last-marker` or `first-marker`; left out where it is `last-marker`.
+            #[serde(
+                default = "swarmbench_engine::AnswerReader::usual",
+                skip_serializing_if = "swarmbench_engine::AnswerReader::is_usual"
+            )]
+            pub answer_reader: String,
             $($after)*
         }
 
@@ -150,6 +167,7 @@ macro_rules! game_settings {
                 Self {
                     control: from.control.clone(),
                     $($($setting: from.$setting.into(),)*)*
+                    answer_reader: from.answer_reader.clone(),
                     ..Self::default()
                 }
             }

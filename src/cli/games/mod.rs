@@ -107,6 +107,9 @@ impl Games {
             self.set("map_size".to_owned(), &format!("{}x{}", size.0, size.1).into())?;
         }
         for (name, value) in row {
+            if name == "prompt" || name == "answer_reader" {
+                self.of_players.insert(name.clone());
+            }
             if name == "prompt_template" {
                 self.of_players.insert(name.clone());
                 let digest = value.as_str().map(|text| HEXLOWER.encode(&Sha256::digest(text)[..4]));

@@ -79,7 +79,7 @@ fn check(request: &EntrantRequest, app: &App) -> Result<(), ApiError> {
     if let Some(meta) = &request.agent_meta {
         problems.agent_meta(&app.limits, meta);
     }
-    problems.template(request.prompt_template.as_deref());
+    problems.template(swarmbench_prompt::chosen(request.prompt_template.clone()).as_deref());
     problems.none_or(Some(()))
 }
 
@@ -143,7 +143,7 @@ async fn register(
         temperature: request.temperature,
         top_p: request.top_p,
         agent_meta: request.agent_meta.unwrap_or_default(),
-        prompt_template: request.prompt_template,
+        prompt_template: swarmbench_prompt::chosen(request.prompt_template),
         template: None,
     };
     let id = new_entrant_id(now, &*app.entropy);

@@ -200,7 +200,8 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
     problems.model(&app.limits, &model);
     let agent_meta = request.agent_meta.unwrap_or_default();
     problems.agent_meta(&app.limits, &agent_meta);
-    problems.template(request.prompt_template.as_deref());
+    let template = swarmbench_prompt::chosen(request.prompt_template);
+    problems.template(template.as_deref());
     let (checked, visibility) = problems.none_or(checked.ok().zip(visibility))?;
     let agents = checked.num_agents();
     let own = agents.saturating_sub(u16::try_from(open).unwrap_or(agents));
@@ -213,12 +214,9 @@ fn spec(request: EpisodeRequest, app: &App) -> Result<Spec, ApiError> {
         visibility,
         model,
         agent_meta,
-        custom_template: request.prompt_template.is_some(),
-        prompt_template: request
-            .prompt_template
-            .as_deref()
-            .unwrap_or(swarmbench_prompt::BUILT_IN)
-            .into(),
+        custom_template: template.is_some(),
+        prompt_template: template.as_deref().unwrap_or(swarmbench_prompt::BUILT_IN).into(),
+        prompt_revision: swarmbench_prompt::REVISION,
         run: None,
         salt: None,
         closes_at: None,

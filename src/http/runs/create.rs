@@ -121,7 +121,8 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
     }
     let meta = request.agent_meta.unwrap_or_default();
     problems.agent_meta(limits, &meta);
-    problems.template(request.prompt_template.as_deref());
+    let prompt_template = swarmbench_prompt::chosen(request.prompt_template);
+    problems.template(prompt_template.as_deref());
     let parallel = request.parallel.unwrap_or(limits.run_parallel_default);
     let most = limits.run_parallel_max;
     if !(1..=most).contains(&parallel) {
@@ -135,7 +136,8 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
         temperature: request.temperature,
         top_p: request.top_p,
         meta,
-        prompt_template: request.prompt_template,
+        prompt_template,
+        prompt_revision: swarmbench_prompt::REVISION,
         player: request.player,
         parallel,
         visibility: visibility.name().to_owned(),

@@ -93,6 +93,7 @@ impl Known {
             top_p: definition.top_p,
             agent_meta: definition.meta.clone(),
             template_digest: definition.template_digest(),
+            prompt: definition.prompt().to_string(),
             player: definition.player.clone(),
             parallel: definition.parallel,
             visibility: definition.visibility.clone(),

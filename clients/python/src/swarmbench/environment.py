@@ -58,6 +58,7 @@ def parallel_env(
     noise: float = 0.0,
     max_delay: int = 0,
     prompt_template: str | None = None,
+    answer_reader: Literal["last-marker", "first-marker"] = "last-marker",
     model: str = "parallel_env",
     agent_meta: dict[str, Any] | None = None,
     visibility: Literal["public", "owner"] | None = None,
@@ -85,7 +86,8 @@ def parallel_env(
         control: Under `centralized` every agent sees the whole map.
         noise: The probability that a delivered message is corrupted.
         max_delay: By how many rounds a message may be late.
-        prompt_template: A template for the prompts instead of the built-in one.
+        prompt_template: A template for the prompts instead of the built-in one, or the name `toolkit`.
+        answer_reader: How answers of language models are read.
         model: Under which name the episodes are kept.
         agent_meta: What else is kept with them.
         visibility: Who may watch; where it is left out the server decides.
@@ -94,6 +96,7 @@ def parallel_env(
         "task": task, "num_agents": num_agents, "rules": rules, "width": width, "height": height,
         "view_size": view_size, "memory": memory, "max_round": max_round, "control": control,
         "noise": noise, "max_delay": max_delay, "prompt_template": prompt_template,
+        "answer_reader": answer_reader,
         "model": model, "agent_meta": agent_meta, "visibility": visibility,
     }  # fmt: skip
     return SwarmEnv(

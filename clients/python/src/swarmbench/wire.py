@@ -241,6 +241,7 @@ class EpisodeRequest(TypedDict):
     control: NotRequired[Literal["decentralized", "centralized"] | None]
     noise: NotRequired[float | None]
     max_delay: NotRequired[int | None]
+    answer_reader: NotRequired[Literal["last-marker", "first-marker"] | None]
     round_deadline_s: NotRequired[float | None]
     bank_s: NotRequired[float | None]
     start: NotRequired[Literal["now", "manual"] | None]
@@ -271,6 +272,8 @@ class EpisodeConfig(TypedDict):
     control: str
     noise: float
     max_delay: int
+    answer_reader: NotRequired[str]
+    """Left out where it is `last-marker`."""
     round_deadline_s: float | None
     bank_s: float
     start: str
@@ -523,6 +526,7 @@ class OwnSettings(TypedDict, total=False):
     max_round: int | None
     noise: float | None
     max_delay: int | None
+    answer_reader: Literal["last-marker", "first-marker"] | None
 
 
 class OwnSuite(TypedDict):
@@ -564,6 +568,8 @@ class SuiteSettingsView(TypedDict):
     max_round: int
     noise: float
     max_delay: int
+    answer_reader: NotRequired[str]
+    """Left out where it is `last-marker`."""
     round_deadline_s: float | None
     bank_s: float
 
@@ -630,6 +636,7 @@ class RunSummary(TypedDict):
     top_p: float | None
     agent_meta: dict[str, Any]
     template_digest: str | None
+    prompt: NotRequired[str]
     parallel: int
     visibility: str
     idle_timeout_s: float
@@ -728,6 +735,8 @@ class BoardRow(TypedDict):
     temperature: float | None
     top_p: float | None
     prompt_template: str | None
+    prompt: NotRequired[str | None]
+    answer_reader: NotRequired[str | None]
     vouched: bool | None
     decentralization: str | None
     kind: str | None

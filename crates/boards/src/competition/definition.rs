@@ -291,6 +291,7 @@ impl Definition {
             top_p: declaration.top_p,
             meta: declaration.agent_meta.clone(),
             prompt_template: declaration.prompt_template.clone(),
+            prompt_revision: swarmbench_prompt::REVISION,
             player: None,
             parallel: self.parallel,
             visibility: Visibility::Sealed.name().to_owned(),

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::TaskName;
+use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
 
 use super::EntrantStatus;
@@ -123,13 +124,14 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
-            template: declaration.template_digest(),
+            prompt: Identity { template: declaration.template_digest(), ..Identity::default() },
         },
         status: attempt.status.clone(),
         created_at: attempt.created_at,
         vouched: entrant.vouched,
         decentralization: decentralization(&definition.settings.control),
         is_human: is_human(&declaration.agent_meta),
+        answer_reader: Some(definition.settings.answer_reader.clone()),
     };
     RunResult::new(run, &attempt.plan, &attempt.games, attempt.is_over)
 }

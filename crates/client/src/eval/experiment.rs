@@ -102,6 +102,10 @@ pub struct Axes {
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     #[serde(deserialize_with = "list")]
     pub max_delay: Vec<i64>,
+    /// How answers are read: last-marker, first-marker (last-marker).
+    #[arg(long, value_delimiter = ',', value_name = "READER")]
+    #[serde(deserialize_with = "list")]
+    pub answer_reader: Vec<String>,
     /// Of models alone.
     #[arg(skip)]
     #[serde(deserialize_with = "list")]

@@ -47,6 +47,9 @@ SETTINGS = (
 
 REQUIRED = ("episode", "task", "model", "score", "reason", *SETTINGS)
 
+LATER_SETTINGS = ("prompt", "answer_reader")
+"""Settings that exports of earlier versions do not have."""
+
 SAMPLING = ("temperature", "top_p")
 """The same for the games of one model. They are read from `agent_meta`."""
 
@@ -58,7 +61,7 @@ VALUES_SHOWN_MAX = 5
 
 # Types are guessed from the rows otherwise: a message that looks like a time would become one.
 _TEXTS = """
-    episode run task model rules control models start_mode visibility agent_meta prompt_template fill_with player
+    episode run task model rules control models start_mode visibility agent_meta prompt_template prompt answer_reader fill_with player
     status reason journal_head void_reason suite suite_digest embedder source action message receiver response
     reasoning grid view
 """.split()  # noqa: SIM905 - it is shorter
@@ -167,7 +170,7 @@ class Games:
         Raises:
             MixedSettingsError: Games differ in another setting.
         """
-        for names, by in ((SETTINGS, ["task"]), (SAMPLING, ["task", "model"])):
+        for names, by in ((self._settings(), ["task"]), (SAMPLING, ["task", "model"])):
             for keys, games in self.episodes.groupby(by):
                 for name in names:
                     if name not in but and games[name].nunique(dropna=False) > 1:
@@ -178,8 +181,11 @@ class Games:
 
     def differing(self) -> list[str]:
         """The settings in which games of the same task (and model) differ."""
-        found = [name for name in SETTINGS if self._differs(name, ["task"])]
+        found = [name for name in self._settings() if self._differs(name, ["task"])]
         return found + [name for name in SAMPLING if self._differs(name, ["task", "model"])]
+
+    def _settings(self) -> tuple[str, ...]:
+        return (*SETTINGS, *(name for name in LATER_SETTINGS if name in self.episodes))
 
     def _differs(self, name: str, by: list[str]) -> bool:
         return bool((self.episodes.groupby(by)[name].nunique(dropna=False) > 1).any())

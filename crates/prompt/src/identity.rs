@@ -1,0 +1,65 @@
+//! What tells the prompts of two players apart.
+
+use std::fmt;
+
+use serde_json::Value;
+use swarmbench_protocol::suite::digest_of_template;
+
+use super::{REVISION, TOOLKIT};
+
+/// Characters of a digest in a [name](Identity).
+const SHOWN_CHARS: usize = 8;
+
+/// Which prompt a player had. Boards never put two of them into one row. Its text is its name: `default`, `toolkit`,
+/// `custom:0123abcd`; a system message is a part of it, as in `toolkit+system:0123abcd`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// The digest of the template; `None` for the built-in one.
+    pub template: Option<String>,
+    /// The revision of the program's own words, from the second on; `None` too where the prompt has none of them.
+    pub revision: Option<u32>,
+    /// The digest of the system message, if there is one.
+    pub system: Option<String>,
+}
+
+impl Identity {
+    /// The prompt that this template makes with the words of this revision, `None` for the built-in template, and with
+    /// what `agent_meta` declares as its `system_message`: a text, or an object with a text for each task.
+    #[must_use]
+    pub fn of(template: Option<&str>, revision: u32, system: Option<&Value>) -> Self {
+        let is_revised = revision > 1 && template.is_none_or(has_own_words);
+        Self {
+            template: template.map(digest_of_template),
+            revision: is_revised.then_some(revision),
+            system: system.map(|message| match message {
+                Value::String(text) => digest_of_template(text),
+                by_task => digest_of_template(&by_task.to_string()),
+            }),
+        }
+    }
+}
+
+/// Whether a template may print words of the program: these are in `task.description` and in `meaning` of actions.
+fn has_own_words(template: &str) -> bool {
+    ["description", "meaning", "{{ task }}", "{{ actions }}"]
+        .iter()
+        .any(|name| template.contains(name))
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let short = |digest: &str| digest.chars().take(SHOWN_CHARS).collect::<String>();
+        match (&self.template, self.revision) {
+            (None, Some(REVISION)) => f.write_str("default")?,
+            (None, revision) => write!(f, "default:{}", revision.unwrap_or(1))?,
+            (Some(digest), _) if *digest == digest_of_template(TOOLKIT) => {
+                f.write_str("toolkit")?
+            }
+            (Some(digest), _) => write!(f, "custom:{}", short(digest))?,
+        }
+        match &self.system {
+            Some(digest) => write!(f, "+system:{}", short(digest)),
+            None => Ok(()),
+        }
+    }
+}
