@@ -32,7 +32,13 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
                 let prompt =
                     swarmbench_prompt::render(swarmbench_prompt::BUILT_IN, &sight, &config)
                         .expect("a prompt");
-                Question { game: game.clone(), agent: agent.to_string(), round: seen.round, prompt }
+                Question {
+                    system: None,
+                    game: game.clone(),
+                    agent: agent.to_string(),
+                    round: seen.round,
+                    prompt,
+                }
             })
             .collect();
         let asked = questions.iter().map(|question| model.answer(question));

@@ -77,6 +77,7 @@ pub(crate) fn key() -> ApiKey {
 /// The question of an agent in a round.
 pub(crate) fn question(agent: u32, round: u32) -> Question {
     Question {
+        system: None,
         game: "Transport/27".to_owned(),
         agent: format!("Agent_{agent}"),
         round,

@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
 use super::super::options::{KEY_VARIABLE, api_base, api_key};
-use swarmbench_client::eval::experiment::Experiment;
+use swarmbench_client::eval::experiment::{Experiment, SystemMessage};
 use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, REQUESTS_MAX, Who};
 use swarmbench_client::llm::{
     Allowance, Api, ApiKey, Cassette, Headers, Model, Sampling, Settings,
@@ -64,6 +64,12 @@ pub(super) struct Asking {
         help = "Further fields of each request as a JSON object, such as '{\"reasoning_effort\": \"low\"}'"
     )]
     extra: Option<Map<String, Value>>,
+    #[arg(
+        long,
+        value_name = "TEXT|@FILE",
+        help = "The system message, sent before each prompt: a text, or @ and a file that has it; none where it is left out"
+    )]
+    system: Option<String>,
     /// Questions at once to each endpoint, over all its models and games (16).
     #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=i64::from(REQUESTS_MAX)))]
     requests: Option<u32>,
@@ -115,6 +121,7 @@ impl Asking {
             headers: (!self.headers.is_empty()).then(|| self.headers.iter().cloned().collect()),
             max_tokens: self.max_tokens,
             extra: self.extra.clone(),
+            system: self.system.clone().map(SystemMessage::Text),
             requests: self.requests,
             models_at_once: self.models_at_once,
             budget: self.budget,

@@ -102,8 +102,8 @@ struct Games {
     seeds: Vec<Seeds>,
     #[command(flatten)]
     settings: Axes,
-    /// A prompt template for models instead of the server's own; docs/play/prompts.md.
-    #[arg(long, value_name = "FILE")]
+    /// A prompt template for models instead of the server's own: a file, or the name toolkit; docs/play/prompts.md.
+    #[arg(long, value_name = "FILE|toolkit")]
     prompt_template: Option<PathBuf>,
 }
 
@@ -153,18 +153,44 @@ impl Args {
 
     /// The whole experiment, and the text of its prompt template.
     fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<String>)> {
-        let said = self.said();
+        let mut said = self.said();
+        read_systems(&mut said, Path::new(""))?;
         let mut experiment = match &self.file {
             None => said,
             Some(file) => read(file)?.with(said),
         };
         let template = experiment.prompt_template.take();
         let template = template.map(|path| {
-            std::fs::read_to_string(&path)
-                .with_context(|| format!("the prompt template {}", path.display()))
+            if is_name(&path) {
+                return Ok(path.display().to_string());
+            }
+            std::fs::read_to_string(&path).with_context(|| {
+                format!("the prompt template {}: a file, or the name toolkit", path.display())
+            })
         });
-        Ok((experiment, template.transpose()?))
+        Ok((experiment, swarmbench_prompt::chosen(template.transpose()?)))
     }
+}
+
+/// Whether this is the name of a template, and no file.
+fn is_name(template: &Path) -> bool {
+    ["default", "toolkit"].iter().any(|name| template.as_os_str() == *name)
+}
+
+/// Reads the system messages that are in files, `@` and a path; relative ones are in `folder`.
+fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()> {
+    let models = experiment.models.iter_mut().flat_map(|List(models)| models);
+    let of_models = models.filter_map(|model| model.system.as_mut());
+    for system in of_models.chain(experiment.system.as_mut()) {
+        for text in system.texts_mut() {
+            if let Some(path) = text.strip_prefix('@') {
+                let path = folder.join(path);
+                let read = std::fs::read_to_string(&path);
+                *text = read.with_context(|| format!("the system message {}", path.display()))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Reads an experiment; files that it names lie beside it.
@@ -175,7 +201,9 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
     let mut experiment: Experiment =
         toml::from_str(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
     let beside = |path: PathBuf| file.parent().map(|folder| folder.join(&path)).unwrap_or(path);
-    experiment.prompt_template = experiment.prompt_template.map(beside);
+    experiment.prompt_template =
+        (experiment.prompt_template).map(|path| if is_name(&path) { path } else { beside(path) });
+    read_systems(&mut experiment, file.parent().unwrap_or(Path::new("")))?;
     if experiment.name.is_none() {
         experiment.name = file.file_stem().map(|name| name.to_string_lossy().into_owned());
     }

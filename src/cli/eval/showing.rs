@@ -134,7 +134,13 @@ fn headline(plan: &Plan) -> String {
         plan.runs.iter().flat_map(|run| run.suite.seeds.iter().copied()).collect();
     let seeds = ranges(&seeds.into_iter().collect::<Vec<_>>());
     let shared = plan.shared().into_iter().map(|(axis, value)| format!(", {axis} {value}"));
-    format!("{}: seeds {seeds}{}", plan.name, shared.collect::<String>())
+    let prompts: BTreeSet<String> = (plan.runs.iter())
+        .filter(|run| matches!(run.who, Who::Model(_)))
+        .map(|run| run.prompt().to_string())
+        .collect();
+    let prompts = prompts.into_iter().collect::<Vec<_>>().join(" and ");
+    let prompts = if prompts.is_empty() { prompts } else { format!(", prompt {prompts}") };
+    format!("{}: seeds {seeds}{}{prompts}", plan.name, shared.collect::<String>())
 }
 
 /// The board in so many columns. Where it is wider, it has a row for each task, and as much as there is room for: a number

@@ -16,6 +16,7 @@ use crate::client::{Client, ClientError};
 use crate::drive::{DriveError, End, Note, Swarm, drive};
 use crate::llm::Model;
 use crate::play::{BuiltIns, GameParams};
+use swarmbench_boards::run::SYSTEM_MESSAGE;
 use swarmbench_clock::{Clock, SystemClock, after};
 use swarmbench_engine::Settings;
 use swarmbench_protocol::act::{Receipt, SwarmAct};
@@ -227,6 +228,9 @@ fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
     }
     let template = planned.template.as_deref().map(digest_of_template);
     compare("prompt template", run.template_digest.clone(), template);
+    let is = planned.request(1).agent_meta.unwrap_or_default();
+    let system = |meta: &Map<String, Value>| meta.get(SYSTEM_MESSAGE).map(Value::to_string);
+    compare("system message", system(&run.agent_meta), system(&is));
     let own = |meta: &Map<String, Value>| {
         let mut own = meta.get(META).cloned().unwrap_or_default();
         if let Value::Object(own) = &mut own {
@@ -234,7 +238,6 @@ fn differences(run: &RunSummary, planned: &Planned) -> Vec<String> {
         }
         own
     };
-    let is = planned.request(1).agent_meta.unwrap_or_default();
     let (was, is) = (own(&run.agent_meta), own(&is));
     if was != is {
         found.push(format!("{} instead of {}", json!(is), json!(was)));

@@ -14,7 +14,7 @@ use swarmbench_protocol::act::{ActRequest, SwarmAct};
 use swarmbench_protocol::observation::Observation;
 
 /// A language model on all seats of a run. Each seat is a conversation for itself: it is shown the server's prompt of its
-/// own observation, which holds what it remembers, and nothing else.
+/// own observation, which holds what it remembers, and nothing else but the system message of the model.
 pub struct Conversation {
     model: Model,
     names: Arc<Names>,
@@ -74,7 +74,13 @@ async fn ask(model: &Model, names: &Names, seen: Observation) -> Result<SwarmAct
     let Some(prompt) = moment.prompt else {
         return Err(StopReason::Play("the server sent no prompt".to_owned()));
     };
-    let question = Question { game, agent: sight.agent.clone(), round: sight.round, prompt };
+    let question = Question {
+        game,
+        agent: sight.agent.clone(),
+        round: sight.round,
+        system: names.planned.system_of(&sight.task.name).map(str::to_owned),
+        prompt,
+    };
     let Answer { response, usage, reasoning, .. } = model.answer(&question).await?;
     let act = ActRequest {
         round: sight.round,

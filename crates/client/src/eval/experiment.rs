@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 use crate::llm::Api;
 
 pub use super::list::{Item, List};
+pub use super::system::SystemMessage;
 
 /// An experiment, from a file or the command line. Everything has a default; the command line overrides the file.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -44,7 +45,9 @@ pub struct Experiment {
     pub max_tokens: Option<u64>,
     /// Further fields of each request, for models that set none.
     pub extra: Option<Map<String, Value>>,
-    /// A file with a prompt template.
+    /// The system message of models that set none.
+    pub system: Option<SystemMessage>,
+    /// A file with a prompt template, or the name `toolkit`.
     pub prompt_template: Option<PathBuf>,
     /// The settings of all games.
     pub settings: Axes,
@@ -157,6 +160,7 @@ impl Experiment {
             headers: said.headers.or(self.headers),
             max_tokens: said.max_tokens.or(self.max_tokens),
             extra: said.extra.or(self.extra),
+            system: said.system.or(self.system),
             prompt_template: said.prompt_template.or(self.prompt_template),
             vary: (self.vary.into_iter()).map(|group| said.settings.clone().over(&group)).collect(),
             settings: said.settings.over(&self.settings),
@@ -206,6 +210,8 @@ pub struct ModelEntry {
     pub max_tokens: Option<u64>,
     /// Further fields of each request.
     pub extra: Option<Map<String, Value>>,
+    /// Its system message.
+    pub system: Option<SystemMessage>,
 }
 
 impl ModelEntry {

@@ -14,4 +14,5 @@ mod list;
 pub mod plan;
 pub mod report;
 pub mod stop_reason;
+pub mod system;
 pub mod verify;

@@ -34,6 +34,10 @@ pub struct Row {
     pub model: String,
     /// Whether that is a language model, not a built-in player.
     pub is_model: bool,
+    /// Which prompt a language model had: `default`, `toolkit`, `custom:` and a digest; `None` for built-in players.
+    pub prompt: Option<String>,
+    /// The reader of its answers.
+    pub answer_reader: String,
     /// The values of the varied settings, in the order of the report.
     pub varied: Vec<Option<String>>,
     /// The id of the run.
@@ -193,7 +197,7 @@ impl Report {
             .chain(self.varied.iter().map(|&axis| axis.to_owned()))
             .chain(names(
                 "task mean deviation least most games planned seeds run status verified run_acts run_invalid \
-                 run_prompt_tokens run_completion_tokens",
+                 run_prompt_tokens run_completion_tokens prompt answer_reader",
             ));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
@@ -216,6 +220,8 @@ impl Report {
                 row.acts.invalid.to_string(),
                 row.acts.prompt_tokens.to_string(),
                 row.acts.completion_tokens.to_string(),
+                row.prompt.clone().unwrap_or_default(),
+                row.answer_reader.clone(),
             ]);
             cells
         };
@@ -256,6 +262,8 @@ impl Row {
         Self {
             model: planned.name(),
             is_model: matches!(planned.who, Who::Model(_)),
+            prompt: matches!(planned.who, Who::Model(_)).then(|| planned.prompt().to_string()),
+            answer_reader: planned.suite.settings.answer_reader.clone(),
             varied: plan.varied.iter().map(|axis| planned.setting(axis)).collect(),
             run: run.run.id.clone(),
             status: run.run.status.clone(),

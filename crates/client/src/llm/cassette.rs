@@ -3,8 +3,8 @@
 //!
 //! A cassette is a text file of JSON lines. The first says what it is. A *voice* is a model, given by the body of
 //! its requests but for the messages; one file holds as many as an experiment has. All other lines are answers: whose
-//! voice, which game, agent and round, the SHA-256 of the prompt, and the answer. No key, no address and no prompt is in
-//! it.
+//! voice, which game, agent and round, the SHA-256 of the prompt and of the system message, and the answer. No key, no address and no
+//! prompt is in it.
 //!
 //! An answer is found by all of these, the prompt included: where a game takes another way than it was recorded, nothing
 //! is made up.
@@ -73,6 +73,9 @@ struct AnswerLine {
     round: u32,
     /// SHA-256 of the prompt.
     prompt: String,
+    /// SHA-256 of the system message, if there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    system: Option<String>,
     answer: Answer,
 }
 
@@ -194,6 +197,7 @@ impl RecordedModel {
             agent: question.agent.clone(),
             round: question.round,
             prompt: digest(&question.prompt),
+            system: question.system.as_deref().map(digest),
             answer: answer.clone(),
         };
         let mut tape = inner.tape();
@@ -218,7 +222,7 @@ impl RecordedModel {
         if index.places.contains(&hash(&(number, &question.game, &question.agent, question.round)))
         {
             return "it has an answer to another prompt there, so the game has gone another way than when it was recorded: \
-                    another template, other rules, or an answer that came from elsewhere"
+                    another template or system message, other rules, or an answer that came from elsewhere"
                 .to_owned();
         }
         "the recording ends before this; record more by asking the endpoint".to_owned()
@@ -227,8 +231,9 @@ impl RecordedModel {
 
 impl Tape {
     fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<Answer>> {
-        let Question { game, agent, round, prompt } = question;
-        let asked = hash(&(voice, game, agent, round, digest(prompt)));
+        let Question { game, agent, round, system, prompt } = question;
+        let system = system.as_deref().map(digest);
+        let asked = key(voice, game, agent, *round, &digest(prompt), system.as_deref());
         let Some(place) = self.index.answers.get(&asked) else { return Ok(None) };
         let text = self.lines.read(*place)?;
         Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
@@ -248,9 +253,23 @@ impl Index {
     }
 
     fn note(&mut self, line: &AnswerLine, place: Place) {
-        let AnswerLine { voice, game, agent, round, prompt, .. } = line;
+        let AnswerLine { voice, game, agent, round, prompt, system, .. } = line;
         self.games.insert((*voice, game.clone()));
         self.places.insert(hash(&(voice, game, agent, round)));
-        self.answers.insert(hash(&(voice, game, agent, round, prompt)), place);
+        let answer = key(*voice, game, agent, *round, prompt, system.as_deref());
+        self.answers.insert(answer, place);
     }
+}
+
+/// What an answer is found by; a prompt without a system message is found as ever.
+fn key(
+    voice: usize,
+    game: &str,
+    agent: &str,
+    round: u32,
+    prompt: &str,
+    system: Option<&str>,
+) -> Hash {
+    let asked = (voice, game, agent, round, prompt);
+    system.map_or_else(|| hash(&asked), |system| hash(&(asked, system)))
 }

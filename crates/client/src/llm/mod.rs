@@ -8,8 +8,8 @@
 //! - What the endpoint does wrong is tried again with growing pauses. Where it stays wrong, everything stops; no move
 //!   is lost, and the run can resume later.
 //!
-//! A question has one message, the prompt, and no history: what an agent remembers is for the rules of the game to
-//! say, and it is in the prompt. The public toolkit asks the same way.
+//! A question has one message, the prompt, after a system message if the model has one, and no history: what an agent
+//! remembers is for the rules of the game to say, and it is in the prompt.
 //!
 //! - [`settings`]: which model is asked, where and how. [`key`]: its key, which is never shown. [`headers`]: further
 //!   headers. [`api`]: what differs between the interfaces of endpoints.
@@ -65,6 +65,8 @@ pub struct Question {
     pub agent: String,
     /// The round.
     pub round: u32,
+    /// The system message, if the model has one: it comes before the prompt.
+    pub system: Option<String>,
     /// The observation as text.
     pub prompt: String,
 }
@@ -176,7 +178,7 @@ impl Request for Chat<'_> {
     }
 
     fn fields(&self) -> Map<String, Value> {
-        self.settings.api.fields(None, &self.question.prompt)
+        self.settings.api.fields(self.question.system.as_deref(), &self.question.prompt)
     }
 
     fn read(&self, body: &Value) -> Option<Completion> {
@@ -205,7 +207,9 @@ impl Request for Chat<'_> {
         completion.tokens.unwrap_or_else(|| {
             let answer = &completion.answer;
             let thought = answer.reasoning.as_ref().map_or(0, String::len);
-            let bytes = self.question.prompt.len() + answer.response.len() + thought;
+            let Question { system, prompt, .. } = self.question;
+            let asked = prompt.len() + system.as_ref().map_or(0, String::len);
+            let bytes = asked + answer.response.len() + thought;
             u64::try_from(bytes.div_ceil(4)).unwrap_or(u64::MAX)
         })
     }

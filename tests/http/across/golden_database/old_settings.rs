@@ -132,6 +132,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         top_p: None,
         meta: serde_json::Map::new(),
         prompt_template: None,
+        prompt_revision: 1,
         player: None,
         parallel: 1,
         visibility: Visibility::Public.name().to_owned(),

@@ -131,6 +131,7 @@ fn all_runs(
     let models = experiment.models.as_ref().map_or(&[][..], |List(models)| models);
     let players = problems.players(experiment, asked.as_deref());
     problems.nobody(models, &players);
+    problems.system(experiment, models);
     let seeds = problems.seeds(experiment.seeds.as_ref());
     let combinations = combinations(experiment);
     // If no name is that of a task, the settings are checked all the same.
@@ -145,7 +146,7 @@ fn all_runs(
     let mut runs = Vec::new();
     for entry in models {
         for (suite, temperature, top_p) in &combinations {
-            let who = Who::Model(model(experiment, entry, *temperature, *top_p));
+            let who = Who::Model(model(experiment, entry, &tasks, *temperature, *top_p));
             runs.push(planned(who, suite, &tasks, template));
         }
     }
@@ -161,6 +162,7 @@ fn all_runs(
 fn model(
     experiment: &Experiment,
     entry: &ModelEntry,
+    tasks: &[TaskName],
     temperature: Option<f64>,
     top_p: Option<f64>,
 ) -> ModelPlan {
@@ -184,5 +186,7 @@ fn model(
         top_p: entry.top_p.or(top_p),
         max_tokens: entry.max_tokens.or(experiment.max_tokens),
         extra: entry.extra.clone().or_else(|| experiment.extra.clone()).unwrap_or_default(),
+        system: (entry.system.as_ref().or(experiment.system.as_ref()))
+            .and_then(|system| system.of_tasks(tasks)),
     }
 }

@@ -10,7 +10,7 @@ use super::{
     ALL, MODELS_AT_ONCE_MAX, ModelPlan, PARALLEL_MAX, PlanError, Planned, PlayerPlan, REQUESTS_MAX,
     Who,
 };
-use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds};
+use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds, SystemMessage};
 
 /// Characters of a model's name on boards: the limit of the server. The last of several models must not fail by it
 /// after hours.
@@ -136,6 +136,12 @@ impl Problems {
                     .to_owned(),
             );
         }
+    }
+
+    /// System messages that cannot be sent or kept.
+    pub(super) fn system(&mut self, experiment: &Experiment, models: &[ModelEntry]) {
+        let all = models.iter().map(|model| &model.system).chain([&experiment.system]);
+        all.flatten().flat_map(SystemMessage::problems).for_each(|problem| self.add(problem));
     }
 
     /// Different models that a board would show as one: one would be taken for the other, or never be played.

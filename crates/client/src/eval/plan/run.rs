@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
+use swarmbench_boards::run::SYSTEM_MESSAGE;
 use swarmbench_engine::{Seed, Settings, TaskName};
 use swarmbench_players::{BuiltIn, find};
+use swarmbench_prompt::Identity;
 use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
 use super::settings::value;
+use crate::eval::system::SystemMessage;
 use crate::llm::Api;
 
 /// The field of `agent_meta` with the identity of a run.
@@ -47,6 +50,8 @@ pub struct ModelPlan {
     pub max_tokens: Option<u64>,
     /// Further fields of each request.
     pub extra: Map<String, Value>,
+    /// Its system message.
+    pub system: Option<SystemMessage>,
 }
 
 /// Built-in players.
@@ -122,6 +127,27 @@ impl Planned {
         }
     }
 
+    /// The system message of a model.
+    fn system(&self) -> Option<&SystemMessage> {
+        match &self.who {
+            Who::Model(model) => model.system.as_ref(),
+            Who::Player(_) => None,
+        }
+    }
+
+    /// The system message of a model in a task.
+    #[must_use]
+    pub fn system_of(&self, task: &str) -> Option<&str> {
+        self.system()?.of(task)
+    }
+
+    /// Which prompt a model gets.
+    #[must_use]
+    pub fn prompt(&self) -> Identity {
+        let system = self.system().map(SystemMessage::json);
+        Identity::of(self.template.as_deref(), swarmbench_prompt::REVISION, system.as_ref())
+    }
+
     /// The part of the identity beside suite, sampling and template: for `agent_meta`.
     fn meta(&self) -> Map<String, Value> {
         let fields = match &self.who {
@@ -130,6 +156,8 @@ impl Planned {
                 ("max_tokens", max_tokens.map(|tokens| json!(tokens))),
                 ("extra", (!extra.is_empty()).then(|| json!(extra))),
                 ("replay", self.is_replay.then_some(json!(true))),
+                // The server's words may be others than those of an earlier version.
+                ("prompt_revision", Some(json!(swarmbench_prompt::REVISION))),
             ],
             Who::Player(PlayerPlan { seed, by_task, .. }) => {
                 let by_task: BTreeMap<_, _> =
@@ -144,8 +172,11 @@ impl Planned {
     /// interface and headers, the number of concurrent requests and the budget are no part of it.
     #[must_use]
     pub fn identity(&self) -> String {
-        let text =
+        let mut text =
             json!([FORMAT, self.name(), self.suite, self.sampling(), self.template, self.meta()]);
+        if let (Some(system), Value::Array(parts)) = (self.system(), &mut text) {
+            parts.push(system.json());
+        }
         data_encoding::HEXLOWER.encode(&Sha256::digest(text.to_string())[..8])
     }
 
@@ -164,6 +195,7 @@ impl Planned {
             }))
         };
         let [temperature, top_p] = self.sampling();
+        let system = self.system().map(|system| (SYSTEM_MESSAGE.to_owned(), system.json()));
         let mut eval = self.meta();
         eval.insert("identity".to_owned(), json!(self.identity()));
         RunRequest {
@@ -172,7 +204,9 @@ impl Planned {
             model: Some(self.name()),
             temperature,
             top_p,
-            agent_meta: Some(Map::from_iter([(META.to_owned(), Value::Object(eval))])),
+            agent_meta: Some(
+                [(META.to_owned(), Value::Object(eval))].into_iter().chain(system).collect(),
+            ),
             prompt_template: self.template.clone(),
             parallel: Some(parallel),
             idle_timeout_s: Some(IDLE_TIMEOUT_S),
