@@ -117,7 +117,6 @@ pub const fn first_prompt_revision() -> u32 {
 
 /// Whether journals leave this revision out.
 #[must_use]
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes it so")]
 pub const fn is_first_prompt_revision(revision: &u32) -> bool {
     *revision == 1
 }

@@ -53,7 +53,7 @@ impl fmt::Display for Identity {
             (None, Some(REVISION)) => f.write_str("default")?,
             (None, revision) => write!(f, "default:{}", revision.unwrap_or(1))?,
             (Some(digest), _) if *digest == digest_of_template(TOOLKIT) => {
-                f.write_str("toolkit")?
+                f.write_str("toolkit")?;
             }
             (Some(digest), _) => write!(f, "custom:{}", short(digest))?,
         }

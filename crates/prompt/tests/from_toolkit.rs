@@ -42,7 +42,7 @@ fn sights(task: TaskName) -> (Config, Vec<Sight>) {
         }
         let act = |agent: u16| {
             let action = Action::of_task(task).get(usize::from((agent + round) % 7)).copied();
-            let said = (round + agent) % 3 != 0;
+            let said = !(round + agent).is_multiple_of(3);
             let message =
                 said.then(|| Message::new(&format!("I am {agent} {{{{ x }}}}"))).flatten();
             Act { action, message, to: None }
