@@ -275,6 +275,11 @@ async fn an_export_holds_what_players_and_spectators_were_shown() {
     let answer = app.get("/api/v1/exports/dataset.zip").send().await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/zip"));
     assert_eq!(answer.header("content-disposition"), "attachment; filename=\"dataset.zip\"");
+    assert_eq!(answer.header("vary"), "accept");
+    let bytes = app.get("/api/v1/exports/dataset.zip").header("accept", "application/octet-stream");
+    let bytes = bytes.send().await;
+    assert_eq!(bytes.header("content-type"), "application/octet-stream");
+    assert_eq!(unpack(&bytes.body), unpack(&answer.body));
     let files = unpack(&answer.body);
     assert_eq!(files.len(), 1 + 2 * all.len());
     assert_eq!(keys(&files["meta_log.json"]).len(), all.len());

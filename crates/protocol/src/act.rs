@@ -18,7 +18,7 @@ macro_rules! act {
             pub round: u32,
             /// What the agent does: one of the observation's `actions`.
             pub action: Option<String>,
-            /// What it says: one line, cut after 120 characters. With `action` only.
+            /// What it says: one line. Of a longer one than 120 characters 120 stay, and `...` follows. With `action` only.
             pub message: Option<String>,
             /// The only receiver of a commander's message (centralized control only). With `action` only.
             #[cfg_attr(feature = "openapi", schema(example = "Agent_7"))]
