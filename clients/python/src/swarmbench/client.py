@@ -89,7 +89,7 @@ class _Base(Operations):
             raise ArgumentError(f"this makes no address: {error}") from error
         # A server that was there restarts, perhaps. Where there was none so far the address is wrong.
         is_there = self._has_answered or not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
-        if isinstance(error, httpx.TimeoutException) and not str(error):
+        if isinstance(error, httpx.TimeoutException):
             kind = "no connection" if isinstance(error, httpx.ConnectTimeout) else "nothing came"
             limit_s = min(CONNECT_S_MAX, self.timeout) if isinstance(error, httpx.ConnectTimeout) else self.timeout
             waited = type(error)(f"{kind} within {limit_s:g} s")

@@ -24,6 +24,7 @@ from .server import Server
 from .wire import EpisodeRequest, Observation, SwarmAct, SwarmObsResponse, TaskName
 
 SEED_MAX = 2**53 - 1
+NUM_AGENTS_MAX = 1024
 WAIT_S = 30.0
 """How long one request waits for the next round. All acts are in then, so it is open at once."""
 
@@ -98,7 +99,7 @@ def parallel_env(
     one_of("control", control, ("decentralized", "centralized"))
     check_server(server, token)
     settings: EpisodeRequest = {
-        "task": task_name(task), "num_agents": whole("num_agents", num_agents, 1), "rules": rules,
+        "task": task_name(task), "num_agents": whole("num_agents", num_agents, 1, NUM_AGENTS_MAX), "rules": rules,
         "width": whole("width", width, 1), "height": whole("height", height, 1),
         "view_size": whole("view_size", view_size, 1), "memory": whole("memory", memory, 0),
         "max_round": whole("max_round", max_round, 1), "control": control,

@@ -72,7 +72,8 @@ class ApiError(SwarmbenchError):
         exact_ms = problem.get("retry_after_ms")
         self.retry_after_s = retry_after_s if exact_ms is None else exact_ms / 1000
         self.request_id = request_id
-        wrong = "; ".join(f"{field['field']} {field['problem']}" for field in self.fields)
+        wrongs = [f"{field['field']} {field['problem']}" for field in self.fields]
+        wrong = "; ".join(told for told in wrongs if told not in self.detail)
         super().__init__(f"{self.status} {self.code}: {self.detail}" + (f" ({wrong})" if wrong else ""))
 
 

@@ -122,6 +122,8 @@ def converse(request: Call[T], retry: Retry, server: str) -> Flow[T]:
             error.__cause__ = reply.reason
             if not reply.may_help:
                 raise error
+            if attempt:
+                error.args = (f"{error} ({attempt + 1} attempts)",)
         pause_s = min(retry.first_pause_s * 2**attempt, PAUSE_S_MAX) * random.uniform(0.5, 1.0)  # noqa: S311 - not a secret
         if asked_s is not None:
             pause_s = max(pause_s, asked_s)
@@ -200,9 +202,9 @@ def _json(body: object) -> bytes:
         return json.dumps(body, ensure_ascii=False, allow_nan=False, default=_plain).encode(errors="replace")
     except ValueError as error:
         # NaN and the infinities, and what contains itself.
-        raise ArgumentError(f"this cannot be sent as JSON: {error}") from error
+        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
     except TypeError as error:
-        raise ArgumentError(f"this cannot be sent as JSON, the keys of whose objects are texts: {error}") from error
+        raise ArgumentError(f"{_short(body)} cannot be sent as JSON: {error}") from error
 
 
 def _plain(value: object) -> object:

@@ -1,13 +1,14 @@
 """Every call of the protocol, once. Both clients have them as methods."""
 
 import uuid
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from functools import update_wrapper
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, Literal, ParamSpec, TypeVar, cast, overload
 
 from . import wire
 from ._compat import Self, Unpack
+from .errors import ArgumentError
 from .exchange import Call, call
 
 if TYPE_CHECKING:
@@ -94,6 +95,8 @@ class Operations:
     @Operation
     def swarm_act(self, acts: Sequence[wire.SwarmAct]) -> Call[wire.SwarmActResponse]:
         """Acts for several seats. Each is taken or refused for itself: see `swarmbench.is_problem`."""
+        if isinstance(acts, Mapping | str) or not isinstance(acts, Iterable):
+            raise ArgumentError(f"acts are a list of acts, each a dictionary, and not of {type(acts).__name__}")
         return call("POST", "/swarm/act", body={"acts": list(acts)})
 
     # Episodes.
