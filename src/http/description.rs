@@ -102,7 +102,7 @@ fn describe_defaults(components: &mut Components) {
 }
 
 /// A stream of events: a client that was generated reads it as one text.
-fn stream_of(event: RefOr<Schema>) -> RefOr<Schema> {
+fn stream_of(event: &RefOr<Schema>) -> RefOr<Schema> {
     let mut stream = Object::with_type(Type::String);
     stream.description =
         Some("Server-Sent Events, each of the fields in `contentSchema`.".to_owned());
@@ -148,7 +148,7 @@ pub(super) fn complete(document: &mut utoipa::openapi::OpenApi) {
                 response.content.insert("application/problem+json".to_owned(), body.clone());
             }
             if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
-                stream.schema = stream.schema.take().map(stream_of);
+                stream.schema = stream.schema.as_ref().map(stream_of);
             }
         }
         // A route that says nothing about tokens needs none.
