@@ -312,6 +312,7 @@ mod tests {
 
     use super::*;
     use swarmbench_protocol::board::TaskScore;
+    use swarmbench_protocol::failure::Failures;
 
     fn row(model: &str) -> BoardRow {
         let score =
@@ -344,6 +345,7 @@ mod tests {
             tasks,
             difference: None,
             invalid_share: Some(0.031),
+            failures: Failures::EMPTY,
             timeout_share: Some(0.0),
             clock_out_share: Some(0.0),
             voided: Some(1),

@@ -219,7 +219,10 @@ fn check_act(config: &Value, states: &[Value], row: &Value, seen: &Value, act: &
         "model",
         "holder",
     ];
-    assert_eq!(keys(row), sorted(names));
+    let is_prose = act["response"].as_str().is_some_and(|text| !text.contains("ACTION: "));
+    assert_eq!(row.get("failure"), is_prose.then(|| json!("no_marker")).as_ref());
+    let told = keys(row).into_iter().filter(|key| *key != "failure");
+    assert_eq!(told.collect::<Vec<_>>(), sorted(names));
     assert_eq!((&row["model"], &row["holder"]), (&config["model"], &json!(0)));
     assert_eq!((&row["round"], &row["agent_id"]), (&seen["round"], &seen["agent"]));
     // The prompt is the very text that the server gave to the player.

@@ -276,6 +276,7 @@ pub(super) mod tests {
     use super::super::{Decentralization, Game, Owner, Player, Run, Slot};
     use super::*;
     use swarmbench_engine::Seed;
+    use swarmbench_protocol::failure::Failures;
 
     pub(in super::super) fn player(model: &str) -> Player {
         Player {
@@ -310,6 +311,7 @@ pub(super) mod tests {
             score,
             answers: 10,
             invalid: 1,
+            failures: Failures::EMPTY,
             timeouts: 2,
             voided: false,
         }

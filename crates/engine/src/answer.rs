@@ -15,8 +15,38 @@ use crate::names::TaskName;
 pub struct Answer {
     /// What the agent does; nothing at all where the answer is invalid.
     pub act: Act,
-    /// Whether the answer names an action, or is only a message.
-    pub valid: bool,
+    /// Why it does not count; none where it names an action, or is only a message.
+    pub fault: Option<Fault>,
+}
+
+impl Answer {
+    /// Whether it counts.
+    #[must_use]
+    pub const fn is_valid(&self) -> bool {
+        self.fault.is_none()
+    }
+}
+
+/// Why an answer is invalid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// It is empty or white space.
+    Empty,
+    /// It has no `ACTION:` and no `MSG:` with a message.
+    NoMarker,
+    /// It has an `ACTION:`, and what follows is no action of the task.
+    UnknownAction,
+}
+
+impl Fault {
+    /// What is wrong with an invalid text.
+    fn of(text: &str, has_action: bool) -> Self {
+        match has_action {
+            true => Self::UnknownAction,
+            false if text.trim().is_empty() => Self::Empty,
+            false => Self::NoMarker,
+        }
+    }
 }
 
 /// Reads the answer of `agent` to a prompt. Takes time proportional to the length of the text.
@@ -34,13 +64,13 @@ pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
     });
     let valid = taken.is_some() || (is_only_message && message.is_some());
     if !valid {
-        return Answer { act: Act::default(), valid };
+        return Answer { act: Act::default(), fault: Some(Fault::of(text, action.is_some())) };
     }
     let commands = centralized && agent == AgentId::COMMANDER;
     let to = (last(Kind::To).filter(|_| commands))
         .and_then(|marker| receiver(marker.value))
         .filter(|to| *to != agent && to.0 < config.num_agents());
-    Answer { act: Act { action: taken, message, to }, valid }
+    Answer { act: Act { action: taken, message, to }, fault: None }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -68,14 +68,17 @@ class Operations:
         response: str | None = None,
         usage: wire.Usage | None = None,
         reasoning: str | None = None,
+        failure: wire.Failure | None = None,
         wait: float | None = None,
     ) -> Call[wire.ActResponse]:
         """Answers a round with an action, or with the whole `response` of a language model.
 
+        `failure` says why the model gave no answer, where only its client knows: it refused, for example.
+
         With `wait` (seconds) the answer comes with the next observation in `obs`, or None if the time was up.
         """
         act: wire.ActRequest = {"round": round, "action": action, "message": message, "to": to}
-        act |= {"response": response, "usage": usage, "reasoning": reasoning}
+        act |= {"response": response, "usage": usage, "reasoning": reasoning, "failure": failure}
         return call("POST", "/act", query={"wait": wait}, body=_given(act))
 
     # A swarm: many seats in one call.

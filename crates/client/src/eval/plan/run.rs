@@ -9,6 +9,7 @@ use swarmbench_players::{BuiltIn, find};
 use swarmbench_protocol::run::{OwnSettings, OwnSuite, RunRequest, SuiteRequest};
 use swarmbench_protocol::suite::{Suite, digest_of_template};
 
+use super::super::experiment::Price;
 use super::settings::value;
 use crate::llm::Api;
 
@@ -47,6 +48,8 @@ pub struct ModelPlan {
     pub max_tokens: Option<u64>,
     /// Further fields of each request.
     pub extra: Map<String, Value>,
+    /// What its tokens cost, if that is known. It is no part of the identity.
+    pub price: Option<Price>,
 }
 
 /// Built-in players.
