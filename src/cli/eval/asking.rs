@@ -1,11 +1,11 @@
 //! The options for requests to models.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::anyhow;
+use anyhow::{anyhow, ensure};
 use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
@@ -125,6 +125,15 @@ impl Asking {
     /// Whether a recording alone answers.
     pub(super) fn is_replay(&self) -> bool {
         self.replay.is_some()
+    }
+
+    /// Whether a header is given twice; the last one would count.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        let mut names = BTreeSet::new();
+        for (name, _) in &self.headers {
+            ensure!(names.insert(name.to_ascii_lowercase()), "--header {name}: it is given twice");
+        }
+        Ok(())
     }
 
     /// What was said on the command line.

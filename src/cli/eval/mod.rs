@@ -186,6 +186,7 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
 }
 
 pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
+    args.asking.check()?;
     let (experiment, template) = args.experiment()?;
     let plan = Plan::of(&experiment, template.as_deref()).map_err(|wrong| match &args.file {
         Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
